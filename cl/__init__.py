@@ -1,0 +1,18 @@
+"""OpenCL for this project: devices, programs, arrays and timings. Knows nothing of cameras or bodies."""
+
+from cl.array import Array
+from cl.device import Device, DeviceInfo, Launch, NumpyDevice, list_devices, select_device
+from cl.errors import UserError
+from cl.profile import Profile
+
+__all__ = [
+    "Array",
+    "Device",
+    "DeviceInfo",
+    "Launch",
+    "NumpyDevice",
+    "Profile",
+    "UserError",
+    "list_devices",
+    "select_device",
+]

@@ -1,0 +1,59 @@
+"""An n-dimensional array that lives on an OpenCL device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl
+
+if TYPE_CHECKING:
+    from cl.device import Device
+
+
+class Array:
+    """A C-ordered array in device memory: a buffer that knows its shape and type.
+
+    `set` and `get` are the only two doors between host and device; both are counted in
+    `device.transfers`.
+    """
+
+    def __init__(self, device: Device, buffer: Any, shape: tuple[int, ...], dtype: Any) -> None:
+        self.device = device
+        self.buffer = buffer
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    @property
+    def nbytes(self) -> int:
+        return self.size * self.dtype.itemsize
+
+    def set(self, host: np.ndarray) -> None:
+        """Copy `host` (same number of elements and type) to the device, without waiting."""
+        host = np.ascontiguousarray(host)
+        if host.dtype != self.dtype or host.size != self.size:
+            raise ValueError(
+                f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}"
+            )
+        event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
+        # The event keeps `host` alive until the copy is done.
+        self.device.record("upload", event, upload=self.nbytes)
+
+    def get(self, count: int | None = None) -> np.ndarray:
+        """Copy to the host and wait; with `count`, only the first `count` rows (axis 0)."""
+        shape = self.shape if count is None else (count, *self.shape[1:])
+        host = np.empty(shape, self.dtype)
+        if host.size:
+            event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
+            self.device.record("download", event, download=host.nbytes)
+        return host
+
+    def fill(self, value: float) -> None:
+        """Set every element to `value`, on the device."""
+        pattern = np.array(value, self.dtype)
+        event = pyopencl.enqueue_fill(self.device.queue, self.buffer, pattern, 0, self.nbytes)
+        self.device.record("fill", event)

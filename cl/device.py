@@ -1,0 +1,321 @@
+"""Choosing an OpenCL device and running kernels on it."""
+
+from __future__ import annotations
+
+import logging
+import re
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import pyopencl
+
+from cl.array import Array
+from cl.errors import UserError
+from cl.profile import Profile
+
+log = logging.getLogger(__name__)
+
+Define = int | float | str
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """What `psfs devices` prints about a device."""
+
+    name: str
+    platform: str
+    driver: str
+    kind: str  # "gpu", "cpu" or "other"
+    compute_units: int
+    memory: int  # bytes
+
+
+@dataclass(frozen=True)
+class NumpyDevice:
+    """Stands for the NumPy twins, so that `--device numpy` can be chosen like any other."""
+
+    name: str = "numpy"
+
+
+@dataclass
+class Transfers:
+    """Host transfers so far: numbers of copies and of bytes in each direction."""
+
+    uploads: int = 0
+    upload_bytes: int = 0
+    downloads: int = 0
+    download_bytes: int = 0
+
+
+def _opencl_devices() -> list[Any]:
+    try:
+        platforms = pyopencl.get_platforms()
+    except pyopencl.Error:  # the loader reports "no platform" as an error
+        return []
+    devices = []
+    for platform in platforms:
+        try:
+            devices += platform.get_devices()
+        except pyopencl.Error:
+            log.warning("the OpenCL platform %s has no usable device", platform.name)
+    return devices
+
+
+def _info(device: Any) -> DeviceInfo:
+    kinds = {pyopencl.device_type.GPU: "gpu", pyopencl.device_type.CPU: "cpu"}
+    kind = next((name for bit, name in kinds.items() if device.type & bit), "other")
+    return DeviceInfo(
+        name=device.name.strip(),
+        platform=device.platform.name.strip(),
+        driver=device.driver_version.strip(),
+        kind=kind,
+        compute_units=device.max_compute_units,
+        memory=device.global_mem_size,
+    )
+
+
+def list_devices() -> list[DeviceInfo]:
+    """All OpenCL devices of this machine, GPUs first, then by compute units."""
+    return [_info(device) for device in _ranked_devices()]
+
+
+def _ranked_devices() -> list[Any]:
+    def rank(device: Any) -> tuple[bool, int]:
+        return (not device.type & pyopencl.device_type.GPU, -device.max_compute_units)
+
+    return sorted(_opencl_devices(), key=rank)
+
+
+def select_device(choice: str = "auto", profile: bool = False) -> Device | NumpyDevice:
+    """The device for `--device auto|gpu|cpu|numpy|NAME`.
+
+    `auto` takes the GPU with the most compute units, else a CPU. NAME is any part of a device's
+    name or its platform's, in upper or lower case. Raises UserError when there is none such.
+    """
+    if choice == "numpy":
+        return NumpyDevice()
+    devices = _ranked_devices()
+    if choice in ("gpu", "cpu"):
+        chosen = [d for d in devices if _info(d).kind == choice]
+    elif choice == "auto":
+        chosen = devices
+    else:
+        wanted = choice.lower()
+        chosen = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()]
+    if not chosen:
+        found = ", ".join(info.name for info in list_devices()) or "none at all"
+        raise UserError(f"no OpenCL device matches --device {choice}; found: {found}")
+    return Device(chosen[0], profile=profile)
+
+
+@dataclass
+class Device:
+    """An OpenCL device with its context, queue, built programs and arrays.
+
+    Made by the caller and passed on; never global. `Device.best()` is the fastest one found.
+    """
+
+    handle: Any
+    profile: bool = False
+    info: DeviceInfo = field(init=False)
+    transfers: Transfers = field(init=False, default_factory=Transfers)
+    profiler: Profile | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self.info = _info(self.handle)
+        try:
+            self.context = pyopencl.Context([self.handle])
+            properties = (
+                pyopencl.command_queue_properties.PROFILING_ENABLE if self.profile else 0
+            )
+            self.queue = pyopencl.CommandQueue(self.context, properties=properties)
+        except pyopencl.Error as error:
+            raise UserError(f"the device {self.name} cannot be used: {error}") from error
+        self.profiler = Profile() if self.profile else None
+        self._programs: dict[tuple[str, str], Any] = {}
+        self._allocated = 0
+
+    @classmethod
+    def best(cls, profile: bool = False) -> Device:
+        """The OpenCL device that `--device auto` takes."""
+        device = select_device("auto", profile)
+        assert isinstance(device, Device)
+        return device
+
+    @property
+    def name(self) -> str:
+        return self.info.name
+
+    @property
+    def is_gpu(self) -> bool:
+        return self.info.kind == "gpu"
+
+    # Memory ---------------------------------------------------------------------------------
+
+    def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+        """An uninitialised array; `what` names it in the error when memory does not suffice."""
+        shape = (shape,) if isinstance(shape, int) else tuple(int(n) for n in shape)
+        nbytes = max(1, int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize)
+        self.require_memory(nbytes, what)
+        try:
+            buffer = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
+        except pyopencl.Error as error:
+            raise UserError(
+                f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
+            ) from error
+        array = Array(self, buffer, shape, dtype)
+        self._allocated += nbytes
+        weakref.finalize(array, self._release, nbytes)
+        return array
+
+    def zeros(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+        array = self.empty(shape, dtype, what)
+        array.fill(0)
+        return array
+
+    def to_device(self, host: np.ndarray, what: str = "an array") -> Array:
+        host = np.ascontiguousarray(host)
+        array = self.empty(host.shape, host.dtype, what)
+        if host.size:
+            array.set(host)
+        return array
+
+    def require_memory(self, nbytes: int, what: str) -> None:
+        """Raise UserError unless `nbytes` more can be allocated, in one piece."""
+        largest = self.handle.max_mem_alloc_size
+        free = self.info.memory - self._allocated
+        if nbytes > min(largest, free):
+            raise UserError(
+                f"{what} needs {_megabytes(nbytes)}, but {self.name} has "
+                f"{_megabytes(max(free, 0))} left and allows {_megabytes(largest)} in one piece"
+            )
+
+    def _release(self, nbytes: int) -> None:
+        self._allocated -= nbytes
+
+    # Kernels --------------------------------------------------------------------------------
+
+    def kernel(self, stage: str, name: str, **defines: Define) -> Any:
+        """A fresh kernel object `name` of `cl/kernels/<stage>.cl`; keeps its own arguments.
+
+        The program is built once per device and set of `defines` (passed as -D NAME=VALUE).
+        """
+        return pyopencl.Kernel(self._program(stage, defines), name)
+
+    def launch(
+        self,
+        kernel: Any,
+        global_size: Sequence[int],
+        local_size: Sequence[int] | None,
+        *args: Any,
+        name: str | None = None,
+    ) -> Launch:
+        """A kernel with its arguments set once; call it to enqueue it.
+
+        Arguments are `Array`s, NumPy scalars, or None for a local or absent buffer. The global
+        size is padded to a multiple of the local size: kernels check their bounds.
+        """
+        return Launch(self, kernel, tuple(global_size), local_size, args, name)
+
+    def record(self, name: str, event: Any, upload: int = 0, download: int = 0) -> None:
+        """Count a transfer and keep the event if the device is profiled."""
+        if upload:
+            self.transfers.uploads += 1
+            self.transfers.upload_bytes += upload
+        if download:
+            self.transfers.downloads += 1
+            self.transfers.download_bytes += download
+        if self.profiler is not None:
+            self.profiler.add(name, event)
+
+    def finish(self) -> None:
+        self.queue.finish()
+
+    def _program(self, stage: str, defines: Mapping[str, Define]) -> Any:
+        options = " ".join(f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
+        key = (stage, options)
+        if key not in self._programs:
+            started = time.perf_counter()
+            program = pyopencl.Program(self.context, kernel_source(stage))
+            # No -cl-fast-relaxed-math: the twins are compared to float rounding.
+            self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
+            log.info("built %s in %.2f s", stage, time.perf_counter() - started)
+        return self._programs[key]
+
+
+class Launch:
+    """A kernel whose arguments are set; calling it enqueues it and records its event."""
+
+    def __init__(
+        self,
+        device: Device,
+        kernel: Any,
+        global_size: tuple[int, ...],
+        local_size: Sequence[int] | None,
+        args: tuple[Any, ...],
+        name: str | None,
+    ) -> None:
+        self.device = device
+        self.kernel = kernel
+        self.local_size = tuple(local_size) if local_size else None
+        self.global_size = _padded(global_size, self.local_size)
+        self.name = name or kernel.function_name
+        self._arrays = args  # kept alive as long as the kernel refers to them
+        kernel.set_args(*(a.buffer if isinstance(a, Array) else a for a in args))
+
+    def __call__(self) -> Any:
+        event = pyopencl.enqueue_nd_range_kernel(
+            self.device.queue, self.kernel, self.global_size, self.local_size
+        )
+        if self.device.profiler is not None:
+            self.device.profiler.add(self.name, event)
+        return event
+
+    def set_arg(self, index: int, value: Any) -> None:
+        """Change one argument between calls."""
+        self.kernel.set_arg(index, value.buffer if isinstance(value, Array) else value)
+
+
+def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:
+    if local_size is None:
+        return global_size
+    return tuple(-(-g // n) * n for g, n in zip(global_size, local_size, strict=True))
+
+
+def _literal(value: Define) -> str:
+    return f"{value!r}f" if isinstance(value, float) else str(value)
+
+
+def _megabytes(nbytes: int) -> str:
+    return f"{nbytes / 2**20:,.0f} MiB"
+
+
+@lru_cache(maxsize=None)
+def kernel_source(stage: str) -> str:
+    """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
+
+    Inlined, because a driver's binary cache may not notice that an included header changed;
+    `#line` marks keep the compiler's messages pointing at the files.
+    """
+    return _inlined(f"{stage}.cl", set())
+
+
+def _inlined(filename: str, seen: set[str]) -> str:
+    seen.add(filename)
+    text = (resources.files("cl") / "kernels" / filename).read_text()
+    lines = [f'#line 1 "{filename}"']
+    for number, line in enumerate(text.splitlines(), 1):
+        include = re.match(r'\s*#include\s+"([^"]+)"', line)
+        if not include:
+            lines.append(line)
+        elif include[1] not in seen:
+            lines += [_inlined(include[1], seen), f'#line {number + 1} "{filename}"']
+        else:
+            lines.append("")
+    return "\n".join(lines)

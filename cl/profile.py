@@ -1,0 +1,42 @@
+"""Named timings from OpenCL events."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+
+
+class Profile:
+    """Collects the events of named commands and turns them into milliseconds.
+
+    A device that is not profiled has no `Profile` at all, so nothing is paid for it.
+    """
+
+    def __init__(self) -> None:
+        self._events: list[tuple[str, Any]] = []
+        self._ms: dict[str, list[float]] = defaultdict(list)
+
+    def add(self, name: str, event: Any) -> None:
+        self._events.append((name, event))
+
+    def collect(self) -> dict[str, list[float]]:
+        """Durations in ms of all commands so far, by name; waits for those still under way."""
+        for name, event in self._events:
+            event.wait()
+            self._ms[name].append((event.profile.end - event.profile.start) * 1e-6)
+        self._events.clear()
+        return dict(self._ms)
+
+    def table(self) -> list[tuple[str, int, float, float]]:
+        """Rows (name, number of runs, median ms, total ms), largest total first."""
+        rows = [
+            (name, len(ms), float(np.median(ms)), float(np.sum(ms)))
+            for name, ms in self.collect().items()
+        ]
+        return sorted(rows, key=lambda row: -row[3])
+
+    def clear(self) -> None:
+        self._events.clear()
+        self._ms.clear()

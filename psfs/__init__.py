@@ -1,0 +1,1 @@
+"""Probabilistic shape from silhouette: calibrated views in, a coloured voxel cloud per frame out."""

@@ -1,0 +1,101 @@
+"""What the commands `psfs` and `apf` share: errors as one line, exit codes, common flags."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Callable
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from cl import UserError
+
+#: Results go to standard output, progress and messages to standard error.
+stdout = Console(highlight=False)
+stderr = Console(stderr=True, highlight=False)
+
+
+def run_command(parser: argparse.ArgumentParser, argv: list[str] | None = None) -> int:
+    """Parse, run the chosen subcommand's `run(args)` and return the exit code.
+
+    0 done; 2 something the user can mend (one line on standard error); 130 interrupted.
+    """
+    args = parser.parse_args(argv)
+    logging.basicConfig(
+        level=logging.INFO if args.verbose else logging.WARNING,
+        format="%(name)s: %(message)s",
+    )
+    try:
+        args.run(args)
+        return 0
+    except UserError as error:
+        print(f"{parser.prog}: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # `psfs info x | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def add_command(
+    commands: argparse._SubParsersAction,
+    name: str,
+    run: Callable[[argparse.Namespace], None],
+    help: str,
+) -> argparse.ArgumentParser:
+    """A subcommand with the flags that all have."""
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=help, description=help)
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_device_flag(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--device",
+        default="auto",
+        metavar="auto|gpu|cpu|numpy|NAME",
+        help="where to compute: any part of a name that `psfs devices` lists, "
+        "or numpy for the reference implementation (default: auto)",
+    )
+
+
+def progress_bar() -> Progress:
+    """The bar that all long work shows, on standard error."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=stderr,
+    )
+
+
+def frame_range(text: str) -> slice:
+    """`a:b`, `a:`, `:b`, `a:b:step` or a single frame number, as a slice (argparse type)."""
+    try:
+        parts = [int(part) if part else None for part in text.split(":")]
+        if len(parts) == 1 and parts[0] is not None:
+            parts = [parts[0], parts[0] + 1]
+        if not 2 <= len(parts) <= 3 or any(p is not None and p < 0 for p in parts):
+            raise ValueError
+        if len(parts) == 3 and parts[2] == 0:
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no frame range; expected a:b, a:b:step or a number, counted from 0"
+        ) from None
+    return slice(*parts)
