@@ -1,0 +1,255 @@
+"""The body model as data: a tree of bones with free axes, tapered cones and named joints.
+
+World matrix of a bone (Rymut 2016 eq. 4.18-4.21): W = W_parent T(offset) rest A_1 A_2 ..., where
+each free axis A is a translation along or a rotation about a local axis. The pose is the vector
+of all axis values (metres, radians).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import UserError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+#: The joints that `apf evaluate` compares.
+EVALUATED_JOINTS = (
+    "pelvis", "neck", "head_top",
+    "l_shoulder", "l_elbow", "l_wrist", "r_shoulder", "r_elbow", "r_wrist",
+    "l_hip", "l_knee", "l_ankle", "r_hip", "r_knee", "r_ankle",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FreeAxis:
+    """A degree of freedom: `kind` in AXES, `sign` +1 or -1, `dof` its place in the pose."""
+
+    kind: str
+    sign: int
+    dof: int
+
+
+@dataclass(frozen=True, eq=False)
+class Bone:
+    """offset (3,) m from the parent's origin in the parent's frame; rest (3, 3) rotation."""
+
+    name: str
+    parent: int  # -1 for a root
+    offset: np.ndarray
+    rest: np.ndarray
+    axes: tuple[FreeAxis, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """A tapered cylinder fixed to a bone: end centres (3,) m and radii m in the bone's frame.
+
+    Its section is an ellipse: the radius is scaled by `scale` along `side` and along
+    axis x side.
+    """
+
+    name: str
+    bone: int
+    start: np.ndarray
+    end: np.ndarray
+    radii: tuple[float, float]
+    side: np.ndarray
+    scale: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A named point (3,) m in a bone's frame."""
+
+    name: str
+    bone: int
+    position: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BodyModel:
+    """Bones (parents first), cones, joints, and per degree of freedom its limits and noise.
+
+    dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard
+    deviation of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
+    edges: joint pairs to draw.
+    """
+
+    name: str
+    bones: tuple[Bone, ...]
+    cones: tuple[Cone, ...]
+    joints: tuple[Joint, ...]
+    dof_names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    sigma: np.ndarray
+    rest_pose: np.ndarray
+    edges: tuple[tuple[int, int], ...]
+
+    @property
+    def n_dof(self) -> int:
+        return len(self.dof_names)
+
+    @property
+    def joint_names(self) -> list[str]:
+        return [joint.name for joint in self.joints]
+
+    @property
+    def cone_names(self) -> list[str]:
+        return [cone.name for cone in self.cones]
+
+    @property
+    def scale_groups(self) -> list[str]:
+        """Names of the bones that are scaled together: left and right share one."""
+        return list(dict.fromkeys(_group(bone.name) for bone in self.bones))
+
+    def scaled(self, lengths: Mapping[str, float], radii: float = 1.0) -> BodyModel:
+        """The body with what is fixed to each bone (children's offsets, cones, joints) scaled.
+
+        lengths: factor per scale group, 1 where absent; radii: factor for all cone radii.
+        """
+        factor = [lengths.get(_group(bone.name), 1.0) for bone in self.bones]
+        bones = tuple(
+            bone if bone.parent < 0 else replace(bone, offset=bone.offset * factor[bone.parent])
+            for bone in self.bones
+        )
+        cones = tuple(
+            replace(
+                cone,
+                start=cone.start * factor[cone.bone],
+                end=cone.end * factor[cone.bone],
+                radii=(cone.radii[0] * radii, cone.radii[1] * radii),
+            )
+            for cone in self.cones
+        )
+        joints = tuple(replace(j, position=j.position * factor[j.bone]) for j in self.joints)
+        return replace(self, bones=bones, cones=cones, joints=joints)
+
+
+def _group(bone_name: str) -> str:
+    return bone_name.removeprefix("l_").removeprefix("r_")
+
+
+def load_body(name_or_path: str | Path) -> BodyModel:
+    """A body from a TOML file, or one of those shipped (`song31`) by name.
+
+    Raises UserError naming the file and the entry that is wrong.
+    """
+    path = Path(name_or_path)
+    shipped = resources.files("apf") / "bodies" / f"{name_or_path}.toml"
+    try:
+        if path.suffix != ".toml" and shipped.is_file():
+            return _parse(tomllib.loads(shipped.read_text()))
+        return _parse(tomllib.loads(path.read_text()))
+    except (OSError, UnicodeDecodeError) as error:
+        folder = Path(str(resources.files("apf") / "bodies"))
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml")))
+        raise UserError(
+            f"{path}: no body model ({error}); expected a TOML file or one of: {known}"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path}: not a TOML file: {error}") from None
+    except KeyError as error:
+        raise UserError(f"{path}: an entry lacks the key {error}") from None
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _parse(data: dict[str, Any]) -> BodyModel:
+    """TOML tables to a BodyModel; ValueError, KeyError or TypeError say what is wrong."""
+    names = [entry["name"] for entry in data["bone"]]
+    if len(set(names)) < len(names):
+        raise ValueError("two bones have the same name")
+    dofs: list[dict[str, Any]] = []
+    bones = []
+    for index, entry in enumerate(data["bone"]):
+        axes = []
+        for axis in entry.get("axes", []):
+            sign, kind = (-1, axis["axis"][1:]) if axis["axis"][0] == "-" else (1, axis["axis"])
+            if kind not in AXES:
+                raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
+            axes.append(FreeAxis(kind, sign, len(dofs)))
+            dofs.append({"name": f"{entry['name']}.{kind}", **axis})
+        bones.append(
+            Bone(
+                entry["name"],
+                _index(names[:index], entry["parent"], "bone") if entry.get("parent") else -1,
+                _vector(entry.get("offset", (0, 0, 0))),
+                np.eye(3),
+                tuple(axes),
+            )
+        )
+    cones = tuple(_parse_cone(entry, names) for entry in data.get("cone", []))
+    joints = tuple(
+        Joint(e["name"], _index(names, e["bone"], "bone"), _vector(e.get("position", (0, 0, 0))))
+        for e in data["joint"]
+    )
+    joint_names = [joint.name for joint in joints]
+    edges = [tuple(_index(joint_names, n, "joint") for n in pair) for pair in data["edges"]]
+    limits = np.array([dof.get("limits", (-np.inf, np.inf)) for dof in dofs], float)
+    if np.any(limits[:, 0] >= limits[:, 1]):
+        wrong = dofs[int(np.argmax(limits[:, 0] >= limits[:, 1]))]["name"]
+        raise ValueError(f"{wrong}: the lower limit is not below the upper one")
+    sigma = np.array([dof["sigma"] for dof in dofs], float)
+    if np.any(sigma < 0):
+        raise ValueError("a sigma is negative")
+    return BodyModel(
+        name=data["name"],
+        bones=tuple(bones),
+        cones=cones,
+        joints=joints,
+        dof_names=tuple(dof["name"] for dof in dofs),
+        lower=limits[:, 0],
+        upper=limits[:, 1],
+        sigma=sigma,
+        rest_pose=np.array([dof.get("rest", 0.0) for dof in dofs], float),
+        edges=tuple((a, b) for a, b in edges),
+    )
+
+
+def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
+    start, end = _vector(entry["start"]), _vector(entry["end"])
+    length = np.linalg.norm(end - start)
+    if length == 0 or min(entry["radii"]) <= 0:
+        raise ValueError(f"cone {entry['name']}: its length and radii must be positive")
+    axis = (end - start) / length
+    side = _vector(entry.get("side", (0, 1, 0)))
+    side = side - axis * (side @ axis)
+    if np.linalg.norm(side) < 1e-6:
+        raise ValueError(f"cone {entry['name']}: its side lies along its axis")
+    scale = entry.get("scale", (1.0, 1.0))
+    return Cone(
+        entry["name"],
+        _index(bones, entry["bone"], "bone"),
+        start,
+        end,
+        (float(entry["radii"][0]), float(entry["radii"][1])),
+        side / np.linalg.norm(side),
+        (float(scale[0]), float(scale[1])),
+    )
+
+
+def _vector(values: Any) -> np.ndarray:
+    vector = np.asarray(values, np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{values!r} is not three finite numbers")
+    return vector
+
+
+def _index(names: Sequence[str], name: str, what: str) -> int:
+    if name not in names:
+        raise ValueError(f"no {what} named {name!r} (yet); known: {', '.join(names) or 'none'}")
+    return list(names).index(name)

@@ -1,0 +1,58 @@
+"""Outlines of tapered cones in a picture, and distances to them. Twin of cones.h."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.camera import Camera
+
+
+def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """World corners (..., 4, 3) of the trapezoids that cones (..., 16) show to `eye` (3,) m.
+
+    Kwolek & Rymut 2016 section 3: the side vector is normal to the axis and to the view; in the
+    frame where the elliptic section is a circle it is `normalize(axis x (A - eye))`. Corners in
+    order A + s, A - s, B - s, B + s. With the axis pointing at the eye the side is any normal.
+    """
+    a, b = cones[..., 0:3], cones[..., 4:7]
+    x, y = cones[..., 8:11], cones[..., 12:15]  # unit axes over their scales
+    to_eye = eye - a
+    ex, ey = np.sum(to_eye * x, -1), np.sum(to_eye * y, -1)
+    norm = np.hypot(ex, ey)
+    ex, ey = (
+        np.where(norm > 1e-9, component / np.maximum(norm, 1e-9), default)
+        for component, default in ((ex, 0.0), (ey, 1.0))
+    )
+    # Back from the circular section: X sx = x / |x|^2.
+    side = (
+        -ey[..., None] * x / np.sum(x * x, -1, keepdims=True)
+        + ex[..., None] * y / np.sum(y * y, -1, keepdims=True)
+    )
+    ra, rb = cones[..., 3:4], cones[..., 7:8]
+    return np.stack([a + ra * side, a - ra * side, b - rb * side, b + rb * side], -2)
+
+
+def outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
+    """Pixels (..., 4, 2) of the corners in `camera`; NaN for a cone with a corner unseen."""
+    pixels, depth = camera.project(outline_corners(camera.centre, cones))
+    visible = np.all(depth > 0, axis=-1)
+    return np.where(visible[..., None, None], pixels, np.nan)
+
+
+def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
+
+    Measured in the frame where the elliptic section is a circle, so exact for round cones but
+    for their taper; the ends are rounded. Negative inside.
+    """
+    a, b = cones[:, 0:3], cones[:, 4:7]
+    axis = b - a
+    length = np.linalg.norm(axis, axis=-1)
+    axis = axis / length[:, None]
+    offset = points[:, None, :] - a
+    z = np.sum(offset * axis, -1)
+    x = np.sum(offset * cones[:, 8:11], -1)
+    y = np.sum(offset * cones[:, 12:15], -1)
+    t = np.clip(z / length, 0.0, 1.0)
+    radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
+    return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius

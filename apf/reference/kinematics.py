@@ -1,0 +1,73 @@
+"""Forward kinematics: poses to bone matrices, cones and joints. Twin of kinematics.cl.
+
+Rymut 2016 eq. (4.18)-(4.21): local matrix L = T R, world matrix W = W_parent L.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body import AXES, BodyModel
+
+#: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
+#: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
+CONE_FLOATS = 16
+
+
+def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
+    """Right-handed rotations (..., 3, 3) by `angles` (...) rad about x, y or z (0, 1, 2)."""
+    c, s = np.cos(angles), np.sin(angles)
+    rotation = np.zeros((*np.shape(angles), 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation[..., axis, axis] = 1
+    rotation[..., i, i] = rotation[..., j, j] = c
+    rotation[..., i, j], rotation[..., j, i] = -s, s
+    return rotation
+
+
+def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World rotations (N, B, 3, 3) and origins (N, B, 3) m of all bones in poses (N, D)."""
+    poses = np.asarray(poses, np.float64)
+    rotations = np.empty((len(poses), len(body.bones), 3, 3))
+    origins = np.empty((len(poses), len(body.bones), 3))
+    for b, bone in enumerate(body.bones):
+        if bone.parent < 0:
+            rotation = np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+            origin = np.broadcast_to(bone.offset, (len(poses), 3))
+        else:
+            rotation = rotations[:, bone.parent]
+            origin = origins[:, bone.parent] + rotation @ bone.offset
+        rotation = rotation @ bone.rest
+        for axis in bone.axes:
+            value = axis.sign * poses[:, axis.dof]
+            kind = AXES.index(axis.kind)
+            if kind < 3:
+                origin = origin + rotation[:, :, kind] * value[:, None]
+            else:
+                rotation = rotation @ axis_rotation(kind - 3, value)
+        rotations[:, b], origins[:, b] = rotation, origin
+    return rotations, origins
+
+
+def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Joint positions (N, J, 3) m of poses (N, D)."""
+    rotations, origins = bone_matrices(body, poses)
+    bones = [joint.bone for joint in body.joints]
+    positions = np.stack([joint.position for joint in body.joints])
+    return origins[:, bones] + np.einsum("njab,jb->nja", rotations[:, bones], positions)
+
+
+def posed_cones(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Cones in the world, (N, C, CONE_FLOATS), of poses (N, D)."""
+    rotations, origins = bone_matrices(body, poses)
+    out = np.zeros((len(rotations), len(body.cones), CONE_FLOATS))
+    for c, cone in enumerate(body.cones):
+        rotation, origin = rotations[:, cone.bone], origins[:, cone.bone]
+        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+        out[:, c, 0:3] = origin + rotation @ cone.start
+        out[:, c, 3] = cone.radii[0]
+        out[:, c, 4:7] = origin + rotation @ cone.end
+        out[:, c, 7] = cone.radii[1]
+        out[:, c, 8:11] = rotation @ (cone.side / cone.scale[0])
+        out[:, c, 12:15] = rotation @ (np.cross(axis, cone.side) / cone.scale[1])
+    return out
