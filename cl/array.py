@@ -36,9 +36,7 @@ class Array:
         """Copy `host` (same number of elements and type) to the device, without waiting."""
         host = np.ascontiguousarray(host)
         if host.dtype != self.dtype or host.size != self.size:
-            raise ValueError(
-                f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}"
-            )
+            raise ValueError(f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}")
         event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
         # The event keeps `host` alive until the copy is done.
         self.device.record("upload", event, upload=self.nbytes)
@@ -55,5 +53,7 @@ class Array:
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""
         pattern = np.array(value, self.dtype)
-        event = pyopencl.enqueue_fill(self.device.queue, self.buffer, pattern, 0, self.nbytes)
+        event = pyopencl.enqueue_fill_buffer(
+            self.device.queue, self.buffer, pattern, 0, self.nbytes
+        )
         self.device.record("fill", event)

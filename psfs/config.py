@@ -1,0 +1,115 @@
+"""The parameters of the reconstruction, shared by the kernels and their NumPy twins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+
+from cl import UserError
+
+
+@dataclass(frozen=True)
+class SilhouetteConfig:
+    """Parameters of the silhouette likelihood map (Song et al. eq. 1-2) and of its evidence.
+
+    sigma_floor: least standard deviation of the background, grey levels.
+    foreground_prior: P(F = 1) of a pixel.
+    clamp: the map stays within [clamp, 1 - clamp], so that no single pixel vetoes a voxel.
+    occlusion_prior: P(O) of Song et al. eq. (5).
+    shadow_low, shadow_high: the background may be seen under a light dimmed or brightened by a
+    factor alpha in this range; shadow_low = shadow_high = 1 switches shadows off.
+    shadow_width: standard deviation of alpha around 1; a pixel pays ((1 - alpha) / width)^2 / 2.
+    """
+
+    sigma_floor: float = 3.0
+    foreground_prior: float = 0.5
+    clamp: float = 1e-3
+    occlusion_prior: float = 0.5
+    shadow_low: float = 0.5
+    shadow_high: float = 1.15
+    shadow_width: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name in ("foreground_prior", "occlusion_prior", "clamp"):
+            _check_between(name, getattr(self, name), 0.0, 0.5 if name == "clamp" else 1.0)
+        if not 0 < self.shadow_low <= 1 <= self.shadow_high:
+            raise UserError(
+                f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
+                "expected 0 < low <= 1 <= high"
+            )
+        for name in ("sigma_floor", "shadow_width"):
+            _check_between(name, getattr(self, name), 0.0, np.inf)
+
+    def evidence(self, likelihood: np.ndarray) -> np.ndarray:
+        """What a pixel adds to the log-odds of a voxel seen there, nats.
+
+        From Song et al. eq. (5)-(9): P(S|V=1) = SLM and P(S|V=0) = P(O) SLM + (1-P(O)) (1-SLM),
+        hence log(SLM / (P(O) SLM + (1-P(O)) (1-SLM))), which is log(SLM / 0.5) for P(O) = 0.5.
+        It is positive where SLM > 0.5, whatever P(O).
+        """
+        slm = np.clip(likelihood, self.clamp, 1 - self.clamp)
+        occluded = self.occlusion_prior
+        evidence: np.ndarray = np.log(slm / (occluded * slm + (1 - occluded) * (1 - slm)))
+        return evidence
+
+    @cached_property
+    def step(self) -> float:
+        """Nats per count of the evidence maps: the strongest evidence is 127 counts."""
+        return float(np.abs(self.evidence(np.array([0.0, 1.0]))).max() / 127)
+
+    def counts(self, likelihood: np.ndarray) -> np.ndarray:
+        """Evidence of silhouette likelihoods in whole counts of `step`, int8."""
+        return np.rint(self.evidence(likelihood) / self.step).astype(np.int8)
+
+
+@dataclass(frozen=True)
+class OccupancyConfig:
+    """Parameters of the voxel occupancy (Song et al. eq. 3-9).
+
+    prior: P(V = 1) of a voxel. threshold: smoothed probability above which it is occupied.
+    min_cameras: a voxel within fewer images is empty; None asks for half of the cameras, at
+    least two (one, if there is one only).
+    """
+
+    prior: float = 0.5
+    threshold: float = 0.5
+    min_cameras: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_between("prior", self.prior, 0.0, 1.0)
+        _check_between("threshold", self.threshold, 0.0, 1.0)
+
+    def seeing_cameras(self, n_cameras: int) -> int:
+        if self.min_cameras is not None:
+            return self.min_cameras
+        return min(n_cameras, max(2, (n_cameras + 1) // 2))
+
+    def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
+        """Occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).
+
+        Entry s + 127 V is 1 / (1 + exp(-(logit(prior) + s step))): Song et al. eq. (3).
+        """
+        counts = np.arange(-127 * n_cameras, 127 * n_cameras + 1)
+        logit = np.log(self.prior / (1 - self.prior))
+        return np.asarray(1 / (1 + np.exp(-(logit + counts * step))))
+
+
+@dataclass(frozen=True)
+class ReconstructionConfig:
+    silhouette: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    occupancy: OccupancyConfig = field(default_factory=OccupancyConfig)
+
+    def to_dict(self) -> dict[str, dict[str, float | int | None]]:
+        """Plain values, for summaries."""
+        parts = {"silhouette": self.silhouette, "occupancy": self.occupancy}
+        return {
+            name: {item.name: getattr(part, item.name) for item in fields(part)}
+            for name, part in parts.items()
+        }
+
+
+def _check_between(name: str, value: float, low: float, high: float) -> None:
+    if not low < value < high:
+        raise UserError(f"{name} is {value}; expected a number between {low:g} and {high:g}")

@@ -1,0 +1,36 @@
+"""Voxel occupancy, Song et al. eq. (3)-(9)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.camera import CameraRig
+from psfs.config import OccupancyConfig
+from psfs.grid import VoxelGrid
+
+
+def padded_grid(grid: VoxelGrid) -> VoxelGrid:
+    """`grid` with one more layer of voxels on every side."""
+    shape = (grid.shape[0] + 2, grid.shape[1] + 2, grid.shape[2] + 2)
+    return VoxelGrid(grid.origin - grid.voxel_size, grid.voxel_size, shape)
+
+
+def occupancy(
+    rig: CameraRig, grid: VoxelGrid, evidence: np.ndarray, step: float, config: OccupancyConfig
+) -> np.ndarray:
+    """P(V = 1) (nx + 2, ny + 2, nz + 2) of the padded grid from evidence counts (V, H, W)."""
+    padded = padded_grid(grid)
+    centres = padded.centres()
+    log_odds = np.full(len(centres), np.log(config.prior / (1 - config.prior)))
+    seeing = np.zeros(len(centres), int)
+    for camera, counts in zip(rig, evidence, strict=True):
+        pixels, _ = camera.project(centres)
+        column, row = np.rint(pixels).T
+        inside = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
+        seen = counts[row[inside].astype(int), column[inside].astype(int)]
+        log_odds[inside] += seen * step
+        seeing += inside
+    probability = np.where(
+        seeing >= config.seeing_cameras(len(rig)), 1 / (1 + np.exp(-log_odds)), 0.0
+    )
+    return probability.reshape(padded.shape)

@@ -1,0 +1,67 @@
+"""The NumPy twin of `psfs.reconstruct.Reconstructor`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cl import Device, NumpyDevice
+
+from psfs.camera import CameraRig
+from psfs.config import ReconstructionConfig
+from psfs.grid import VoxelCloud, VoxelGrid
+from psfs.reconstruct import frame_input
+from psfs.reference.occupancy import occupancy
+from psfs.reference.silhouette import mask_evidence, silhouette_evidence
+from psfs.reference.surface import smooth, surface_voxels
+
+if TYPE_CHECKING:
+    from psfs.background import Background
+    from psfs.sequence import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class NumpyVoxels:
+    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices."""
+
+    grid: VoxelGrid
+    probability: np.ndarray
+    surface: np.ndarray
+    occupied: int
+
+    def cloud(self) -> VoxelCloud:
+        probability = self.probability.ravel()[self.surface].astype(np.float32)
+        volume = self.occupied * self.grid.voxel_size**3
+        return VoxelCloud(self.grid, self.surface, probability, None, volume)
+
+
+class NumpyReconstructor:
+    """Same signature and results as `Reconstructor`, computed at once, in float64."""
+
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        background: Background | None,
+        config: ReconstructionConfig | None = None,
+    ) -> None:
+        self.device, self.rig, self.grid, self.background = device, rig, grid, background
+        self.config = config or ReconstructionConfig()
+
+    def evidence(self, frame: Frame) -> np.ndarray:
+        """(V, H, W) int8 counts."""
+        pictures, config = frame_input(frame, self.background), self.config.silhouette
+        if self.background is None:
+            return mask_evidence(pictures, self.rig, config)
+        return silhouette_evidence(pictures, self.rig, self.background, config)
+
+    def __call__(self, frame: Frame) -> NumpyVoxels:
+        config = self.config.occupancy
+        step = self.config.silhouette.step
+        padded = occupancy(self.rig, self.grid, self.evidence(frame), step, config)
+        probability = smooth(padded)
+        occupied = probability > config.threshold
+        return NumpyVoxels(self.grid, probability, surface_voxels(occupied), int(occupied.sum()))
