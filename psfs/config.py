@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -103,11 +103,7 @@ class ReconstructionConfig:
 
     def to_dict(self) -> dict[str, dict[str, float | int | None]]:
         """Plain values, for summaries."""
-        parts = {"silhouette": self.silhouette, "occupancy": self.occupancy}
-        return {
-            name: {item.name: getattr(part, item.name) for item in fields(part)}
-            for name, part in parts.items()
-        }
+        return asdict(self)
 
 
 def _check_between(name: str, value: float, low: float, high: float) -> None:

@@ -8,6 +8,7 @@ from cl import Array, Device, UserError
 from psfs.camera import CameraRig
 from psfs.config import OccupancyConfig
 from psfs.grid import VoxelGrid
+from psfs.launching import row_group
 
 
 class Occupancy:
@@ -44,7 +45,7 @@ class Occupancy:
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self.place(grid)
         defines: dict[str, int] = {
-            **dict(NX=nx, NY=ny, NZ=nz, WIDTH=rig.width, HEIGHT=rig.height),
+            **{"NX": nx, "NY": ny, "NZ": nz, "WIDTH": rig.width, "HEIGHT": rig.height},
             "N_CAMERAS": len(rig),
             "MIN_CAMERAS": config.seeing_cameras(len(rig)),
         }
@@ -54,7 +55,7 @@ class Occupancy:
         self._launch = device.launch(
             device.kernel("occupancy", "occupancy", **defines),
             (nz, ny, nx),
-            (32, 4, 1) if device.is_gpu else (nz, 1, 1),
+            row_group(device, nz),
             device.to_device(rig.packed(), "the cameras"),
             evidence,
             device.to_device(table, "the occupancy table"),

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from cl import Array, Device, NumpyDevice, UserError
-
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelCloud, VoxelGrid

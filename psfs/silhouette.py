@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cl import Array, Device
-
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
 
@@ -44,13 +43,13 @@ class Silhouette:
         if background is None:
             self.input = device.empty((views, height, width), np.uint8, "the masks")
             table = config.counts(np.arange(256) / 255)
-            arrays = [sizes, device.to_device(table, "the evidence table"), self.evidence]
+            arrays = [sizes]
             name = "mask_silhouette"
         else:
             self.input = device.empty((views, height, width, 3), np.uint8, "the pictures")
+            table = ratio_table(config)
             planes = device.to_device(background_planes(background, config), "the background")
-            table = device.to_device(ratio_table(config), "the evidence table")
-            arrays = [planes, sizes, table, self.evidence]
+            arrays = [planes, sizes]
             name = "silhouette"
             defines |= {
                 "SHADOW_LOW": float(config.shadow_low),
@@ -60,9 +59,12 @@ class Silhouette:
                 "TABLE_STEP": TABLE_STEP,
                 "TABLE_SIZE": table.size,
             }
+        lookup = device.to_device(table, "the evidence table")
         kernel = device.kernel("silhouette", name, **defines)
         size = (width * height, views)
-        self._launch = device.launch(kernel, size, local, self.input, *arrays)
+        self._launch = device.launch(
+            kernel, size, local, self.input, *arrays, lookup, self.evidence
+        )
 
     def __call__(self, pictures: np.ndarray) -> Array:
         """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""

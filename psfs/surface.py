@@ -6,6 +6,7 @@ import numpy as np
 import pyopencl
 
 from cl import Array, Device, Launch
+from psfs.launching import row_group
 
 #: Items of the one work-group that sums up the rows.
 _SCAN = 256
@@ -33,7 +34,7 @@ class Surface:
         kind = device.empty(shape, np.uint8, f"a grid of {size:,} voxels")
         rows = device.empty(nx * ny, np.int32, "the rows of the grid")
         volumes = device.empty(nx * ny, np.int32, "the rows of the grid")
-        defines = dict(NX=nx, NY=ny, NZ=nz, THRESHOLD=float(threshold), SCAN=_SCAN)
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(threshold), "SCAN": _SCAN}
 
         def launch(
             name: str, size: tuple[int, ...], local: tuple[int, ...], *args: object
@@ -41,7 +42,7 @@ class Surface:
             kernel = device.kernel("surface", name, **defines)
             return device.launch(kernel, size, local, *args)
 
-        box, per_voxel = (nz, ny, nx), (32, 4, 1) if device.is_gpu else (nz, 1, 1)
+        box, per_voxel = (nz, ny, nx), row_group(device, nz)
         per_row = (64,)
         scratch = [pyopencl.LocalMemory(4 * _SCAN)] * 2
         totals = (self.count, self.occupied)

@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 import scenes
 
-from cl import Device, NumpyDevice, UserError, list_devices, select_device
-from psfs.config import OccupancyConfig, ReconstructionConfig
-from psfs.grid import VoxelGrid
-from psfs.reconstruct import Reconstructor, reconstructor_for
+from cl import Device, NumpyDevice
+from psfs.reconstruct import Reconstructor
 from psfs.reference.reconstruct import NumpyReconstructor
-
-
-@pytest.fixture(scope="module", params=[info.name for info in list_devices()])
-def device(request: pytest.FixtureRequest) -> Device:
-    chosen = select_device(request.param)
-    assert isinstance(chosen, Device)
-    return chosen
 
 
 def agree(device: Device, rig, grid, background, frame, config=None, share=2e-3):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cl import Device, NumpyDevice
-
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelCloud, VoxelGrid

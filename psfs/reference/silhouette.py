@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
 

@@ -1,0 +1,81 @@
+"""The NumPy twin of `psfs.reprojection.Reprojection`."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from cl import Device, NumpyDevice
+from psfs.camera import Camera, CameraRig
+from psfs.grid import VoxelGrid
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reprojection import edge_reach, footprints, proximity_table
+
+
+def voxel_silhouette(
+    camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
+    """Silhouette `shape` bool of voxels with `centres` (N, 3); see `footprints`."""
+    pixels, depth = camera.project(centres)
+    pixels, depth = pixels[depth > 0], depth[depth > 0]
+    half = footprint / depth[:, None]
+    nearest = np.rint(pixels)
+    limit = np.array(camera.size) - 1
+    low = np.maximum(np.minimum(np.ceil(pixels - half), nearest), 0)
+    high = np.minimum(np.maximum(np.floor(pixels + half), nearest), limit)
+    hit = (low <= high).all(1)
+    (x0, y0), (x1, y1) = low[hit].astype(int).T, high[hit].astype(int).T + 1
+    # Corners of the boxes; summed along both axes they count the boxes over every pixel.
+    corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
+    for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
+        np.add.at(corners, (rows, columns), sign)
+    covered: np.ndarray = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    return covered
+
+
+def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Pixels inside with a 4-neighbour outside; the border of the picture is no boundary."""
+    width, height = size
+    picture = silhouette[:height, :width]
+    inside = ndimage.binary_erosion(picture, border_value=1)
+    edge = np.zeros_like(silhouette)
+    edge[:height, :width] = picture & ~inside
+    return edge
+
+
+def edge_proximity(edge: np.ndarray, sigma: float, radius: int) -> np.ndarray:
+    """(H, W) uint8, see `psfs.reprojection.Reprojection`."""
+    if not edge.any():
+        return np.zeros(edge.shape, np.uint8)
+    squared = np.rint(ndimage.distance_transform_edt(~edge) ** 2).astype(int)
+    table = proximity_table(sigma, radius)
+    return table[np.minimum(squared, radius**2 + 1)]
+
+
+class NumpyReprojection:
+    """Same signature and results as `Reprojection`; the maps are a NumPy array."""
+
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        scale: float = 1.0,
+        sigma: float | None = None,
+        radius: int | None = None,
+    ) -> None:
+        self.device, self.grid = device, grid
+        self.rig = rig if scale == 1.0 else rig.scaled(scale)
+        self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
+
+    def __call__(self, voxels: NumpyVoxels) -> np.ndarray:
+        shape = (self.rig.height, self.rig.width)
+        centres = voxels.grid.centres(voxels.surface)
+        maps = np.zeros((len(self.rig), *shape, 2), np.uint8)
+        extents = footprints(self.rig, voxels.grid.voxel_size)
+        for view, camera in enumerate(self.rig):
+            silhouette = voxel_silhouette(camera, centres, extents[view], shape)
+            edge = boundary(silhouette, camera.size)
+            maps[view, ..., 0] = np.where(silhouette, 255, 0)
+            maps[view, ..., 1] = edge_proximity(edge, self.sigma, self.radius)
+        return maps
