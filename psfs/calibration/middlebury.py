@@ -1,0 +1,53 @@
+"""Middlebury multi-view `*_par.txt`: the number of views, then per line the image's name, K (9,
+row-major), R (9) and t (3); P = K [R t].
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cl import UserError
+from psfs.calibration.common import (
+    Size,
+    Sizes,
+    in_metres,
+    naming,
+    numbers,
+    read_text,
+    rotation_matrix,
+    sizes_for,
+)
+from psfs.camera import Camera, CameraRig
+from psfs.units import Unit
+
+_WORDS = 22
+
+
+def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+    """Cameras in the order of the file, named after their images without suffix. Metres unless
+    `unit` says otherwise. No distortion.
+    """
+    with naming(path):
+        lines = [line.split() for line in read_text(path).splitlines() if line.strip()]
+        promised = " ".join(lines.pop(0)) if lines else "nothing"
+        if promised != str(len(lines)):
+            raise UserError(f"{len(lines)} views; the first line promises {promised}")
+        names = [Path(words[0]).stem for words in lines]
+        pairs = zip(lines, sizes_for(names, sizes), strict=True)
+        rig = CameraRig(tuple(_camera(words, size) for words, size in pairs))
+        return in_metres(rig, unit, default="m")
+
+
+def _camera(words: list[str], size: Size) -> Camera:
+    name = Path(words[0]).stem
+    if len(words) != _WORDS:
+        raise UserError(f"view {name}: {len(words) - 1} numbers; expected {_WORDS - 1}")
+    values = numbers(words[1:], f"view {name}")
+    return Camera(
+        name=name,
+        K=values[:9] / values[8],
+        distortion=values[:0],
+        R=rotation_matrix(values[9:18], f"view {name}: R"),
+        t=values[18:],
+        size=size,
+    )

@@ -1,0 +1,63 @@
+"""Pose2Sim, anipose and FreeMoCap: TOML with one table per camera.
+
+Keys: name, size [w, h], matrix 3x3, distortions k1 k2 p1 p2 (k3), rotation = Rodrigues vector
+world -> camera, translation, fisheye.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cl import UserError
+from psfs.calibration.common import Sizes, array, in_metres, naming, rotation_matrix, sizes_for
+from psfs.camera import Camera, CameraRig
+from psfs.names import natural_key
+from psfs.toml import read_toml
+from psfs.units import Unit
+
+_NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
+_NEEDED = ("matrix", "distortions", "rotation", "translation")
+
+
+def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+    """Cameras in natural order of their names. Metres unless `unit` says otherwise.
+
+    FreeMoCap files (they have world_position) come in any unit and say none, so they need
+    `unit`. Raises UserError naming file, camera and key.
+    """
+    tables = {
+        name: table
+        for name, table in read_toml(path).items()
+        if isinstance(table, dict) and name.lower() not in _NOT_CAMERAS
+    }
+    with naming(path):
+        if not tables:
+            raise UserError("no camera tables; expected [name] with matrix, rotation, ...")
+        if unit is None and any("world_position" in table for table in tables.values()):
+            raise UserError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
+        cameras = [_camera(name, table, sizes) for name, table in tables.items()]
+        cameras.sort(key=lambda camera: natural_key(camera.name))
+        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+
+
+def _camera(table_name: str, table: dict[str, Any], sizes: Sizes) -> Camera:
+    name = table["name"] if isinstance(table.get("name"), str) else table_name
+    if table.get("fisheye", False):
+        raise UserError(f"camera {name}: fisheye = true; expected a pinhole camera")
+    missing = [key for key in _NEEDED if key not in table]
+    if missing:
+        raise UserError(f"camera {name}: no {', '.join(missing)}")
+    if "size" in table:
+        width, height = array(table["size"], 2, f"camera {name}: size")
+    else:
+        width, height = sizes_for([name], sizes)[0]
+    coefficients = table["distortions"]
+    return Camera(
+        name=name,
+        K=array(table["matrix"], 9, f"camera {name}: matrix"),
+        distortion=array(coefficients, len(coefficients), f"camera {name}: distortions"),
+        R=rotation_matrix(table["rotation"], f"camera {name}: rotation"),
+        t=array(table["translation"], 3, f"camera {name}: translation"),
+        size=(int(width), int(height)),
+    )

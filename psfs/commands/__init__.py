@@ -1,0 +1,1 @@
+"""The subcommands of `psfs`, one module each; `register(commands)` adds it to the parser."""

@@ -1,0 +1,53 @@
+"""Running an iterator ahead in a background thread."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def prefetched(items: Generator[T, None, None], depth: int) -> Iterator[T]:
+    """The items of a generator, produced in a thread at most `depth` ahead.
+
+    An exception in the thread is raised here, after the items before it. When the consumer
+    stops early the generator is closed, in its thread, before this returns.
+    """
+    ready: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(maxsize=depth)
+    stop = threading.Event()
+
+    def put(more: bool, value: T | BaseException | None) -> None:
+        while not stop.is_set():
+            try:
+                return ready.put((more, value), timeout=0.05)
+            except queue.Full:
+                continue
+
+    def produce() -> None:
+        try:
+            with closing(items):
+                for item in items:
+                    put(True, item)
+                    if stop.is_set():
+                        return
+            put(False, None)
+        except BaseException as error:  # handed to the consumer, whatever it is
+            put(False, error)
+
+    thread = threading.Thread(target=produce, name="psfs-decode", daemon=True)
+    thread.start()
+    try:
+        while True:
+            more, value = ready.get()
+            if isinstance(value, BaseException):
+                raise value
+            if not more:
+                return
+            yield value  # type: ignore[misc]
+    finally:
+        stop.set()
+        thread.join()

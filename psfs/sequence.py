@@ -1,0 +1,197 @@
+"""Synchronised, calibrated views of one scene, read from a folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cl import UserError
+from psfs.background import Background, background_from_frames, background_from_plates
+from psfs.camera import CameraRig
+from psfs.layouts import Footage, recognised
+from psfs.media import Decoder, Media
+from psfs.prefetch import prefetched
+from psfs.settings import Settings
+from psfs.units import turned_rig, z_up_from
+
+#: Memory for frames decoded ahead, and the most frames of them.
+_QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
+_DEFAULT_FPS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """All views at one time. Views smaller than the rig's width and height are zero padded.
+
+    images: (V, H, W, 3) uint8 BGR, or None where there are masks only. masks: (V, H, W) uint8,
+    255 = person, or None where silhouettes are to be told from a `Background`.
+    """
+
+    index: int
+    images: np.ndarray | None
+    masks: np.ndarray | None
+
+
+class Sequence:
+    """Synchronised views with their rig (metres, Z up), background and frame rate.
+
+    `Sequence.open(folder)`, then iterate, or `frames(slice)`, or `read(index)`. A sequence holds
+    no open files: each iteration decodes for itself.
+    """
+
+    def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
+        self.folder = folder
+        self.name = folder.resolve().name
+        self.layout = layout
+        self.settings = settings
+        self.footage = footage
+        self.notes = list(footage.notes)
+        self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
+        self.background_kind = self._background_kind()
+        self.volume: tuple[np.ndarray, np.ndarray] | None = settings.volume
+        self.fps = self._fps()
+
+    @classmethod
+    def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
+        """Recognise the folder's layout and read its calibration.
+
+        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which
+        wins over the layout's own defaults. Raises UserError for whatever does not fit.
+        """
+        folder = Path(folder)
+        stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
+        if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
+            stated = Settings.of(
+                {**vars(stated), "calibration": Path(stated.calibration).resolve()}
+            )
+        settings = stated.over(Settings.read(folder / "sequence.toml"))
+        layout = recognised(folder, settings)
+        settings = settings.over(layout.defaults)
+        return cls(folder, layout.name, layout.read(folder, settings), settings)
+
+    def __len__(self) -> int:
+        """Frames that every view has."""
+        return min(media.count for media in self._views)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self.frames()
+
+    def read(self, index: int) -> Frame:
+        """One frame; negative indices count from the end. Raises IndexError beyond the ends."""
+        number = range(len(self))[index]
+        frames = self._decoded(range(number, number + 1))
+        frame = next(frames)
+        frames.close()
+        return frame
+
+    def frames(self, selection: slice | None = None) -> Iterator[Frame]:
+        """The selected frames in order, decoded in a background thread ahead of the caller.
+
+        At most 16 frames or 256 MiB wait (but always one). Raises UserError, naming file and
+        frame, when one cannot be decoded.
+        """
+        indices = range(len(self))[selection or slice(None)]
+        nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
+        depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
+        return prefetched(self._decoded(indices), depth)
+
+    @cached_property
+    def background(self) -> Background | None:
+        """The empty scene, or None when frames come with masks. Decoded on first use."""
+        if self.background_kind == "gaussian":
+            assert self.footage.background is not None
+            return background_from_plates(self.rig, self.footage.background)
+        if self.background_kind == "frames":
+            assert self.footage.images is not None
+            return background_from_frames(self.rig, self.footage.images)
+        return None
+
+    @property
+    def _views(self) -> tuple[Media, ...]:
+        """All pictures that a frame is made of."""
+        masks = self.footage.masks if self.background_kind == "masks" else None
+        return (*(self.footage.images or ()), *(masks or ()))
+
+    def _background_kind(self) -> str:
+        footage, kind = self.footage, self.settings.background
+        if kind is None:
+            kind = "masks" if footage.masks else "gaussian" if footage.background else "frames"
+        needs = {
+            "masks": (footage.masks, "masks for every camera"),
+            "gaussian": (footage.background, "pictures of the empty scene in background/"),
+            "threshold": (footage.images and self.settings.threshold, "images and `threshold`"),
+            "frames": (footage.images, "images"),
+        }
+        there, what = needs[kind]
+        if not there:
+            raise UserError(f"{self.folder}: background kind {kind} needs {what}; found none")
+        if kind == "frames" and self.settings.background is None:
+            self.notes.append("no empty background: it is learnt from the sequence's own frames")
+        return kind
+
+    def _fps(self) -> float:
+        if self.settings.fps is not None:
+            return float(self.settings.fps)
+        rates = [media.fps for media in self._views if media.fps]
+        if not rates:
+            self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
+            return _DEFAULT_FPS
+        if max(rates) - min(rates) > 0.01 * max(rates):
+            self.notes.append(f"frame rates differ: {min(rates):g} to {max(rates):g}")
+        return rates[0]
+
+    def _decoded(self, indices: range) -> Generator[Frame, None, None]:
+        """Frames in order, all views of a frame at the same time."""
+        decoders = [media.open() for media in self._views]
+        workers = min(len(decoders), os.cpu_count() or 1)
+        with ThreadPoolExecutor(workers, thread_name_prefix="psfs-decode") as pool:
+            try:
+                for index in indices:
+                    yield self._frame(index, decoders, pool)
+            finally:
+                for decoder in decoders:
+                    decoder.close()
+
+    def _frame(self, index: int, decoders: list[Decoder], pool: ThreadPoolExecutor) -> Frame:
+        pictures = list(pool.map(lambda decoder: decoder.read(index), decoders))
+        views = len(self.rig)
+        images = pictures[:views] if self.footage.images else None
+        masks = None
+        if self.background_kind == "masks":
+            masks = [picture.max(axis=-1) for picture in pictures[-views:]]
+        elif self.background_kind == "threshold":
+            assert images is not None
+            masks = list(pool.map(self._thresholded, images))
+        return Frame(
+            index,
+            None if images is None else self._padded(images),
+            None if masks is None else self._padded(masks),
+        )
+
+    def _thresholded(self, image: np.ndarray) -> np.ndarray:
+        """(h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""
+        assert self.settings.threshold is not None
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        mask = np.where(grey > self.settings.threshold * 255, 255, 0).astype(np.uint8)
+        for radius, operation in (
+            (self.settings.dilate, cv2.dilate),
+            (self.settings.erode, cv2.erode),
+        ):
+            if radius:
+                mask = operation(mask, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
+        return mask
+
+    def _padded(self, pictures: list[np.ndarray]) -> np.ndarray:
+        shape = (len(pictures), self.rig.height, self.rig.width, *pictures[0].shape[2:])
+        stacked = np.zeros(shape, np.uint8)
+        for view, picture in enumerate(pictures):
+            stacked[view, : picture.shape[0], : picture.shape[1]] = picture
+        return stacked

@@ -1,0 +1,105 @@
+"""What files cannot say about themselves: `sequence.toml`, or the same as flags."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import UserError
+from psfs.calibration.common import naming
+from psfs.names import listed
+from psfs.toml import read_toml
+from psfs.units import Unit, metres_per_unit, z_up_from
+
+#: How silhouettes are told from the background. "gaussian": empty plate (`background/`);
+#: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
+#: brighter than `threshold` (0..1), then dilated and eroded.
+BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The keys of `sequence.toml`; None where nothing is said.
+
+    unit: of the calibration. up: axis of the calibration's world. fps: frames per second.
+    background: one of `BACKGROUND_KINDS`. threshold: 0..1; dilate, erode: pixels. volume:
+    ((x0, y0, z0), (x1, y1, z1)) in metres, Z up. calibration: path, relative to the folder.
+    cameras: names of those to use.
+    """
+
+    unit: Unit | None = None
+    up: str | None = None
+    fps: float | None = None
+    background: str | None = None
+    threshold: float | None = None
+    dilate: int | None = None
+    erode: int | None = None
+    volume: Any = None
+    calibration: str | None = None
+    cameras: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit is not None:
+            metres_per_unit(self.unit)
+        if self.up is not None:
+            z_up_from(self.up)
+        _check_number("fps", self.fps, 0, math.inf)
+        _check_number("threshold", self.threshold, 0, 1)
+        for key in ("dilate", "erode"):
+            _check_number(key, getattr(self, key), -1, 1000)
+        if self.background not in (None, *BACKGROUND_KINDS):
+            raise UserError(
+                f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
+            )
+        if self.volume is not None:
+            object.__setattr__(self, "volume", _volume(self.volume))
+        if self.cameras is not None:
+            if isinstance(self.cameras, str) or not self.cameras:
+                raise UserError(f"cameras = {self.cameras!r}; expected a list of names")
+            object.__setattr__(self, "cameras", tuple(str(name) for name in self.cameras))
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Settings:
+        """From a mapping. Raises UserError for unknown keys and bad values."""
+        known = [field.name for field in fields(cls)]
+        unknown = [key for key in values if key not in known]
+        if unknown:
+            raise UserError(f"unknown key {listed(unknown)}; expected {listed(known)}")
+        return cls(**values)
+
+    @classmethod
+    def read(cls, path: Path) -> Settings:
+        """From a `sequence.toml`; all None if there is none."""
+        if not path.exists():
+            return cls()
+        values = read_toml(path)
+        with naming(path):
+            return cls.of(values)
+
+    def over(self, other: Settings) -> Settings:
+        """These settings, and `other`'s where these say nothing."""
+        said = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(other, **said)
+
+
+def _check_number(key: str, value: Any, low: float, high: float) -> None:
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low < value < high:
+        raise UserError(f"{key} = {value!r}; expected a number between {low} and {high}")
+
+
+def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        low, high = np.asarray(value, np.float64).reshape(2, 3)
+    except (TypeError, ValueError):
+        raise UserError(
+            f"volume = {value!r}; expected [[x0, y0, z0], [x1, y1, z1]] in metres"
+        ) from None
+    if not (np.isfinite([low, high]).all() and np.all(low < high)):
+        raise UserError(f"volume from {low.tolist()} to {high.tolist()} m; expected low < high")
+    return low, high
