@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,7 +111,7 @@ class _Frames:
         self._media = media
         self._indices = range(media.count) if indices is None else indices
 
-    def __iter__(self) -> Iterable[np.ndarray]:  # type: ignore[override]
+    def __iter__(self) -> Iterator[np.ndarray]:
         decoder = self._media.open()
         try:
             for index in self._indices:

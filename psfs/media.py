@@ -86,9 +86,9 @@ def picture_size(path: Path) -> tuple[int, int]:
         image = _read_image(path)
     else:
         capture = _open_capture(path)
-        ok, image = capture.read()
+        _, image = capture.read()
         capture.release()
-        if not ok:
+        if image is None:
             raise UserError(f"{path}: no frame can be decoded; expected a video")
     return image.shape[1], image.shape[0]
 
@@ -131,8 +131,8 @@ class VideoDecoder:
             self._next = index
         while self._next < index and self._capture.grab():
             self._next += 1
-        ok, image = self._capture.read() if self._next == index else (False, None)
-        if not ok:
+        _, image = self._capture.read() if self._next == index else (False, None)
+        if image is None:
             raise UserError(
                 f"{self._media.where}: frame {index} of {self._media.count} cannot be decoded; "
                 "the file is damaged or truncated"

@@ -23,7 +23,8 @@ def prefetched(items: Generator[T, None, None], depth: int) -> Iterator[T]:
     def put(more: bool, value: T | BaseException | None) -> None:
         while not stop.is_set():
             try:
-                return ready.put((more, value), timeout=0.05)
+                ready.put((more, value), timeout=0.05)
+                return
             except queue.Full:
                 continue
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -69,9 +69,7 @@ class Sequence:
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = Settings.of(
-                {**vars(stated), "calibration": Path(stated.calibration).resolve()}
-            )
+            stated = replace(stated, calibration=str(Path(stated.calibration).resolve()))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)
@@ -180,7 +178,9 @@ class Sequence:
         """(h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""
         assert self.settings.threshold is not None
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        mask = np.where(grey > self.settings.threshold * 255, 255, 0).astype(np.uint8)
+        mask: np.ndarray = np.where(
+            grey > self.settings.threshold * 255, np.uint8(255), np.uint8(0)
+        )
         for radius, operation in (
             (self.settings.dilate, cv2.dilate),
             (self.settings.erode, cv2.erode),

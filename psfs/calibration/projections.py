@@ -41,7 +41,7 @@ def _matrices(text: str) -> dict[str, np.ndarray]:
     lines = [line.replace(",", " ").split() for line in text.splitlines()]
     lines = [words for words in lines if words and not words[0].startswith("#")]
     if lines and all(len(words) == 4 for words in lines) and len(lines) % 3 == 0:
-        lines = [sum(lines[i : i + 3], []) for i in range(0, len(lines), 3)]
+        lines = [[*lines[i], *lines[i + 1], *lines[i + 2]] for i in range(0, len(lines), 3)]
     matrices: dict[str, np.ndarray] = {}
     for index, words in enumerate(lines, 1):
         name = words.pop(0) if len(words) == 13 else f"cam{index:02d}"

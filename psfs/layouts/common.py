@@ -47,15 +47,18 @@ def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> Camer
 
 
 def sizes_of(found: Found, where: Path, settings: Settings) -> Sizes:
-    """Picture sizes for the names of a calibration, from the pictures that match them."""
+    """Tells a calibration's names the sizes of the pictures that match them."""
+    return lambda names: measured_sizes(names, found, where, settings)
 
-    def sizes(names: Sequence[str]) -> list[Size]:
-        pairs, _ = matched(names, list(found), str(where), settings.cameras)
-        measured = {camera: picture_size(found[name][0]) for camera, name in pairs.items()}
-        # Cameras without pictures are among those that the subset leaves out.
-        return [measured.get(name) or next(iter(measured.values())) for name in names]
 
-    return sizes
+def measured_sizes(
+    names: Sequence[str], found: Found, where: Path, settings: Settings
+) -> list[Size]:
+    """The size of each named camera's pictures."""
+    pairs, _ = matched(names, list(found), str(where), settings.cameras)
+    measured = {camera: picture_size(found[name][0]) for camera, name in pairs.items()}
+    # Cameras without pictures are among those that the subset leaves out.
+    return [measured.get(name) or next(iter(measured.values())) for name in names]
 
 
 def assigned(

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from cl import UserError
-from psfs.calibration import find_calibration, read_calibration
-from psfs.layouts.common import Footage, Layout, assigned, chosen, sizes_of
+from psfs.calibration import Size, find_calibration, read_calibration
+from psfs.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
 from psfs.layouts.native import calibration_of
 from psfs.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from psfs.names import contains_name, name_tokens, natural_key
@@ -29,7 +30,7 @@ def _kind(path: Path) -> str:
     return "background" if words & _BACKGROUND_WORDS else "images"
 
 
-def _pictures(folder: Path, cameras: list[str]) -> dict[str, dict[str, list[Path]]]:
+def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[Path]]]:
     """Files by kind and camera."""
     found: dict[str, dict[str, list[Path]]] = {"images": {}, "masks": {}, "background": {}}
     for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
@@ -46,10 +47,9 @@ def _pictures(folder: Path, cameras: list[str]) -> dict[str, dict[str, list[Path
 def _read(folder: Path, settings: Settings) -> Footage:
     calibration = calibration_of(folder, settings)
 
-    def sizes(names: list[str]) -> list[tuple[int, int]]:
+    def sizes(names: Sequence[str]) -> list[Size]:
         kinds = _pictures(folder, names)
-        everything = {**kinds["masks"], **kinds["images"]}
-        return sizes_of(everything, folder, settings)(names)  # type: ignore[operator]
+        return measured_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
 
     rig = chosen(read_calibration(calibration, settings.unit, sizes), settings)
     notes = []

@@ -1,0 +1,74 @@
+"""Flags that say what `sequence.toml` says, for every command that reads a sequence."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from cl import UserError
+from psfs.commandline import frame_range
+from psfs.sequence import Sequence
+from psfs.settings import BACKGROUND_KINDS
+
+#: The flags that become overrides of `Sequence.open`.
+_KEYS = ("calibration", "unit", "up", "fps", "background", "threshold", "volume", "cameras")
+
+
+def add_sequence_flags(parser: argparse.ArgumentParser, frames: bool = True) -> None:
+    """The positional FOLDER and the flags; `frames` adds --frames."""
+    # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
+    # argument looks like a negative number, by this pattern.
+    parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
+    parser.add_argument("folder", metavar="FOLDER", help="folder with calibrated views")
+    group = parser.add_argument_group(
+        "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
+    )
+    group.add_argument("--calibration", metavar="PATH", help="calibration file or folder")
+    group.add_argument(
+        "--unit", metavar="U", help="unit of the calibration: m, cm, mm, 0.76mm or metres per unit"
+    )
+    group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
+    group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+    group.add_argument(
+        "--background", choices=BACKGROUND_KINDS, help="how silhouettes are told from the scene"
+    )
+    group.add_argument(
+        "--threshold", type=float, metavar="T", help="brightness 0..1 for --background threshold"
+    )
+    group.add_argument(
+        "--volume",
+        type=volume_box,
+        metavar="x0,x1,y0,y1,z0,z1",
+        help="the box to reconstruct, in metres with Z up",
+    )
+    group.add_argument(
+        "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="use only these"
+    )
+    if frames:
+        group.add_argument(
+            "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
+        )
+
+
+def volume_box(text: str) -> list[list[float]]:
+    """`x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
+    try:
+        x0, x1, y0, y1, z0, z1 = (float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no box; expected x0,x1,y0,y1,z0,z1 in metres"
+        ) from None
+    return [[x0, y0, z0], [x1, y1, z1]]
+
+
+def open_sequence(args: argparse.Namespace) -> Sequence:
+    """The sequence that the flags describe."""
+    return Sequence.open(args.folder, **{key: getattr(args, key) for key in _KEYS})
+
+
+def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
+    """The frame numbers of --frames, or all. Raises UserError if there is none such."""
+    chosen = range(len(sequence))[args.frames or slice(None)]
+    if not chosen:
+        raise UserError(f"--frames chooses none of the {len(sequence)} frames of {sequence.folder}")
+    return chosen

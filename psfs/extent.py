@@ -1,0 +1,59 @@
+"""Where a rig looks: the point where the optical axes meet and the box that cameras share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.camera import Camera, CameraRig
+
+_SAMPLES = 48
+
+
+def axes_meet(rig: CameraRig) -> np.ndarray:
+    """(3,) m: the point with the least sum of squared distances to the optical axes.
+
+    Solves sum_v (I - d d^T) (x - c) = 0, d the viewing direction, c the centre of camera v; for
+    one camera, or parallel ones, the least-norm correction to the mean camera centre.
+    """
+    middle = rig.centres.mean(axis=0)
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for camera in rig:
+        direction = camera.R[2]
+        across = np.eye(3) - np.outer(direction, direction)
+        A += across
+        b += across @ (camera.centre - middle)
+    return middle + np.linalg.lstsq(A, b, rcond=1e-6)[0]
+
+
+def sees(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """(N,) bool: which of the points (N, 3) m lie inside the camera's picture."""
+    pixels, depth = camera.project(points)
+    inside = (pixels > -0.5) & (pixels < np.array(camera.size) - 0.5)
+    return inside.all(axis=-1) & (depth > 0)
+
+
+def views_needed(rig: CameraRig) -> int:
+    """How many cameras must see a place for it to be worth reconstructing: three quarters."""
+    return max(1, -(-3 * len(rig) // 4))
+
+
+def seen_points(rig: CameraRig, needed: int) -> np.ndarray:
+    """(N, 3) m: points of a regular lattice that `needed` cameras see.
+
+    The lattice is centred where the axes meet and reaches as far as the farthest camera.
+    """
+    centre = axes_meet(rig)
+    reach = max(np.linalg.norm(rig.centres - centre, axis=1).max(), 1e-9)
+    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2 - 1
+    lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+    points = centre + reach * lattice
+    views = np.sum([sees(camera, points) for camera in rig], axis=0)
+    return points[views >= needed]
+
+
+def seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Low and high corner (3,) m of what `needed` cameras see, or None if there is nothing."""
+    points = seen_points(rig, needed)
+    if not len(points):
+        return None
+    return points.min(axis=0), points.max(axis=0)
