@@ -6,7 +6,8 @@ import numpy as np
 
 from psfs.camera import Camera, CameraRig
 
-_SAMPLES = 48
+#: Points along a side of the lattices; odd, so that the centre is one of them.
+_COARSE, _FINE = 21, 41
 
 
 def axes_meet(rig: CameraRig) -> np.ndarray:
@@ -38,17 +39,13 @@ def views_needed(rig: CameraRig) -> int:
 
 
 def seen_points(rig: CameraRig, needed: int) -> np.ndarray:
-    """(N, 3) m: points of a regular lattice that `needed` cameras see.
+    """(N, 3) m: points of a coarse regular lattice that `needed` cameras see.
 
     The lattice is centred where the axes meet and reaches as far as the farthest camera.
     """
     centre = axes_meet(rig)
     reach = max(np.linalg.norm(rig.centres - centre, axis=1).max(), 1e-9)
-    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2 - 1
-    lattice = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-    points = centre + reach * lattice
-    views = np.sum([sees(camera, points) for camera in rig], axis=0)
-    return points[views >= needed]
+    return _seen(rig, _lattice(centre - reach, centre + reach, _COARSE), needed)
 
 
 def seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -56,4 +53,17 @@ def seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | Non
     points = seen_points(rig, needed)
     if not len(points):
         return None
+    step = 2 * np.linalg.norm(rig.centres - axes_meet(rig), axis=1).max() / (_COARSE - 1)
+    finer = _lattice(points.min(axis=0) - step, points.max(axis=0) + step, _FINE)
+    points = np.concatenate([points, _seen(rig, finer, needed)])
     return points.min(axis=0), points.max(axis=0)
+
+
+def _lattice(low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
+    axes = [np.linspace(a, b, steps) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+
+def _seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
+    views = np.sum([sees(camera, points) for camera in rig], axis=0)
+    return points[views >= needed]

@@ -31,7 +31,8 @@ class CameraFacts:
 @dataclass(frozen=True)
 class SequenceInfo:
     """centre: (3,) m where the optical axes meet. shared: box (low, high) m that `needed`
-    cameras see, or None. extent: m between the rig's farthest cameras.
+    cameras see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or
+    left out when reading; warnings: what looks wrong.
     """
 
     cameras: list[CameraFacts]
@@ -45,6 +46,7 @@ class SequenceInfo:
     shared: tuple[np.ndarray, np.ndarray] | None
     needed: int
     extent: float
+    notes: list[str]
     warnings: list[str]
 
 
@@ -77,7 +79,8 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         shared=seen_box(rig, needed),
         needed=needed,
         extent=rig_extent(rig),
-        warnings=[*sequence.notes, *_count_warnings(sequence), *rig_warnings(rig)],
+        notes=sequence.notes,
+        warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
     )
 
 

@@ -24,6 +24,8 @@ def _run(args: argparse.Namespace) -> None:
     info = sequence_info(sequence)
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))
+    for note in info.notes:
+        stdout.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
     for warning in info.warnings:
         stdout.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
 

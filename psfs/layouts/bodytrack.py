@@ -10,6 +10,9 @@ from psfs.media import images_in
 from psfs.names import name_tokens, natural_key
 from psfs.settings import Settings
 
+#: The pelvis moves about 14 mm per frame, which fits a walk at 60 Hz; no file states it.
+_FPS = 60.0
+
 
 def _matches(folder: Path, settings: Settings) -> bool:
     return (folder / "CALIB").is_dir() and any(folder.glob("CAM*/"))
@@ -31,6 +34,8 @@ def _read(folder: Path, settings: Settings) -> Footage:
     calibration = folder / (settings.calibration or "CALIB")
     rig = chosen(read_rig(calibration, settings, images, folder / "CAM*"), settings)
     image_media, notes = assigned(rig, images, folder / "CAM*", settings)
+    if settings.fps == _FPS:
+        notes = [*notes, f"{_FPS:g} frames per second fit the walk; no file states them"]
     mask_media = None
     if masks:
         mask_media, remarks = assigned(rig, masks, folder / "FG*", settings)
@@ -38,5 +43,4 @@ def _read(folder: Path, settings: Settings) -> Footage:
     return Footage(rig, images=image_media, masks=mask_media, notes=notes)
 
 
-#: The README of the data: millimetres; the pelvis' speed fits 60 Hz, which no file states.
-BODYTRACK = Layout("bodytrack", _matches, _read, Settings(fps=60.0))
+BODYTRACK = Layout("bodytrack", _matches, _read, Settings(fps=_FPS))

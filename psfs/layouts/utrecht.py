@@ -9,6 +9,8 @@ from psfs.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_
 from psfs.names import natural_key
 from psfs.settings import Settings
 
+_UNIT = "0.76mm"
+
 
 def _matches(folder: Path, settings: Settings) -> bool:
     return any(folder.glob("cam*/config.xml"))
@@ -31,6 +33,11 @@ def _read(folder: Path, settings: Settings) -> Footage:
         rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
     rig = chosen(rig, settings)
     images, notes = assigned(rig, videos, where, settings)
+    if settings.unit == _UNIT:
+        notes = [
+            *notes,
+            f"the unit {_UNIT} comes from a board of 115 mm that measures 151: uncertain",
+        ]
     background = None
     if plates:
         background, remarks = assigned(
@@ -40,6 +47,6 @@ def _read(folder: Path, settings: Settings) -> Footage:
     return Footage(rig, images=images, background=background, notes=notes)
 
 
-#: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 units,
-#: but the boards in the pictures fit about 151, so that one unit is 115 mm / 151 = 0.76 mm.
-UTRECHT = Layout("utrecht", _matches, _read, Settings(unit="0.76mm", up="-z"))
+#: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 mm, but
+#: the boards in the pictures fit about 151 units, so that one unit is 115 mm / 151 = 0.76 mm.
+UTRECHT = Layout("utrecht", _matches, _read, Settings(unit=_UNIT, up="-z"))
