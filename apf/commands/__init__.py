@@ -1,0 +1,1 @@
+"""The subcommands of `apf`, one module each with `register(commands)`."""
