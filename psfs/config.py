@@ -20,7 +20,9 @@ class SilhouetteConfig:
     occlusion_prior: P(O) of Song et al. eq. (5).
     shadow_low, shadow_high: the background may be seen under a light dimmed or brightened by a
     factor alpha in this range; shadow_low = shadow_high = 1 switches shadows off.
-    shadow_width: standard deviation of alpha around 1; a pixel pays ((1 - alpha) / width)^2 / 2.
+    shadow_width_grey, shadow_width_colour: standard deviation of alpha around 1, before a grey
+    background and before one of full saturation, linear between: a grey wall under less light
+    looks like many clothes, a green carpet under less light like nothing else.
     """
 
     sigma_floor: float = 3.0
@@ -28,8 +30,9 @@ class SilhouetteConfig:
     clamp: float = 1e-3
     occlusion_prior: float = 0.5
     shadow_low: float = 0.5
-    shadow_high: float = 1.15
-    shadow_width: float = 0.15
+    shadow_high: float = 1.1
+    shadow_width_grey: float = 0.04
+    shadow_width_colour: float = 0.14
 
     def __post_init__(self) -> None:
         for name in ("foreground_prior", "occlusion_prior", "clamp"):
@@ -39,8 +42,17 @@ class SilhouetteConfig:
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
                 "expected 0 < low <= 1 <= high"
             )
-        for name in ("sigma_floor", "shadow_width"):
+        for name in ("sigma_floor", "shadow_width_grey", "shadow_width_colour"):
             _check_between(name, getattr(self, name), 0.0, np.inf)
+
+    def shadow_width(self, mean: np.ndarray) -> np.ndarray:
+        """Standard deviation (...) of the light factor before a background of colour (..., 3)."""
+        brightest = mean.max(-1)
+        saturation = (brightest - mean.min(-1)) / np.maximum(brightest, 1)
+        width: np.ndarray = self.shadow_width_grey + saturation * (
+            self.shadow_width_colour - self.shadow_width_grey
+        )
+        return width
 
     def evidence(self, likelihood: np.ndarray) -> np.ndarray:
         """What a pixel adds to the log-odds of a voxel seen there, nats.

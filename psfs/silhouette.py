@@ -54,7 +54,6 @@ class Silhouette:
             defines |= {
                 "SHADOW_LOW": float(config.shadow_low),
                 "SHADOW_HIGH": float(config.shadow_high),
-                "SHADOW_WEIGHT": float(config.shadow_width**-2),
                 "TABLE_LOW": TABLE_LOW,
                 "TABLE_STEP": TABLE_STEP,
                 "TABLE_SIZE": table.size,
@@ -74,10 +73,12 @@ class Silhouette:
 
 
 def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:
-    """(V, 7, H, W) float32: mean (3), 1 / sigma^2 (3), log of peak density over the uniform's."""
+    """(V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density over
+    the uniform foreground's, 1 / shadow_width^2."""
     sigma = np.maximum(background.std, config.sigma_floor).astype(np.float32)
     peak = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(-1)
-    planes = (background.mean, sigma**-2, peak[..., None])
+    shadow = config.shadow_width(background.mean) ** -2
+    planes = (background.mean, sigma**-2, peak[..., None], shadow[..., None])
     stacked = np.concatenate([np.moveaxis(plane, -1, 1) for plane in planes], axis=1)
     return np.ascontiguousarray(stacked, np.float32)
 

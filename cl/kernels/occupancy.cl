@@ -25,7 +25,7 @@ __kernel void occupancy(__global const float *restrict cameras,
         float2 pixel;
         camera_project(camera, px, py, pz, &pixel);
         const int at = camera_offset(camera, pixel, WIDTH);
-        const int counts = evidence[k * (WIDTH * HEIGHT) + max(at, 0)];
+        const int counts = evidence[k * (WIDTH * HEIGHT) + (at >= 0 ? at : 0)];
         sum += at >= 0 ? counts : 0;
         seeing += at >= 0;
     }

@@ -44,12 +44,10 @@ __kernel void boundary(__global const uchar *restrict silhouette,
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= WIDTH || y >= HEIGHT) return;
     __global const uchar *map = silhouette + (size_t)view * WIDTH * HEIGHT;
-    const int here = y * WIDTH + x, last = WIDTH * HEIGHT - 1;
+    const int here = y * WIDTH + x;
     const int width = sizes[view].x, height = sizes[view].y;
-    const int inside = map[here] & ((x > 0) ? map[max(here - 1, 0)] : 255) &
-                       ((x < width - 1) ? map[min(here + 1, last)] : 255) &
-                       ((y > 0) ? map[max(here - WIDTH, 0)] : 255) &
-                       ((y < height - 1) ? map[min(here + WIDTH, last)] : 255);
+    const int inside = map[x > 0 ? here - 1 : here] & map[x < width - 1 ? here + 1 : here] &
+                       map[y > 0 ? here - WIDTH : here] & map[y < height - 1 ? here + WIDTH : here];
     const int edge = (map[here] != 0) & (inside == 0);
     far[((size_t)view * (HEIGHT + 2 * RADIUS) + y + RADIUS) * WIDTH + x] = edge ? 0 : 255;
 }
@@ -63,7 +61,12 @@ __kernel void column_gap(__global const uchar *restrict far, __global uchar *res
     uchar nearest = RADIUS + 1;
 #pragma unroll
     for (int dy = -RADIUS; dy <= RADIUS; ++dy)
-        nearest = min(nearest, max(top[(dy + RADIUS) * WIDTH], (uchar)abs(dy)));
+    {
+        const uchar edge = top[(dy + RADIUS) * WIDTH];
+        const uchar reach = dy < 0 ? -dy : dy;
+        const uchar here = edge > reach ? edge : reach;
+        nearest = here < nearest ? here : nearest;
+    }
     gap[((size_t)view * HEIGHT + y) * (WIDTH + 2 * RADIUS) + x + RADIUS] = nearest;
 }
 
@@ -81,7 +84,8 @@ __kernel void edge_proximity(__global const uchar *restrict silhouette,
 #pragma unroll
     for (int dx = -RADIUS; dx <= RADIUS; ++dx) {
         const ushort g = left[dx + RADIUS];
-        squared = min(squared, (ushort)(g * g + dx * dx));
+        const ushort here = g * g + dx * dx;
+        squared = here < squared ? here : squared;
     }
     const size_t at = (size_t)view * WIDTH * HEIGHT + y * WIDTH + x;
     maps[at] = (uchar2)(silhouette[at], proximity[squared]);

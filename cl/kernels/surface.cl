@@ -29,14 +29,13 @@ __kernel void classify(__global const float *restrict probability, __global ucha
     const int at = (x * NY + y) * NZ + z;
     const int border = (x == 0) | (x == NX - 1) | (y == 0) | (y == NY - 1) |
                        (z == 0) | (z == NZ - 1);
-    // Clamped offsets keep border voxels from reading outside; `border` decides about them.
-    const int last = NX * NY * NZ - 1;
+    // Border voxels read themselves instead of what lies outside; `border` decides about them.
+#define NEAR(offset) probability[border ? at : at + (offset)]
     const float p = probability[at];
-    const float lowest = fmin(
-        fmin(fmin(probability[max(at - 1, 0)], probability[min(at + 1, last)]),
-             fmin(probability[max(at - NZ, 0)], probability[min(at + NZ, last)])),
-        fmin(probability[max(at - NY * NZ, 0)], probability[min(at + NY * NZ, last)]));
-    const int surface = border | !(lowest > THRESHOLD);
+    const int enclosed = (NEAR(-1) > THRESHOLD) & (NEAR(1) > THRESHOLD) &
+                         (NEAR(-NZ) > THRESHOLD) & (NEAR(NZ) > THRESHOLD) &
+                         (NEAR(-NY * NZ) > THRESHOLD) & (NEAR(NY * NZ) > THRESHOLD);
+    const int surface = border | !enclosed;
     kind[at] = p > THRESHOLD ? (surface ? SURFACE : INSIDE) : EMPTY;
 }
 

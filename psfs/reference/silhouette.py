@@ -44,11 +44,11 @@ def background_ratio(
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     sigma = np.maximum(std, config.sigma_floor).astype(np.float64)
     weight = sigma**-2
-    along = np.maximum((weight * mean**2).sum(-1), 1e-6)
+    along = (weight * mean**2).sum(-1) + 1e-6
     alpha = (weight * image * mean).sum(-1) / along
     alpha = np.clip(alpha, config.shadow_low, config.shadow_high)
     shaded = (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
-    shaded += ((1 - alpha) / config.shadow_width) ** 2
+    shaded += ((1 - alpha) / config.shadow_width(mean)) ** 2
     plain = (weight * (image - mean) ** 2).sum(-1)
     peak = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(-1)
     ratio: np.ndarray = peak - 0.5 * np.minimum(plain, shaded)
