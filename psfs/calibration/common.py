@@ -52,13 +52,13 @@ def numbers(words: Sequence[str], what: str) -> np.ndarray:
     return np.array(values)
 
 
-def array(value: Any, count: int, what: str) -> np.ndarray:
-    """`value` as `count` finite float64 numbers."""
+def array(value: Any, count: int | None, what: str) -> np.ndarray:
+    """`value` as `count` finite float64 numbers; None for any number of them."""
     try:
         flat = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError):
-        raise UserError(f"{what} is not a list of numbers; expected {count}") from None
-    if flat.size != count:
+        raise UserError(f"{what} is {value!r}; expected a list of numbers") from None
+    if count is not None and flat.size != count:
         raise UserError(f"{what} has {flat.size} numbers; expected {count}")
     if not np.isfinite(flat).all():
         raise UserError(f"{what} holds a number that is not finite")
@@ -71,10 +71,12 @@ def rotation_matrix(value: Any, what: str) -> np.ndarray:
     A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); others are
     passed on for `Camera` to refuse.
     """
-    flat = np.asarray(value, np.float64).ravel()
+    flat = array(value, None, what)
     if flat.size == 3:
-        return cv2.Rodrigues(array(flat, 3, what))[0]
-    R = array(flat, 9, what).reshape(3, 3)
+        return cv2.Rodrigues(flat)[0]
+    if flat.size != 9:
+        raise UserError(f"{what} has {flat.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)")
+    R = flat.reshape(3, 3)
     if np.abs(R @ R.T - np.eye(3)).max() < ROUNDING:
         left, _, right = np.linalg.svd(R)
         R = left @ right

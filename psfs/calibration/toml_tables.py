@@ -36,27 +36,28 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
             raise UserError("no camera tables; expected [name] with matrix, rotation, ...")
         if unit is None and any("world_position" in table for table in tables.values()):
             raise UserError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        cameras = [_camera(name, table, sizes) for name, table in tables.items()]
-        cameras.sort(key=lambda camera: natural_key(camera.name))
+        by_name = {str(table.get("name", key)): table for key, table in tables.items()}
+        if len(by_name) < len(tables):
+            raise UserError(f"camera names must differ; found {len(by_name)} in {len(tables)}")
+        names = sorted(by_name, key=natural_key)
+        if any("size" not in table for table in tables.values()):
+            for name, size in zip(names, sizes_for(names, sizes), strict=True):
+                by_name[name].setdefault("size", size)
+        cameras = [_camera(name, by_name[name]) for name in names]
         return in_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
-def _camera(table_name: str, table: dict[str, Any], sizes: Sizes) -> Camera:
-    name = table["name"] if isinstance(table.get("name"), str) else table_name
+def _camera(name: str, table: dict[str, Any]) -> Camera:
     if table.get("fisheye", False):
         raise UserError(f"camera {name}: fisheye = true; expected a pinhole camera")
     missing = [key for key in _NEEDED if key not in table]
     if missing:
         raise UserError(f"camera {name}: no {', '.join(missing)}")
-    if "size" in table:
-        width, height = array(table["size"], 2, f"camera {name}: size")
-    else:
-        width, height = sizes_for([name], sizes)[0]
-    coefficients = table["distortions"]
+    width, height = array(table["size"], 2, f"camera {name}: size")
     return Camera(
         name=name,
         K=array(table["matrix"], 9, f"camera {name}: matrix"),
-        distortion=array(coefficients, len(coefficients), f"camera {name}: distortions"),
+        distortion=array(table["distortions"], None, f"camera {name}: distortions"),
         R=rotation_matrix(table["rotation"], f"camera {name}: rotation"),
         t=array(table["translation"], 3, f"camera {name}: translation"),
         size=(int(width), int(height)),
