@@ -9,7 +9,7 @@ import numpy as np
 
 from cl import Device, NumpyDevice
 from psfs.camera import CameraRig
-from psfs.config import ReconstructionConfig
+from psfs.config import ReconstructionConfig, SilhouetteConfig
 from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.reconstruct import frame_input
 from psfs.reference.occupancy import occupancy
@@ -50,17 +50,21 @@ class NumpyReconstructor:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
         self.config = config or ReconstructionConfig()
 
-    def evidence(self, frame: Frame) -> np.ndarray:
-        """(V, H, W) int8 counts."""
-        pictures, config = frame_input(frame, self.background), self.config.silhouette
-        if self.background is None:
-            return mask_evidence(pictures, self.rig, config)
-        return silhouette_evidence(pictures, self.rig, self.background, config)
-
     def __call__(self, frame: Frame) -> NumpyVoxels:
         config = self.config.occupancy
+        evidence = frame_evidence(frame, self.rig, self.background, self.config.silhouette)
         step = self.config.silhouette.step
-        padded = occupancy(self.rig, self.grid, self.evidence(frame), step, config)
+        padded = occupancy(self.rig, self.grid, evidence, step, config)
         probability = smooth(padded)
         occupied = probability > config.threshold
         return NumpyVoxels(self.grid, probability, surface_voxels(occupied), int(occupied.sum()))
+
+
+def frame_evidence(
+    frame: Frame, rig: CameraRig, background: Background | None, config: SilhouetteConfig
+) -> np.ndarray:
+    """Evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
+    pictures = frame_input(frame, background)
+    if background is None:
+        return mask_evidence(pictures, rig, config)
+    return silhouette_evidence(pictures, rig, background, config)
