@@ -45,19 +45,19 @@ def draw_overlay(
     corners = outlines(camera, cones)
     drawn = np.ascontiguousarray(image).copy()
     thickness = max(1, round(min(camera.size) / 320))
+    distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (name, _fixed(quad))
-        for name, quad in zip(cone_names, corners, strict=True)
-        if np.isfinite(quad).all()
+        (_fixed(corners[i]), _colour(cone_names[i]))
+        for i in np.argsort(-distance)  # near ones are drawn over far ones
+        if np.isfinite(corners[i]).all()
     ]
     tint = drawn.copy()
-    for name, quad in visible:
-        cv2.fillConvexPoly(tint, cv2.convexHull(quad), _colour(name), cv2.LINE_AA, _BITS)
+    for quad, colour in visible:
+        cv2.fillConvexPoly(tint, cv2.convexHull(quad), colour, cv2.LINE_AA, _BITS)
     cv2.addWeighted(tint, 0.16, drawn, 0.84, 0, dst=drawn)
-    for extra, shadow in ((2, True), (0, False)):  # a dark rim keeps lines visible on any ground
-        for name, quad in visible:
-            colour = _SHADOW if shadow else _colour(name)
-            cv2.polylines(drawn, [quad], True, colour, thickness + extra, cv2.LINE_AA, _BITS)
+    for quad, colour in visible:  # a dark rim keeps the lines visible on any ground
+        cv2.polylines(drawn, [quad], True, _SHADOW, thickness + 2, cv2.LINE_AA, _BITS)
+        cv2.polylines(drawn, [quad], True, colour, thickness, cv2.LINE_AA, _BITS)
     _draw_skeleton(drawn, *camera.project(joints), edges, thickness)
     return drawn
 

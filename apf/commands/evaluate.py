@@ -49,6 +49,7 @@ def run(args: argparse.Namespace) -> None:
         evaluation = evaluate(track, truth)
     except UserError as error:
         raise UserError(f"{args.track} against {args.truth}: {error}") from None
+    print_evaluation(evaluation)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     wanted = [kind for kind in _FILES if getattr(args, kind)] or list(_FILES)
     written = []
@@ -62,7 +63,6 @@ def run(args: argparse.Namespace) -> None:
     if "json" in wanted:
         written.append(folder / "evaluation.json")
         evaluation.write_json(written[-1])
-    print_evaluation(evaluation)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
 
 
