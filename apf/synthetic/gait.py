@@ -1,0 +1,323 @@
+"""A procedural walk along a closed curve: footprints first, then the body above them.
+
+The feet are planned in the world (they stand still while they bear weight and roll over heel and
+ball), the legs follow by inverse kinematics, and the trunk, head and arms swing with the phase of
+the stride. Amplitudes are those of textbook gait analysis (Perry & Burnfield 2010), rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from apf.synthetic.skeleton import (
+    ANKLE_HEIGHT,
+    BALL_FORWARD,
+    BALL_HEIGHT,
+    HEEL_BACK,
+    HEEL_RADIUS,
+    SHIN,
+    THIGH,
+    Motion,
+    Skeleton,
+    rotation,
+)
+
+#: Share of the stride that a foot is on the floor, and the phase at which its ankle is below
+#: the hip (phase 0 is the foot's heel strike).
+STANCE, MIDSTANCE = 0.62, 0.245
+#: Pitch of the sole over one stride: (phase, degrees); positive = toes up.
+_PITCH = (
+    (0.0, 18.0), (0.09, 0.0), (0.34, 0.0), (0.50, -20.0), (0.62, -50.0), (0.69, -46.0),
+    (0.79, -16.0), (0.89, 8.0), (0.96, 18.0), (1.0, 18.0),
+)  # fmt: skip
+#: Forward speed of the foot just before it lands, as a share of the walking speed.
+_LANDING = 0.7
+#: The leg never stretches fully: a straight knee would snap from frame to frame.
+_REACH = 0.995
+
+
+@dataclass(frozen=True)
+class Walk:
+    """How a person walks. Lengths in m, angles in degrees, `stride` = two steps."""
+
+    height: float = 1.76
+    speed: float = 1.2
+    stride: float = 1.25
+    step_width: float = 0.10
+    path_radius: float = 1.2
+    path_wobble: float = 0.15
+    path_turn: float = 0.0
+    clockwise: bool = False
+    start_phase: float = 0.0
+    arm_swing: float = 22.0
+    elbow_bend: float = 20.0
+    trunk_twist: float = 7.0
+    pelvis_twist: float = 5.0
+    toe_out: float = 6.0
+    head_turn: float = 16.0
+
+    @classmethod
+    def varied(cls, seed: int, height: float) -> Walk:
+        """A person of the given stature who walks in a way of his own."""
+        rng = np.random.default_rng([seed, 1])
+        pace = (height / 1.76) ** 0.5 * rng.uniform(0.95, 1.05)
+        return cls(
+            height=height,
+            speed=1.2 * pace,
+            stride=1.25 * height / 1.76 * rng.uniform(0.97, 1.02),
+            step_width=rng.uniform(0.08, 0.12),
+            path_wobble=rng.uniform(0.08, 0.18),
+            path_turn=rng.uniform(0.0, 2 * np.pi),
+            clockwise=bool(rng.integers(2)),
+            start_phase=rng.uniform(0.0, 1.0),
+            arm_swing=rng.uniform(19.0, 25.0),
+            elbow_bend=rng.uniform(15.0, 24.0),
+            trunk_twist=rng.uniform(6.0, 9.0),
+            toe_out=rng.uniform(4.0, 9.0),
+            head_turn=rng.uniform(12.0, 20.0),
+        )
+
+
+class Path:
+    """A closed smooth curve on the floor around the origin, by arc length."""
+
+    def __init__(self, walk: Walk) -> None:
+        angle = np.linspace(0.0, 2 * np.pi, 4001)
+        radius = walk.path_radius * (
+            1
+            + walk.path_wobble * np.cos(2 * angle + 1.0)
+            + 0.3 * walk.path_wobble * np.cos(3 * angle)
+        )
+        direction = -1.0 if walk.clockwise else 1.0
+        bearing = direction * angle + walk.path_turn
+        self._xy = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], -1)
+        steps = np.diff(self._xy, axis=0)
+        self._s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+        middle = 0.5 * (self._s[1:] + self._s[:-1])
+        heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        lap = direction * 2 * np.pi
+        # The heading goes on over the seam of the closed curve.
+        before, after = middle[-1] - self.length, middle[0] + self.length
+        self._heading_s = np.concatenate([[before], middle, [after]])
+        self._heading = np.concatenate([[heading[-1] - lap], heading, [heading[0] + lap]])
+        self._lap = lap
+
+    @property
+    def length(self) -> float:
+        return float(self._s[-1])
+
+    def __call__(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (..., 2) m and unwrapped headings (...) rad at arc lengths s (...) m."""
+        laps, rest = np.divmod(s, self.length)
+        xy = np.stack([np.interp(rest, self._s, self._xy[:, k]) for k in (0, 1)], -1)
+        return xy, np.interp(rest, self._heading_s, self._heading) + laps * self._lap
+
+
+class Gait:
+    """`motion(times)`: the walker's bones at any times (s)."""
+
+    def __init__(self, walk: Walk) -> None:
+        self.walk = walk
+        self.skeleton = Skeleton(walk.height)
+        self.path = Path(walk)
+        self._pitch = PchipInterpolator(*np.array(_PITCH).T * [[1.0], [np.pi / 180]])
+        laps = np.linspace(0.0, self.path.length / walk.speed, 600)
+        self._hip_height = self._highest_pelvis(laps)
+
+    def motion(self, times: np.ndarray) -> Motion:
+        """World placement of all bones at `times` (F,) s."""
+        times = np.asarray(times, np.float64)
+        phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
+        root, local = self._trunk(times, phase)
+        for side, offset in (("l", 0.0), ("r", 0.5)):
+            self._swing_arm(local, side, phase + 0.5 - offset)
+        root[:, 2] += self._hip_height
+        upper = self.skeleton.forward(root, local)
+        for side, offset in (("l", 0.0), ("r", 0.5)):
+            self._place_leg(local, upper, side, phase + offset, offset)
+        return self.skeleton.forward(root, local)
+
+    # Trunk and arms -------------------------------------------------------------------------
+
+    def _trunk(
+        self, times: np.ndarray, phase: np.ndarray
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Pelvis positions (F, 3), height relative to `_hip_height`, and the trunk's rotations.
+
+        Phase 0 is the left heel strike."""
+        walk, deg, turn = self.walk, np.pi / 180, 2 * np.pi * phase
+        surge = 0.008 * walk.height / 1.76 * np.sin(2 * turn + 0.5)
+        xy, heading = self.path(walk.stride * (phase - walk.start_phase) + surge)
+        sway = 0.011 * walk.height * np.cos(turn - 2 * np.pi * 0.30)
+        left = np.stack([-np.sin(heading), np.cos(heading)], -1)
+        bob = 0.0120 * walk.height * np.cos(2 * (turn - 2 * np.pi * 0.30))
+        root = np.concatenate([xy + sway[:, None] * left, bob[:, None]], 1)
+
+        inward = -1.0 if walk.clockwise else 1.0  # lean into the curve
+        lean = -1.5 * inward * deg * np.ones_like(phase)
+        twist = -walk.pelvis_twist * deg * np.cos(turn)
+        list_ = 3.0 * deg * np.cos(turn - 2 * np.pi * 0.20)
+        counter = (walk.trunk_twist + walk.pelvis_twist) * deg * np.cos(turn - 0.2)
+        look = deg * walk.head_turn * np.sin(2 * np.pi * times / 3.7 + 5.0 * walk.start_phase)
+        nod = 2.0 * deg * np.sin(2 * turn + 0.8) + 2.5 * deg * np.sin(times * 1.3)
+        pitch = (3.0 + 1.2 * np.sin(2 * turn)) * deg
+        local = {
+            "pelvis": rotation("z", heading + twist)
+            @ rotation("x", lean + list_)
+            @ rotation("y", 3.0 * deg, len(phase)),
+            "spine": rotation("z", 0.45 * counter) @ rotation("x", -0.7 * list_),
+            "thorax": rotation("z", 0.55 * counter)
+            @ rotation("x", -0.6 * list_)
+            @ rotation("y", pitch - 2.0 * deg),
+            "neck": rotation("z", 0.4 * (look - counter - twist)) @ rotation("y", 7.0 * deg + nod),
+            "head": rotation("z", 0.6 * (look - counter - twist))
+            @ rotation("y", -9.0 * deg - 0.5 * nod),
+        }
+        return root, local
+
+    def _swing_arm(self, local: dict[str, np.ndarray], side: str, phase: np.ndarray) -> None:
+        """Arm angles; phase 0 is the heel strike of the other foot, when the arm is foremost."""
+        walk, deg = self.walk, np.pi / 180
+        out = 1.0 if side == "l" else -1.0
+        swing = np.cos(2 * np.pi * (phase - 0.02))
+        flexion = (4.0 + walk.arm_swing * swing) * deg
+        bend = (walk.elbow_bend + 11.0 * np.cos(2 * np.pi * (phase - 0.06))) * deg
+        count = len(phase)
+        local[f"{side}_upper_arm"] = (
+            rotation("x", out * (8.0 - 2.0 * swing) * deg)
+            @ rotation("y", -flexion)
+            @ rotation("z", -out * 14.0 * deg, count)
+        )
+        local[f"{side}_forearm"] = rotation("y", -bend) @ rotation("z", -out * 15 * deg, count)
+        local[f"{side}_hand"] = rotation("x", -out * 4 * deg, count) @ rotation(
+            "y", -(6.0 + 5.0 * swing) * deg
+        )
+
+    # Legs -----------------------------------------------------------------------------------
+
+    def _place_leg(
+        self,
+        local: dict[str, np.ndarray],
+        upper: Motion,
+        side: str,
+        phase: np.ndarray,
+        offset: float,
+    ) -> None:
+        """Bend hip, knee and ankle so that the foot stands where `_foot` wants it."""
+        skeleton, height = self.skeleton, self.walk.height
+        ankle, pitch, toe_pitch, heading = self._foot(side, phase, offset)
+        hip = upper.positions[:, skeleton.index(f"{side}_thigh")]
+        pelvis = upper.rotations[:, skeleton.index("pelvis")]
+        ahead = _ahead(heading) + pelvis[:, :, 0]
+        thigh, shin = _two_bones(hip, ankle, ahead, THIGH * height, SHIN * height)
+        facing = rotation("z", heading)
+        foot = facing @ rotation("y", -pitch)
+        local[f"{side}_thigh"] = pelvis.transpose(0, 2, 1) @ thigh
+        local[f"{side}_shin"] = thigh.transpose(0, 2, 1) @ shin
+        local[f"{side}_foot"] = shin.transpose(0, 2, 1) @ foot
+        local[f"{side}_toes"] = rotation("y", pitch - toe_pitch)
+
+    def _foot(
+        self, side: str, phase: np.ndarray, offset: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Ankle (F, 3) m, pitch of sole and toes (F,) rad, and heading (F,) rad of a foot."""
+        step, f = np.divmod(phase, 1.0)
+        pitch = self._pitch(f)
+        here, next_ = (self._footprint(side, step + k, offset) for k in (0.0, 1.0))
+        standing = self._stand(here, pitch)
+
+        u = np.clip((f - STANCE) / (1 - STANCE), 0.0, 1.0)
+        small = 1e-3
+        rate = (1 - STANCE) / small
+        pitches = self._pitch(np.array([STANCE - small, STANCE, 0.0, small]))
+        before, start = (self._stand(here, np.full_like(f, p)) for p in pitches[:2])
+        end, after = (self._stand(next_, np.full_like(f, p)) for p in pitches[2:])
+        landing = rate * (after - end)
+        landing[:, :2] += _LANDING * (1 - STANCE) * self.walk.stride * _ahead(next_[1])[:, :2]
+        flying = _hermite(start, rate * (start - before), end, landing, u[:, None])
+        flying[:, 2] += 0.022 * self.walk.height * np.sin(np.pi * u) ** 2
+
+        swings = f > STANCE
+        ankle = np.where(swings[:, None], flying, standing)
+        smooth = u * u * (3 - 2 * u)
+        heading = here[1] + smooth * (next_[1] - here[1])
+        # The toes stay flat while the heel rises and straighten early in the swing.
+        straight = np.where(swings, np.clip(u / 0.5, 0.0, 1.0), 0.0)
+        toe_pitch = np.where(pitch < 0, straight * pitch, pitch)
+        return ankle, pitch, toe_pitch, heading
+
+    def _footprint(
+        self, side: str, step: np.ndarray, offset: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where the ankle stands above the floor (F, 2) m and the foot's heading (F,) rad."""
+        walk = self.walk
+        out = 1.0 if side == "l" else -1.0
+        s = walk.stride * (step + MIDSTANCE - offset - walk.start_phase)
+        xy, heading = self.path(s)
+        left = np.stack([-np.sin(heading), np.cos(heading)], -1)
+        return xy + 0.5 * out * walk.step_width * left, heading + out * np.radians(walk.toe_out)
+
+    def _stand(self, footprint: tuple[np.ndarray, np.ndarray], pitch: np.ndarray) -> np.ndarray:
+        """Ankle (F, 3) of a foot on the floor that has rolled to `pitch` over heel or ball."""
+        height = self.walk.height
+        heel = height * np.array([-HEEL_BACK, 0.0, HEEL_RADIUS])
+        ball = height * np.array([BALL_FORWARD, 0.0, BALL_HEIGHT])
+        pivot = np.where(pitch[:, None] > 0, heel, ball)
+        ankle = np.array([0.0, 0.0, height * ANKLE_HEIGHT])
+        arm = np.einsum("fab,fb->fa", rotation("y", -pitch), ankle - pivot)
+        xy, heading = footprint
+        placed = np.einsum("fab,fb->fa", rotation("z", heading), pivot + arm)
+        placed[:, :2] += xy
+        return placed
+
+    def _highest_pelvis(self, times: np.ndarray) -> float:
+        """The largest height at which both legs reach their feet all along the path."""
+        phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
+        root, local = self._trunk(times, phase)
+        upper = self.skeleton.forward(root, local)
+        reach = _REACH * (THIGH + SHIN) * self.walk.height
+        highest = np.inf
+        for side, offset in (("l", 0.0), ("r", 0.5)):
+            hip = upper.positions[:, self.skeleton.index(f"{side}_thigh")]
+            ankle = self._foot(side, phase + offset, offset)[0]
+            across2 = np.sum((hip - ankle)[:, :2] ** 2, axis=1)
+            room = ankle[:, 2] + np.sqrt(np.maximum(reach**2 - across2, 0.0)) - hip[:, 2]
+            highest = min(highest, float(room.min()))
+        return highest
+
+
+def _ahead(heading: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], -1)
+
+
+def _hermite(
+    p0: np.ndarray, v0: np.ndarray, p1: np.ndarray, v1: np.ndarray, u: np.ndarray
+) -> np.ndarray:
+    """Cubic with values p0, p1 and slopes v0, v1 at u = 0, 1."""
+    u2, u3 = u * u, u * u * u
+    return (
+        (2 * u3 - 3 * u2 + 1) * p0
+        + (u3 - 2 * u2 + u) * v0
+        + (3 * u2 - 2 * u3) * p1
+        + (u3 - u2) * v1
+    )
+
+
+def _two_bones(
+    hip: np.ndarray, ankle: np.ndarray, ahead: np.ndarray, thigh: float, shin: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """World rotations (F, 3, 3) of thigh and shin from hip to ankle, knee bent towards `ahead`."""
+    reach = ankle - hip
+    length = np.linalg.norm(reach, axis=1, keepdims=True)
+    along = reach / length
+    length = np.minimum(length, thigh + shin)
+    pole = ahead - np.sum(ahead * along, axis=1, keepdims=True) * along
+    pole /= np.linalg.norm(pole, axis=1, keepdims=True)
+    cosine = np.clip((thigh**2 + length**2 - shin**2) / (2 * thigh * length), -1.0, 1.0)
+    to_knee = cosine * along + np.sqrt(1 - cosine**2) * pole
+    left = np.cross(-along, pole)
+    down = (length * along - thigh * to_knee) / shin
+    return tuple(np.stack([np.cross(left, -d), left, -d], -1) for d in (to_knee, down))  # type: ignore[return-value]

@@ -1,0 +1,180 @@
+"""Renders the synthetic scene on an OpenCL device, and adds what a sensor adds."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from apf.synthetic.body import Flesh
+from apf.synthetic.gait import Gait
+from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
+from apf.synthetic.skeleton import Motion
+from cl import Device, NumpyDevice, UserError
+from psfs.camera import CameraRig
+
+#: Texels of the floor's shadow map and their size, m.
+SHADOW_SIZE, SHADOW_STEP = 128, 0.04
+#: Side of the square tiles that primitives are sorted into, px.
+TILE = 16
+#: Rows and columns of noise kept to draw each frame's from.
+_NOISE_MARGIN = 64
+
+
+class Renderer:
+    """Pictures of a posed body in a room by every camera of a rig (all of one size).
+
+    Calls enqueue only; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
+    `depth` (V, H, W) float32 m are on the device.
+    """
+
+    def __init__(
+        self, device: Device, rig: CameraRig, furniture: Furniture, seed: int, primitives: int,
+        balls: int,
+    ) -> None:  # fmt: skip
+        self.rig = rig
+        self._device = device
+        views, height, width = len(rig), rig.height, rig.width
+        defines: dict[str, int | float] = {
+            "PRIMITIVES": primitives, "BALLS": balls, "POSTERS": len(furniture.posters),
+            "BOXES": len(furniture.boxes), "ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2],
+            "SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP, "WIDTH": width,
+            "HEIGHT": height, "VIEWS": views, "TILE": TILE, "TILES_X": -(-width // TILE),
+            "TILES_Y": -(-height // TILE),
+        }  # fmt: skip
+        shape = (views, height, width)
+        cameras = device.to_device(rig.packed())
+        palette = device.to_device(furniture.palette)
+        self.room = device.empty((*shape, 3), np.float32, "the empty room's pictures")
+        distance = device.empty(shape, np.float32, "the room's distances")
+        floor = device.empty((*shape, 2), np.float32, "the floor's points")
+        shadow = device.empty((SHADOW_SIZE, SHADOW_SIZE), np.float32)
+        self.picture = device.empty((*shape, 3), np.float32, "the pictures")
+        self.mask = device.empty(shape, np.uint8, "the masks")
+        self.depth = device.empty(shape, np.float32, "the depths")
+        self._primitives = device.empty((primitives, 32), np.float32)
+        self._balls = device.empty((balls, 4), np.float32)
+        tile_grid = (-(-width // TILE), -(-height // TILE), views)
+        tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
+        centre = np.zeros(2, np.float32)
+        grid, group = (width, height, views), (16, 4, 1)
+        device.launch(
+            device.kernel("scene", "empty_room", **defines), grid, group, cameras,
+            device.to_device(furniture.posters), device.to_device(furniture.boxes),
+            np.int32(seed), self.room, distance, floor,
+        )()  # fmt: skip
+        self._shadow = device.launch(
+            device.kernel("scene", "floor_shadow", **defines), (SHADOW_SIZE, SHADOW_SIZE), (16, 4),
+            self._balls, centre, shadow,
+        )  # fmt: skip
+        self._bin = device.launch(
+            device.kernel("scene", "bin_primitives", **defines), tile_grid, (4, 4, 1), cameras,
+            self._primitives, tiles,
+        )  # fmt: skip
+        self._render = device.launch(
+            device.kernel("scene", "render", **defines), grid, group, cameras, self._primitives,
+            tiles, palette, self.room, distance, floor, shadow, centre, self.picture,
+            self.mask, self.depth,
+        )  # fmt: skip
+        self._smooth = device.launch(
+            device.kernel("scene", "smooth_edges", **defines), grid, group, cameras,
+            self._primitives, tiles, palette, self.room, distance, floor, shadow, centre, self.mask,
+            self.picture,
+        )  # fmt: skip
+
+    def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
+        """primitives (P, 32) and balls (S, 4) float32 as packed by `Flesh`; centre (2,) m of the
+        floor's shadow map."""
+        self._primitives.set(primitives)
+        self._balls.set(balls)
+        centre = np.asarray(centre, np.float32)
+        self._bin()
+        for launch, index in ((self._shadow, 1), (self._render, 8), (self._smooth, 8)):
+            launch.set_arg(index, centre)
+            launch()
+
+
+def _centred(motion: Motion) -> Motion:
+    """The same motion with the walked piece of the path around the origin."""
+    trail = motion.positions[:, 0, :2]
+    shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
+    return Motion(motion.rotations, motion.positions + shift)
+
+
+class Sensor:
+    """Noise of the camera's chip: Gaussian, correlated over about a pixel, and a gain that
+    flickers from frame to frame. Any frame can be drawn in any order."""
+
+    def __init__(self, config: SceneConfig) -> None:
+        self.config = config
+        width, height = config.size
+        rng = np.random.default_rng([config.seed, 4])
+        field = rng.standard_normal(
+            (height + _NOISE_MARGIN, width + _NOISE_MARGIN, 6), dtype=np.float32
+        )
+        blurred: np.ndarray = cv2.GaussianBlur(field, (3, 3), 0.55)
+        self._field = blurred * np.float32(config.noise / blurred.std())
+
+    def expose(self, picture: np.ndarray, stream: int, index: int) -> np.ndarray:
+        """picture (V, H, W, 3) float32 -> (V, H, W, 3) uint8. `stream` tells recordings apart."""
+        rng = np.random.default_rng([self.config.seed, 5, stream, index])
+        out = np.empty(picture.shape, np.uint8)
+        height, width = picture.shape[1:3]
+        for view, image in enumerate(picture):
+            gain = np.float32(1 + self.config.flicker * rng.standard_normal())
+            noisy = gain * image
+            # Two shifted fields added are fresh noise for the price of an addition.
+            for layer in (0, 1):
+                y, x = rng.integers(0, _NOISE_MARGIN, 2)
+                field = self._field[y : y + height, x : x + width, 3 * layer : 3 * layer + 3]
+                noisy += np.float32(np.sqrt(0.5)) * field
+            np.clip(noisy + 0.5, 0, 255, out=noisy)
+            out[view] = noisy
+        return out
+
+
+class SyntheticScene:
+    """A person walking in a room, frame by frame, in memory; the same for the same seed.
+
+    `rig`; `joint_names`; `joints` (F, J, 3) m; `background_images` (V, H, W, 3) uint8 BGR without
+    noise; `background_frame(i)` with it. Raises UserError for the NumPy device.
+    """
+
+    def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
+        if isinstance(device, NumpyDevice):
+            raise UserError(
+                "the synthetic scene is rendered with OpenCL only; "
+                "expected --device auto, gpu, cpu or a device's name, found numpy"
+            )
+        self.config = config
+        self.rig = make_rig(config)
+        gait = Gait(config.walk)
+        motion = gait.motion(np.arange(config.frames) / config.fps)
+        self._motion = _centred(motion)
+        self.joints = gait.skeleton.joints(self._motion)
+        self.joint_names = gait.skeleton.joint_names
+        self._flesh = Flesh(gait.skeleton)
+        self._sensor = Sensor(config)
+        primitives, balls, _ = self.posed(0)
+        self.renderer = Renderer(
+            device, self.rig, make_furniture(config.seed), config.seed, len(primitives), len(balls)
+        )
+        self._empty = self.renderer.room.get()
+        self.background_images = np.clip(self._empty + 0.5, 0, 255).astype(np.uint8)
+
+    def __len__(self) -> int:
+        return self.config.frames
+
+    def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The renderer's arguments for frame `index`: primitives, balls, middle of the shadow."""
+        primitives = self._flesh.packed(self._motion, index)
+        return primitives, self._flesh.balls(primitives), self.joints[index, 0, :2]
+
+    def frame(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255, joints (J, 3) m."""
+        self.renderer(*self.posed(index))
+        images = self._sensor.expose(self.renderer.picture.get(), 0, index)
+        return images, self.renderer.mask.get(), self.joints[index]
+
+    def background_frame(self, index: int) -> np.ndarray:
+        """(V, H, W, 3) uint8 BGR of the empty room, noise included."""
+        return self._sensor.expose(self._empty, 1, index)

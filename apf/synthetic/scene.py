@@ -1,0 +1,217 @@
+"""What the synthetic scene consists of: cameras around a furnished room, colours, a walk."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from apf.synthetic.gait import Walk
+from cl import UserError
+from psfs.camera import Camera, CameraRig
+
+#: Half width, half depth and height of the room, m.
+ROOM = (4.7, 4.9, 4.8)
+#: Styles that `box_colour` in scene.cl knows.
+WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """A synthetic sequence. size: (width, height) px; height: stature, m; noise: sigma of the
+    sensor, grey levels; flicker: relative standard deviation of each frame's gain. Raises
+    UserError if a value makes no sense."""
+
+    cameras: int = 4
+    frames: int = 60
+    fps: float = 30.0
+    size: tuple[int, int] = (640, 480)
+    seed: int = 1
+    noise: float = 2.5
+    flicker: float = 0.01
+    height: float = 1.76
+
+    def __post_init__(self) -> None:
+        checks = (
+            ("cameras", self.cameras, 1 <= self.cameras <= 64, "1 to 64"),
+            ("frames", self.frames, self.frames >= 1, "at least 1"),
+            ("fps", self.fps, 1 <= self.fps <= 1000, "1 to 1000"),
+            ("size", self.size, min(self.size) >= 32 and max(self.size) <= 8192, "32 to 8192 px"),
+            ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("noise", self.noise, 0 <= self.noise <= 50, "0 to 50 grey levels"),
+            ("flicker", self.flicker, 0 <= self.flicker <= 0.2, "0 to 0.2"),
+            ("height", self.height, 1.2 <= self.height <= 2.2, "1.2 to 2.2 m"),
+        )
+        for name, value, fits, expected in checks:
+            if not fits:
+                raise UserError(f"synthetic scene: {name} {value}; expected {expected}")
+
+    @property
+    def walk(self) -> Walk:
+        return Walk.varied(self.seed, self.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Furniture:
+    """What stands and hangs in the room, packed for scene.cl.
+
+    boxes: (B, 8) float32 low xyz, high xyz (m), style, hue. posters: (N, 8) float32 wall 0-3,
+    middle along the wall, middle height, half width, half height (m), style, hue, 0.
+    palette: (9, 3) float32 linear BGR per region of the body, then the shirt's second colour.
+    """
+
+    boxes: np.ndarray
+    posters: np.ndarray
+    palette: np.ndarray
+
+
+def make_rig(config: SceneConfig) -> CameraRig:
+    """Cameras on a ring of about 4 m, 1.7-2.6 m high, looking at the middle at about 1 m."""
+    rng = np.random.default_rng([config.seed, 2])
+    start = rng.uniform(0.0, 2 * np.pi)
+    spacing = 2 * np.pi / config.cameras
+    heights = np.linspace(1.75, 2.55, config.cameras)[rng.permutation(config.cameras)]
+    cameras = []
+    for i in range(config.cameras):
+        bearing = start + spacing * (i + rng.uniform(-0.08, 0.08))
+        radius = rng.uniform(3.95, 4.3)
+        centre = np.array(
+            [
+                radius * np.cos(bearing),
+                radius * np.sin(bearing),
+                heights[i] + rng.uniform(-0.05, 0.05),
+            ]
+        )
+        target = np.array([0.0, 0.0, 0.95]) + rng.uniform(-0.08, 0.08, 3)
+        cameras.append(_camera(f"cam{i + 1:02d}", centre, target, config.size, rng))
+    return CameraRig(tuple(cameras))
+
+
+def _camera(
+    name: str,
+    centre: np.ndarray,
+    target: np.ndarray,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+) -> Camera:
+    forward = (target - centre) / np.linalg.norm(target - centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    roll = math.radians(rng.uniform(-1.2, 1.2))
+    down = np.cross(forward, right)
+    right, down = (
+        math.cos(roll) * right + math.sin(roll) * down,
+        math.cos(roll) * down - math.sin(roll) * right,
+    )
+    R = np.stack([right, down, forward])
+    # Through the Rodrigues vector and back: what the calibration file says is what we render.
+    R = cv2.Rodrigues(np.round(cv2.Rodrigues(R)[0].ravel(), 10))[0]
+    focal = 600.0 / 640.0 * max(size[0], size[1] * 4 / 3) * rng.uniform(0.98, 1.02)
+    offset = rng.uniform(-0.01, 0.01, 2) * size
+    K = np.array(
+        [
+            [focal, 0.0, round((size[0] - 1) / 2 + offset[0], 6)],
+            [0.0, focal * rng.uniform(0.998, 1.002), round((size[1] - 1) / 2 + offset[1], 6)],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    distortion = np.round(
+        [rng.uniform(-0.10, -0.05), rng.uniform(0.01, 0.02), *rng.uniform(-4e-4, 4e-4, 2), 0.0], 8
+    )
+    return Camera(name, np.round(K, 8), distortion, R, np.round(-R @ centre, 10), size)
+
+
+def make_furniture(seed: int) -> Furniture:
+    """A room furnished and a person dressed by the seed."""
+    rng = np.random.default_rng([seed, 3])
+    boxes = []
+    for wall in range(4):
+        boxes += _along_wall(wall, rng)
+    posters = [row for wall in range(4) for row in _posters(wall, rng)]
+    return Furniture(np.array(boxes, np.float32), np.array(posters, np.float32), _palette(rng))
+
+
+def _along_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
+    """Furniture at one wall, low enough for the cameras to look over it."""
+    reach, side = (ROOM[0], ROOM[1]) if wall % 2 == 0 else (ROOM[1], ROOM[0])
+    out = []
+
+    def put(along: float, width: float, depth: float, low: float, high: float, style: int,
+            hue: float = 0.0, gap: float = 0.02) -> None:  # fmt: skip
+        near, far = reach - gap - depth, reach - gap
+        if wall >= 2:
+            near, far = -far, -near
+        x0, x1, y0, y1 = near, far, along - width / 2, along + width / 2
+        if wall % 2 == 1:
+            x0, x1, y0, y1 = y0, y1, x0, x1
+        out.append([x0, y0, low, x1, y1, high, style, hue])
+
+    middle = rng.uniform(-0.6, 0.6)
+    if wall == 0:  # a sofa
+        hue = rng.uniform()
+        put(middle, 1.9, 0.80, 0.0, 0.42, CLOTH, hue)
+        put(middle, 1.9, 0.22, 0.42, 0.82, CLOTH, hue)
+        for end in (-1.0, 1.0):
+            put(middle + end * 0.95, 0.20, 0.80, 0.0, 0.60, CLOTH, hue)
+    elif wall == 1:  # book shelves
+        put(middle - 0.7, 1.0, 0.28, 0.0, 1.40, BOOKS)
+        put(middle + 0.5, 1.0, 0.28, 0.0, 1.06, BOOKS)
+    elif wall == 2:  # a cupboard with boxes on it
+        put(middle, 1.6, 0.50, 0.0, 0.80, WOOD)
+        put(middle - 0.4, 0.42, 0.34, 0.80, 1.06, CARDBOARD, gap=0.08)
+    else:  # a table
+        put(middle, 1.4, 0.75, 0.70, 0.75, WOOD)
+        for end in (-1.0, 1.0):
+            put(middle + end * 0.62, 0.06, 0.65, 0.0, 0.70, WOOD, gap=0.07)
+    corner = side - rng.uniform(0.55, 0.8)
+    size = rng.uniform(0.45, 0.65)
+    put(corner, size, size * 0.9, 0.0, size * 0.8, CARDBOARD, gap=0.15)
+    put(corner + 0.03, size * 0.6, size * 0.5, size * 0.8, size * 1.25, CARDBOARD, gap=0.22)
+    return out
+
+
+def _posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
+    side = ROOM[1] if wall % 2 == 0 else ROOM[0]
+    rows = []
+    for slot in np.linspace(-0.68, 0.68, 4):
+        half_width, half_height = rng.uniform(0.28, 0.62), rng.uniform(0.30, 0.52)
+        middle = slot * side + rng.uniform(-0.15, 0.15)
+        height = rng.uniform(1.75, 2.05)
+        rows.append(
+            [wall, middle, height, half_width, half_height, rng.integers(4), rng.uniform(), 0]
+        )
+    return rows
+
+
+def _palette(rng: np.random.Generator) -> np.ndarray:
+    """Linear BGR per region (the order of body.py), then the shirt's stripes."""
+    shirts = (
+        ((0.060, 0.085, 0.32), (0.62, 0.64, 0.66)),
+        ((0.34, 0.17, 0.06), (0.55, 0.58, 0.60)),
+        ((0.10, 0.26, 0.07), (0.50, 0.60, 0.58)),
+        ((0.50, 0.52, 0.55), (0.22, 0.09, 0.05)),
+        ((0.09, 0.35, 0.52), (0.10, 0.09, 0.09)),
+    )
+    trousers = (
+        (0.145, 0.080, 0.048),
+        (0.060, 0.058, 0.062),
+        (0.13, 0.20, 0.26),
+        (0.10, 0.13, 0.11),
+    )
+    skins = ((0.25, 0.36, 0.62), (0.17, 0.27, 0.48), (0.08, 0.14, 0.28))
+    hairs = ((0.018, 0.024, 0.035), (0.030, 0.055, 0.10), (0.10, 0.20, 0.32))
+    shirt, stripes = shirts[rng.integers(len(shirts))]
+    rows = [
+        shirt,
+        trousers[rng.integers(len(trousers))],
+        skins[rng.integers(len(skins))],
+        hairs[rng.integers(len(hairs))],
+        (0.050, 0.045, 0.050),  # shoes
+        (0.45, 0.46, 0.47),  # socks
+        (0.50, 0.52, 0.53),  # soles
+        (0.03, 0.03, 0.03),  # eyes
+        stripes,
+    ]
+    return np.array(rows, np.float32)
