@@ -62,7 +62,7 @@ def _plot_frames(axes: Axes, evaluation: Evaluation) -> None:
         axes.plot(frames, values, color=colour, lw=0.7, alpha=0.45, marker=marker, ms=2)
     axes.plot(frames, mean, color=_INK, lw=2.2, marker=marker, ms=4, zorder=5)
     # The scale follows the joints, but one wild joint must not flatten all the others.
-    top = max(np.nanpercentile(errors, 99.5) * 1.15, 1.6 * mean.max(), 10.0)
+    top = max(np.nanpercentile(errors, 99.5) * 1.2, 1.6 * mean.max(), 10.0)
     axes.set_ylim(0, top)
     _mark_lost(axes, top)
     _name_lost(axes, evaluation, top)
@@ -137,17 +137,17 @@ def _plot_joints(axes: Axes, evaluation: Evaluation) -> None:
     axes.bar(place, mean, width=0.62, color=[SIDE_COLOURS[side_of(n)] for n in names], alpha=0.85)
     axes.vlines(place, mean, high, color=_FAINT, lw=1.1, label="up to the 95th percentile")
     axes.hlines(constant, place - 0.31, place + 0.31, color=_INK, lw=1.6, label="constant part")
-    for x, value in zip(place, mean, strict=True):
+    for x, value, tick in zip(place, mean, constant, strict=True):
         axes.annotate(
             f"{value:.0f}",
-            (x, value),
+            (x, np.nanmax([value, tick])),
             xytext=(3, 2),
             textcoords="offset points",
             fontsize=8.5,
             color=_INK,
         )
     axes.set_xticks(place, [_readable(name) for name in names], rotation=30, ha="right")
-    axes.set_ylim(0, max(1.12 * high.max(), 1.0))
+    axes.set_ylim(0, max(1.2 * high.max(), 1.0))
     axes.set_title("Per joint (bar: mean; black tick: constant in the body's frame)")
     axes.set_ylabel("error, mm")
     axes.grid(axis="y", color="#DDDDDD", lw=0.6)
