@@ -19,8 +19,8 @@
 #define FAR 1e6f
 
 // Where the two lamps hang and how strong they are (display-linear units).
-__constant float LAMPS[8] = {1.6f, -1.9f, 4.6f, 0.78f, -2.1f, 1.4f, 4.3f, 0.50f};
-#define LAMP_RADIUS 0.24f
+__constant float LAMPS[8] = {1.6f, -1.9f, 4.6f, 0.56f, -2.1f, 1.4f, 4.3f, 0.36f};
+#define LAMP_RADIUS 0.32f
 
 // Rays -------------------------------------------------------------------------------------------
 
@@ -192,7 +192,7 @@ inline float trace(__global const float *primitives, __global const uchar *tile,
 inline float lighting(float3 p, float3 n, float open)
 {
     // Bounced light comes from all sides, more from above.
-    float light = open * (0.46f + 0.18f * n.z);
+    float light = open * (0.58f + 0.22f * n.z);
     for (int i = 0; i < 2; ++i) {
         const float3 to = (float3)(LAMPS[4 * i], LAMPS[4 * i + 1], LAMPS[4 * i + 2]) - p;
         const float d2 = dot(to, to);
@@ -525,7 +525,7 @@ __kernel void floor_shadow(__global const float *balls, const float2 centre,
         const float3 c = (float3)(balls[4 * b], balls[4 * b + 1], balls[4 * b + 2]) - p;
         const float radius = balls[4 * b + 3];
         const float d2 = fmax(dot(c, c), radius * radius);
-        covered += 0.55f * radius * radius * fmax(c.z, 0.0f) * rsqrt(d2) / d2;
+        covered += 0.45f * radius * radius * fmax(c.z, 0.0f) * rsqrt(d2) / d2;
         for (int k = 0; k < 2; ++k) {
             const float at = dot(c, to[k]);
             if (at <= 0.0f) continue;
@@ -535,7 +535,7 @@ __kernel void floor_shadow(__global const float *balls, const float2 centre,
         }
     }
     const float open = exp(-covered);
-    const float ambient = 0.64f;
+    const float ambient = 0.80f;
     const float full = ambient + light[0] + light[1];
     const float rim = fmax(fabs((float)i - half_size), fabs((float)j - half_size)) / half_size;
     const float factor = (ambient * open + light[0] * seen[0] + light[1] * seen[1]) / full;
