@@ -58,7 +58,8 @@ class Cone:
     """A tapered cylinder fixed to a bone: end centres (3,) m and radii m in the bone's frame.
 
     Its section is an ellipse: the radius is scaled by `scale` along `side` and along
-    axis x side.
+    axis x side. in_images: False for a part that only explains voxels near it (a foot, say) and
+    is neither looked for in the images nor drawn.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Cone:
     radii: tuple[float, float]
     side: np.ndarray
     scale: tuple[float, float]
+    in_images: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,7 @@ class BodyModel:
 
     dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard
     deviation of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
-    edges: joint pairs to draw.
+    edges: joint pairs to draw. apart: pairs of cones that must not lie in each other.
     """
 
     name: str
@@ -98,6 +100,7 @@ class BodyModel:
     sigma: np.ndarray
     rest_pose: np.ndarray
     edges: tuple[tuple[int, int], ...]
+    apart: tuple[tuple[int, int], ...] = ()
 
     @property
     def n_dof(self) -> int:
@@ -198,7 +201,7 @@ def _parse(data: dict[str, Any]) -> BodyModel:
         for e in data["joint"]
     )
     joint_names = [joint.name for joint in joints]
-    edges = [tuple(_index(joint_names, n, "joint") for n in pair) for pair in data["edges"]]
+    cone_names = [cone.name for cone in cones]
     limits = np.array([dof.get("limits", (-np.inf, np.inf)) for dof in dofs], float)
     if np.any(limits[:, 0] >= limits[:, 1]):
         wrong = dofs[int(np.argmax(limits[:, 0] >= limits[:, 1]))]["name"]
@@ -216,7 +219,8 @@ def _parse(data: dict[str, Any]) -> BodyModel:
         upper=limits[:, 1],
         sigma=sigma,
         rest_pose=np.array([dof.get("rest", 0.0) for dof in dofs], float),
-        edges=tuple((a, b) for a, b in edges),
+        edges=_pairs(data["edges"], joint_names, "joint"),
+        apart=_pairs(data.get("apart", []), cone_names, "cone"),
     )
 
 
@@ -239,7 +243,14 @@ def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
         (float(entry["radii"][0]), float(entry["radii"][1])),
         side / np.linalg.norm(side),
         (float(scale[0]), float(scale[1])),
+        bool(entry.get("in_images", True)),
     )
+
+
+def _pairs(
+    entries: Sequence[Sequence[str]], names: Sequence[str], what: str
+) -> tuple[tuple[int, int], ...]:
+    return tuple((_index(names, a, what), _index(names, b, what)) for a, b in entries)
 
 
 def _vector(values: Any) -> np.ndarray:

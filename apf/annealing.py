@@ -1,0 +1,99 @@
+"""The particle set on the device: diffusion, exponent, resampling, mean (kernel: annealing.cl)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from cl import Array, Device, Launch
+
+_GROUP = 128
+
+
+class ParticleSet:
+    """Particles, their weights and parents, all on the device.
+
+    `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
+    the host reads after a frame: mean (D), deviation (D), then per layer effective sample size,
+    beta and least error.
+    """
+
+    def __init__(self, device: Device, body: BodyModel, config: FilterConfig) -> None:
+        self.device = device
+        self.config = config
+        self.n_dof = body.n_dof
+        n = config.n_particles
+        self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
+        self.weights = device.empty((n,), np.float32, "the weights")
+        self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
+        self._cumulative = device.empty((n,), np.float32, "the weights")
+        self._parents = device.empty((n,), np.int32, "the parents")
+        self._frame = device.zeros((1,), np.uint32)
+        self._sigma = device.to_device(body.sigma.astype(np.float32))
+        limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
+        self._limits = device.to_device(limits)
+        self._seed = np.array([config.seed & 0xFFFFFFFF, config.seed >> 32], np.uint32)
+
+    def start(self, pose: np.ndarray) -> None:
+        """All particles at `pose` (D,), frame number 0."""
+        n = self.config.n_particles
+        for poses in self.sets:
+            poses.set(np.tile(pose.astype(np.float32), (n, 1)))
+        self._parents.set(np.arange(n, dtype=np.int32))
+        self._frame.fill(0)
+
+    def diffuse(self, layer: int, source: int) -> Launch:
+        """Draw the parents of set `source` and spread them by the layer's noise into the other."""
+        return self.device.launch(
+            self._kernel("diffuse"),
+            (self.n_dof, self.config.n_particles),
+            None,
+            np.int32(self.config.n_particles),
+            np.int32(layer),
+            np.float32(self.config.layer_noise[layer]),
+            np.float32(self.config.spread if layer > 0 else 0.0),
+            self._seed,
+            self._frame,
+            self._sigma,
+            self._limits,
+            self.result,
+            self._parents,
+            self.sets[source],
+            self.sets[1 - source],
+        )
+
+    def anneal(self, layer: int, errors: Array) -> Launch:
+        """Weights from `errors` (N,) at the layer's survival rate, and the next parents."""
+        return self.device.launch(
+            self._kernel("anneal"),
+            (_GROUP,),
+            (_GROUP,),
+            np.int32(self.config.n_particles),
+            np.int32(layer),
+            np.float32(self.config.survival_rates[layer]),
+            self._seed,
+            self._frame,
+            errors,
+            self.weights,
+            self._cumulative,
+            self._parents,
+            self.result,
+        )
+
+    def estimate(self, source: int, end_of_frame: bool) -> Launch:
+        """Weighted mean and deviation of set `source`."""
+        return self.device.launch(
+            self._kernel("estimate"),
+            (self.n_dof * _GROUP,),
+            (_GROUP,),
+            np.int32(self.config.n_particles),
+            np.int32(end_of_frame),
+            self._frame,
+            self.weights,
+            self.sets[source],
+            self.result,
+        )
+
+    def _kernel(self, name: str) -> object:
+        return self.device.kernel("annealing", name, GROUP=_GROUP, N_DOF=self.n_dof)

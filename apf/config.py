@@ -1,0 +1,82 @@
+"""The tracker's settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cl import UserError
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """Settings of the annealed particle filter; the defaults are Song et al.'s where they say.
+
+    n_particles, n_layers: size of the search. first_survival, last_survival: effective sample
+    size over number of particles that the exponent beta of the first and the last layer reaches,
+    linear in between. noise: scale of the body's sigma in the first layer; noise_decay: its
+    factor from layer to layer; spread: where positive, noise after the first layer is at most this
+    times the set's own deviation. edge_weight, silhouette_weight: of Song et al. eq. (14) and (15);
+    surface_weight: of the share of surface voxels that the cones leave unexplained, counted once
+    per camera; overlap_weight: of the depth to which parts that must stay apart meet, likewise; both
+    are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is
+    half unexplained; n_points: surface voxels that are looked at. sample_spacing: distance, m,
+    between samples on a cone.
+    """
+
+    n_particles: int = 200
+    n_layers: int = 10
+    first_survival: float = 0.5
+    last_survival: float = 0.05
+    noise: float = 1.0
+    noise_decay: float = 0.8
+    spread: float = 0.0
+    edge_weight: float = 2.0
+    silhouette_weight: float = 1.0
+    surface_weight: float = 4.0
+    overlap_weight: float = 4.0
+    surface_scale: float = 0.05
+    n_points: int = 1024
+    sample_spacing: float = 0.04
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.n_particles < 2 or self.n_layers < 1 or self.n_points < 1:
+            raise UserError(
+                f"{self.n_particles} particles, {self.n_layers} layers, {self.n_points} points; "
+                "expected at least 2, 1 and 1"
+            )
+        for name in ("first_survival", "last_survival"):
+            rate = getattr(self, name)
+            if not 1 / self.n_particles < rate < 1:
+                raise UserError(
+                    f"{name} is {rate}; expected between 1 / n_particles = "
+                    f"{1 / self.n_particles:.3g} and 1"
+                )
+        positive = ("noise", "noise_decay", "surface_scale", "sample_spacing")
+        negative = [name for name in positive if not getattr(self, name) > 0]
+        weights = ("spread", "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
+        negative += [name for name in weights if not getattr(self, name) >= 0]
+        if negative:
+            raise UserError(
+                f"{negative[0]} is {getattr(self, negative[0])}; expected a positive number"
+            )
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(4,) float32 weights of edge, silhouette, surface and overlap error."""
+        return np.array(
+            [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
+            np.float32,
+        )
+
+    @property
+    def survival_rates(self) -> np.ndarray:
+        """(n_layers,) target of each layer."""
+        return np.linspace(self.first_survival, self.last_survival, self.n_layers)
+
+    @property
+    def layer_noise(self) -> np.ndarray:
+        """(n_layers,) factor of sigma with which the particles of each layer are spread."""
+        return self.noise * self.noise_decay ** np.arange(self.n_layers)

@@ -1,0 +1,103 @@
+"""The first pose: read from a file, or fitted to 3-D joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from apf.body import BodyModel
+from apf.reference.kinematics import posed_joints
+from cl import UserError
+
+#: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
+#: an angle's distance from rest, rad. The last two only decide what the joints leave open.
+_JOINT_SIGMA, _SCALE_SIGMA, _ANGLE_SIGMA = 0.01, 0.3, 3.0
+
+
+def read_pose(path: Path, body: BodyModel) -> np.ndarray:
+    """The first pose (D,) m, rad of a text file with one value per degree of freedom.
+
+    Raises UserError naming the file if it is missing, not numbers, or of another body.
+    """
+    try:
+        values = np.array(path.read_text().split(), np.float64)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise UserError(f"{path}: expected numbers only: {error}") from None
+    if values.size < body.n_dof or not np.isfinite(values).all():
+        raise UserError(
+            f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
+            f"one per degree of freedom of {body.name}"
+        )
+    return values[: body.n_dof]
+
+
+def fit_to_joints(
+    body: BodyModel, joints: Mapping[str, np.ndarray]
+) -> tuple[BodyModel, np.ndarray, float]:
+    """Body with bone lengths scaled to `joints` (name -> (3,) m), its pose (D,), rms error m.
+
+    Least squares over pose and one scale per bone (left and right share one), from four headings.
+    Radii grow with the mean length. Raises UserError if fewer than 8 known joints are given.
+    """
+    names = [
+        name for name in body.joint_names if name in joints and np.isfinite(joints[name]).all()
+    ]
+    if len(names) < 8:
+        raise UserError(
+            f"{len(names)} known joints to start from ({', '.join(names) or 'none'}); "
+            f"expected at least 8 of: {', '.join(body.joint_names)}"
+        )
+    target = np.stack([joints[name] for name in names])
+    chosen = [body.joint_names.index(name) for name in names]
+    groups = body.scale_groups
+    free = np.clip(body.rest_pose, body.lower, body.upper)
+    angular = np.array([not n.rsplit(".", 1)[1].startswith("t") for n in body.dof_names])
+
+    def unpack(x: np.ndarray) -> tuple[BodyModel, np.ndarray]:
+        scales = np.exp(x[body.n_dof :])
+        return body.scaled(dict(zip(groups, scales, strict=True))), x[: body.n_dof]
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        scaled, pose = unpack(x)
+        reached = posed_joints(scaled, pose[None])[0, chosen]
+        return np.concatenate(
+            [
+                ((reached - target) / _JOINT_SIGMA).ravel(),
+                x[body.n_dof :] / _SCALE_SIGMA,
+                (pose - body.rest_pose)[angular] / _ANGLE_SIGMA,
+            ]
+        )
+
+    lower = np.concatenate([body.lower, np.full(len(groups), -1.0)])
+    upper = np.concatenate([body.upper, np.full(len(groups), 1.0)])
+    best = None
+    for heading in np.arange(4) * np.pi / 2:
+        pose = _root_at(body, free, target.mean(0), heading)
+        start = np.concatenate([pose, np.zeros(len(groups))])
+        solution = least_squares(
+            residuals, np.clip(start, lower + 1e-9, upper - 1e-9), bounds=(lower, upper)
+        )
+        if best is None or solution.cost < best.cost:
+            best = solution
+    assert best is not None
+    scaled, pose = unpack(best.x)
+    error = float(np.sqrt(np.mean(np.sum((posed_joints(scaled, pose[None])[0, chosen] - target) ** 2, -1))))
+    scales = dict(zip(groups, np.exp(best.x[body.n_dof :]), strict=True))
+    girth = float(np.mean(list(scales.values())))
+    return body.scaled(scales, radii=girth), pose, error
+
+
+def _root_at(body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float) -> np.ndarray:
+    """`pose` moved so that its joints' mean is `centre` and turned by `heading` about z."""
+    pose = pose.copy()
+    root = {axis.kind: axis.dof for axis in body.bones[0].axes}
+    pose[root["rz"]] += heading
+    offset = centre - posed_joints(body, pose[None])[0].mean(0)
+    for kind, value in zip(("tx", "ty", "tz"), offset, strict=True):
+        pose[root[kind]] += value
+    return pose

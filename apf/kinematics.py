@@ -1,0 +1,71 @@
+"""Forward kinematics of all particles on the device (kernel: kinematics.cl)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body import AXES, BodyModel
+from apf.reference.kinematics import CONE_FLOATS
+from cl import Array, Device
+
+#: Place in a cone's row where the kernel finds the number of its bone.
+_BONE_PLACE = 11
+
+
+class Kinematics:
+    """Poses the body's cones for `n_particles` pose vectors.
+
+    `cones` is the device array (N, C, CONE_FLOATS) that `launch(poses)` fills.
+    """
+
+    def __init__(self, device: Device, body: BodyModel, n_particles: int) -> None:
+        self.device = device
+        self.body = body
+        self.n_particles = n_particles
+        self._tables = [device.to_device(table, "the body model") for table in pack_body(body)]
+        shape = (n_particles, len(body.cones), CONE_FLOATS)
+        self.cones = device.empty(shape, np.float32, "the posed cones")
+
+    def launcher(self, poses: Array) -> list:
+        """The launches that pose all cones of `poses` (N, D) float32, arguments set."""
+        kernel = self.device.kernel(
+            "kinematics",
+            "pose_cones",
+            N_DOF=self.body.n_dof,
+            N_BONES=len(self.body.bones),
+            N_CONES=len(self.body.cones),
+        )
+        return [
+            self.device.launch(
+                kernel,
+                (self.n_particles,),
+                (16,),
+                np.int32(self.n_particles),
+                poses,
+                *self._tables,
+                self.cones,
+            )
+        ]
+
+
+def pack_body(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The tables of kinematics.cl: bones, their fixed parts, free axes, cones."""
+    bones, fixed, axes = [], [], []
+    for bone in body.bones:
+        bones.append((bone.parent, len(axes), len(bone.axes), 0))
+        fixed.append(np.concatenate([bone.rest.ravel(), bone.offset]))
+        axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
+    cones = np.zeros((len(body.cones), CONE_FLOATS), np.float32)
+    for row, cone in zip(cones, body.cones, strict=True):
+        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+        row[0:3], row[3] = cone.start, cone.radii[0]
+        row[4:7], row[7] = cone.end, cone.radii[1]
+        row[8:11] = cone.side / cone.scale[0]
+        row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
+        row[_BONE_PLACE] = cone.bone
+    return (
+        np.array(bones, np.int32),
+        np.array(fixed, np.float32),
+        np.array(axes, np.int32).reshape(-1, 4),
+        cones,
+    )

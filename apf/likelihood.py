@@ -1,0 +1,115 @@
+"""Errors of all particles against the voxels on the device (kernel: likelihood.cl)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from cl import Array, Device, Launch
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+
+_GROUP = 64
+
+
+def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
+    """(C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for those that
+    are not looked for in the images."""
+    rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
+    columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
+    sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), (4, 3)).astype(np.int32)
+    sampling[[not cone.in_images for cone in body.cones]] = 0
+    return sampling
+
+
+class Likelihood:
+    """Scores posed cones against reprojected voxels (maps) and surface voxels.
+
+    `errors` is the device array (N,) float32 that the launches of `launcher` fill: -log weight
+    at exponent 1, Song et al. eq. (16) with the sign put right. `rig` is that of the maps.
+    """
+
+    def __init__(
+        self, device: Device, body: BodyModel, rig: CameraRig, config: FilterConfig
+    ) -> None:
+        self.device = device
+        self.rig = rig
+        self.config = config
+        self.n_cones = len(body.cones)
+        n, v = config.n_particles, len(rig)
+        sampling = cone_sampling(body, config.sample_spacing)
+        self._sampling = device.to_device(sampling, "the cones' samples")
+        self._n_pairs = len(body.apart)
+        pairs = np.array(body.apart or [(0, 0)], np.int32)
+        self._pairs = device.to_device(pairs, "the parts that stay apart")
+        self._cameras = device.to_device(rig.packed(), "the cameras")
+        self._sums = device.empty((v, n, self.n_cones, 4), np.float32, "the image errors")
+        self._points = device.empty((config.n_points, 4), np.float32, "the surface samples")
+        self._surface_errors = device.zeros((n,), np.float32, "the surface errors")
+        self.errors = device.empty((n,), np.float32, "the errors")
+
+    def surface_launch(self, grid: VoxelGrid, surface: Array, count: Array) -> Launch:
+        """Picks the surface voxels of the frame to look at; once per frame."""
+        origin_size = np.array([*grid.origin, grid.voxel_size], np.float32)
+        return self.device.launch(
+            self._kernel("sample_surface"),
+            (self.config.n_points,),
+            (_GROUP,),
+            np.int32(self.config.n_points),
+            count,
+            surface,
+            np.int32(grid.shape[1]),
+            np.int32(grid.shape[2]),
+            origin_size,
+            self._points,
+        )
+
+    def launcher(self, cones: Array, maps: Array) -> list[Launch]:
+        """The launches that score `cones` (N, C, 16) against `maps` (V, H, W, 2) uint8."""
+        n, v = np.int32(self.config.n_particles), np.int32(len(self.rig))
+        launches = [
+            self.device.launch(
+                self._kernel("score_images"),
+                (int(n) * self.n_cones, int(v)),
+                (_GROUP, 1),
+                n,
+                np.int32(self.rig.width),
+                np.int32(self.rig.height),
+                cones,
+                self._cameras,
+                maps,
+                self._sampling,
+                self._sums,
+            ),
+            self.device.launch(
+                self._kernel("score_surface"),
+                (int(n) * _GROUP,),
+                (_GROUP,),
+                np.int32(self.config.n_points),
+                np.float32(self.config.surface_scale),
+                self._points,
+                cones,
+                self._surface_errors,
+            ),
+            self.device.launch(
+                self._kernel("total_errors"),
+                (int(n),),
+                (_GROUP,),
+                n,
+                v,
+                np.int32(self._n_pairs),
+                self.config.weights,
+                cones,
+                self._pairs,
+                self._sums,
+                self._surface_errors,
+                self.errors,
+            ),
+        ]
+        if self.config.surface_weight == 0:
+            del launches[1]
+        return launches
+
+    def _kernel(self, name: str) -> object:
+        return self.device.kernel("likelihood", name, N_CONES=self.n_cones, GROUP=_GROUP)

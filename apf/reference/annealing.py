@@ -1,0 +1,54 @@
+"""Exponent, weights, resampling and diffusion of a particle set. Twin of annealing.cl."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_LOG2_BETA_LIMIT = 20.0
+_BISECTIONS = 40
+
+
+def effective_size(errors: np.ndarray, beta: float) -> float:
+    """(sum w)^2 / sum w^2 of w = exp(-beta (errors - min))."""
+    weights = np.exp(-beta * (errors - errors.min()))
+    return float(weights.sum() ** 2 / np.sum(weights**2))
+
+
+def annealing_exponent(errors: np.ndarray, survival_rate: float) -> float:
+    """beta at which the effective sample size is `survival_rate` of the set (Deutscher & Reid
+    2005), by bisection of its logarithm."""
+    low, high = -_LOG2_BETA_LIMIT, _LOG2_BETA_LIMIT
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if effective_size(errors, 2.0**middle) > survival_rate * len(errors):
+            low = middle
+        else:
+            high = middle
+    return float(2.0 ** (0.5 * (low + high)))
+
+
+def normalised_weights(errors: np.ndarray, beta: float) -> np.ndarray:
+    """(N,) weights exp(-beta errors), summing to 1."""
+    weights = np.exp(-beta * (errors - errors.min()))
+    return weights / weights.sum()
+
+
+def systematic_parents(weights: np.ndarray, offset: float) -> np.ndarray:
+    """(N,) parents drawn by systematic resampling at (i + offset) / N."""
+    positions = (np.arange(len(weights)) + offset) / len(weights)
+    parents = np.searchsorted(np.cumsum(weights), positions, side="right")
+    return np.minimum(parents, len(weights) - 1)
+
+
+def diffuse(
+    poses: np.ndarray,
+    parents: np.ndarray,
+    noise: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> np.ndarray:
+    """Children (N, D): parents plus noise (N, D), reflected at the limits (Song et al. eq. 11)."""
+    children = poses[parents] + noise
+    children = np.where(children < lower, 2 * lower - children, children)
+    children = np.where(children > upper, 2 * upper - children, children)
+    return np.clip(children, lower, upper)

@@ -1,0 +1,116 @@
+"""The annealed particle filter over voxels (Song et al. 2.3; Deutscher & Reid 2005)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from apf.annealing import ParticleSet
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.kinematics import Kinematics
+from apf.likelihood import Likelihood
+from cl import Device, Launch, NumpyDevice, UserError
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+from psfs.reconstruct import Voxels
+from psfs.reprojection import Reprojection
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One frame's result.
+
+    pose, deviation: (D,) weighted mean and standard deviation of the last layer's particles.
+    ess, beta, least_error: (n_layers,) effective sample size, exponent, error of the best particle.
+    """
+
+    pose: np.ndarray
+    deviation: np.ndarray
+    ess: np.ndarray
+    beta: np.ndarray
+    least_error: np.ndarray
+
+
+class AnnealedParticleFilter:
+    """Tracks `body` through voxel clouds of `grid`, seen by `rig`.
+
+    `start(pose)` once, then `step(voxels)` per frame. A frame's layers are enqueued without
+    waiting for the host; only the estimate comes back. Twin: reference/tracker.py.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        config: FilterConfig | None = None,
+    ) -> None:
+        config = config or FilterConfig()
+        self.device = device
+        self.body = body
+        self.config = config
+        self.grid = grid
+        self._reprojection = Reprojection(device, rig, grid)
+        self._kinematics = Kinematics(device, body, config.n_particles)
+        self._likelihood = Likelihood(device, body, rig, config)
+        self._particles = ParticleSet(device, body, config)
+        # With an odd number of layers, frames end in alternating sets.
+        self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
+        self._n_frames = 0
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles at `pose` (D,)."""
+        self._particles.start(checked_pose(self.body, pose))
+        self._n_frames = 0
+
+    def step(self, voxels: Voxels) -> Estimate:
+        """Track one frame further."""
+        self._reprojection(voxels)
+        self._likelihood.surface_launch(self.grid, voxels.surface, voxels.count)()
+        for launch in self._layers[self._n_frames % 2]:
+            launch()
+        self._n_frames += 1
+        return unpacked(self._particles.result.get(), self.body.n_dof)
+
+    def _frame_launches(self, source: int) -> list[Launch]:
+        launches: list[Launch] = []
+        for layer in range(self.config.n_layers):
+            launches.append(self._particles.diffuse(layer, source))
+            source = 1 - source
+            launches += self._kinematics.launcher(self._particles.sets[source])
+            launches += self._likelihood.launcher(self._kinematics.cones, self._reprojection.maps)
+            launches.append(self._particles.anneal(layer, self._likelihood.errors))
+            last = layer == self.config.n_layers - 1
+            launches.append(self._particles.estimate(source, end_of_frame=last))
+        return launches
+
+
+def tracker_for(device: Device | NumpyDevice, *args: Any, **kwargs: Any) -> Any:
+    """The tracker of `device`: OpenCL's, or its twin for `--device numpy`."""
+    if isinstance(device, NumpyDevice):
+        from apf.reference.tracker import NumpyAnnealedParticleFilter
+
+        return NumpyAnnealedParticleFilter(device, *args, **kwargs)
+    return AnnealedParticleFilter(device, *args, **kwargs)
+
+
+def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """`pose` as (D,) float64 within the limits of `body`; UserError if it cannot be one."""
+    pose = np.asarray(pose, np.float64)
+    if pose.shape != (body.n_dof,) or not np.isfinite(pose).all():
+        raise UserError(
+            f"the initial pose has shape {pose.shape}; expected {body.n_dof} finite values "
+            f"for the body {body.name}"
+        )
+    return np.clip(pose, body.lower, body.upper)
+
+
+def unpacked(result: np.ndarray, n_dof: int) -> Estimate:
+    """What `ParticleSet.result` holds, as an Estimate."""
+    result = result.astype(np.float64)
+    ess, beta, least_error = result[2 * n_dof :].reshape(-1, 3).T
+    return Estimate(result[:n_dof], result[n_dof : 2 * n_dof], ess, beta, least_error)
