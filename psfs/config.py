@@ -25,13 +25,13 @@ class SilhouetteConfig:
     looks like many clothes, a green carpet under less light like nothing else.
     """
 
-    sigma_floor: float = 3.0
+    sigma_floor: float = 2.5
     foreground_prior: float = 0.5
-    clamp: float = 1e-3
+    clamp: float = 0.02
     occlusion_prior: float = 0.5
     shadow_low: float = 0.5
     shadow_high: float = 1.1
-    shadow_width_grey: float = 0.04
+    shadow_width_grey: float = 0.03
     shadow_width_colour: float = 0.14
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class OccupancyConfig:
     """
 
     prior: float = 0.5
-    threshold: float = 0.5
+    threshold: float = 0.55
     min_cameras: int | None = None
 
     def __post_init__(self) -> None:

@@ -1,0 +1,123 @@
+"""Voxel clouds on disk, binary PLY and NPZ, and free of debris."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from cl import UserError
+from psfs.files import written_whole
+from psfs.grid import VoxelCloud, VoxelGrid
+
+#: Parts of a cloud with fewer voxels than this share of the largest part's are debris.
+DEBRIS_SHARE = 0.05
+
+_POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_PLY_TYPES = {"<f4": "float", "u1": "uchar"}
+
+
+def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
+    """Only the connected parts with at least `share` of the largest part's surface voxels.
+
+    Voxels are connected that share a corner. The volume keeps counting all occupied voxels,
+    less the voxels that are dropped. share: 0 keeps everything, 1 the largest part only.
+    """
+    if not len(cloud) or share <= 0:
+        return cloud
+    flags = np.zeros(cloud.grid.shape, bool)
+    flags.ravel()[cloud.indices] = True
+    labels, _ = ndimage.label(flags, np.ones((3, 3, 3)))
+    label = labels.ravel()[cloud.indices]
+    sizes = np.bincount(label)
+    kept = sizes[label] >= share * sizes.max()
+    return replace(
+        cloud,
+        indices=cloud.indices[kept],
+        probability=cloud.probability[kept],
+        colour=None if cloud.colour is None else cloud.colour[kept],
+        volume=cloud.volume - float((~kept).sum()) * cloud.grid.voxel_size**3,
+    )
+
+
+def write_cloud(cloud: VoxelCloud, stem: Path) -> None:
+    """Write `stem`.ply and `stem`.npz."""
+    write_ply(cloud, stem.with_suffix(".ply"))
+    write_npz(cloud, stem.with_suffix(".npz"))
+
+
+def write_ply(cloud: VoxelCloud, path: Path) -> None:
+    """Binary PLY of the voxels' centres: metres, Z up (said in a comment), with the property
+    `probability`, and red, green, blue if the cloud is coloured."""
+    colours = _COLOUR if cloud.colour is not None else []
+    columns = [*_POSITION, *colours, ("probability", "<f4")]
+    vertices = np.zeros(len(cloud), columns)
+    for axis, values in zip("xyz", cloud.centres.T, strict=True):
+        vertices[axis] = values
+    if cloud.colour is not None:
+        for (name, _), values in zip(_COLOUR, cloud.colour.T, strict=True):
+            vertices[name] = values
+    vertices["probability"] = cloud.probability
+    properties = [f"property {_PLY_TYPES[kind]} {name}" for name, kind in columns]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment psfs-apf voxel centres; unit metre; right-handed, Z up",
+        f"comment voxel_size {cloud.grid.voxel_size:.9g}",
+        f"element vertex {len(cloud)}",
+        *properties,
+        "end_header",
+    ]
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        file.write(("\n".join(header) + "\n").encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def read_ply(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a binary PLY's vertices by name. Raises UserError if it is none of ours."""
+    data = path.read_bytes()
+    head, mark, body = data.partition(b"end_header\n")
+    words = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    if not mark or words[:2] != [["ply"], ["format", "binary_little_endian", "1.0"]]:
+        raise UserError(f"{path}: expected a binary little-endian PLY file")
+    kinds = {name: kind for kind, name in _PLY_TYPES.items()}
+    count = next((int(w[2]) for w in words if w[:2] == ["element", "vertex"]), 0)
+    try:
+        columns = np.dtype([(w[2], kinds[w[1]]) for w in words if w and w[0] == "property"])
+        vertices = np.frombuffer(body, columns, count)
+    except (KeyError, ValueError) as error:
+        raise UserError(f"{path}: not {count} vertices as its header says ({error})") from error
+    return {name: vertices[name] for name in columns.names or ()}
+
+
+def write_npz(cloud: VoxelCloud, path: Path) -> None:
+    """Everything of a VoxelCloud, under the names of its fields and its grid's."""
+    arrays = {
+        "origin": cloud.grid.origin,
+        "voxel_size": np.array(cloud.grid.voxel_size),
+        "shape": np.array(cloud.grid.shape),
+        "indices": cloud.indices,
+        "probability": cloud.probability,
+        "volume": np.array(cloud.volume),
+    }
+    if cloud.colour is not None:
+        arrays["colour"] = cloud.colour
+    with written_whole(path) as temporary:
+        np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
+
+
+def read_npz(path: Path) -> VoxelCloud:
+    """Inverse of `write_npz`. Raises UserError if the file is absent, cut short or another's."""
+    try:
+        with np.load(path) as file:
+            nx, ny, nz = (int(n) for n in file["shape"])
+            grid = VoxelGrid(file["origin"], float(file["voxel_size"]), (nx, ny, nz))
+            colour = file.get("colour")
+            volume = float(file["volume"])
+            return VoxelCloud(grid, file["indices"], file["probability"], colour, volume)
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise UserError(f"{path}: not a voxel cloud of `psfs reconstruct` ({error})") from error

@@ -1,0 +1,186 @@
+"""A picture of a voxel cloud: shaded views from around it, and its outline in the input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from psfs.camera import CameraRig
+from psfs.grid import VoxelCloud
+from psfs.reference.reprojection import voxel_silhouette
+from psfs.reprojection import footprints
+from psfs.sequence import Frame
+
+#: Azimuth and elevation of the views, degrees.
+VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
+_PANEL = (300, 420)  # width, height of a view, px
+_SUPERSAMPLING = 2
+_BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
+_CLAY = np.array([150, 178, 205], np.float32)
+_OUTLINE = (60, 220, 60)
+_INK = (90, 80, 70)
+
+
+def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
+    """(h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
+    the outline of the reprojected cloud is drawn."""
+    views = np.hstack([shaded_view(cloud, azimuth, up, _PANEL) for azimuth, up in VIEWS])
+    pictures = _picture_row(cloud, rig, frame, views.shape[1])
+    edge = cloud.grid.voxel_size
+    text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
+    if cloud.volume:
+        text += f"   volume {cloud.volume * 1e3:.3g} l"
+    cv2.putText(views, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
+    return np.vstack([views, pictures])
+
+
+def shaded_view(
+    cloud: VoxelCloud, azimuth: float, elevation: float, size: tuple[int, int]
+) -> np.ndarray:
+    """(h, w, 3) uint8 BGR orthographic view of the cloud, `size` = (width, height) px.
+
+    azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
+    the horizon. Voxels are splatted into a z-buffer and lit by their estimated normals.
+    """
+    size = (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING)
+    if not len(cloud):
+        picture = np.broadcast_to(_BACKDROP, (size[1], size[0], 3)).copy()
+    else:
+        view = _View.around(cloud, azimuth, elevation, size)
+        nearest = _z_buffer(cloud, view, size)
+        picture = _lit(cloud, view, nearest)
+    small = cv2.resize(picture, None, fx=1 / _SUPERSAMPLING, fy=1 / _SUPERSAMPLING,
+                       interpolation=cv2.INTER_AREA)  # fmt: skip
+    return np.clip(small, 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class _View:
+    """Orthographic: rows of `axes` are right, down and away from the viewer; px per m."""
+
+    axes: np.ndarray
+    centre: np.ndarray
+    scale: float
+    middle: np.ndarray
+
+    @classmethod
+    def around(
+        cls, cloud: VoxelCloud, azimuth: float, elevation: float, size: tuple[int, int]
+    ) -> _View:
+        a, e = np.radians([azimuth, elevation])
+        away = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        axes = np.stack([right, np.cross(away, right), away])
+        points = cloud.centres
+        low, high = points.min(0), points.max(0)
+        # One scale for all azimuths: the box turned about the vertical.
+        across = float(np.linalg.norm((high - low)[:2]))
+        tall = float(high[2] - low[2]) * np.cos(e) + across * np.sin(e)
+        extent = np.array([across, tall]) + 4 * cloud.grid.voxel_size
+        scale = 0.86 * float(np.min(np.array(size) / extent))
+        return cls(axes, (low + high) / 2, scale, np.array(size) * [0.5, 0.52])
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turned = (points - self.centre) @ self.axes.T
+        return turned[:, :2] * self.scale + self.middle, turned[:, 2]
+
+
+def _z_buffer(cloud: VoxelCloud, view: _View, size: tuple[int, int]) -> np.ndarray:
+    """(h, w) number of the voxel nearest to the viewer, or -1."""
+    pixels, depth = view.project(cloud.centres)
+    order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
+    half = 0.75 * cloud.grid.voxel_size * view.scale
+    reach = np.arange(-int(np.ceil(half)), int(np.ceil(half)) + 1)
+    dy, dx = np.meshgrid(reach, reach, indexing="ij")
+    disc = dx**2 + dy**2 <= half**2 + 1
+    corner = np.rint(pixels[order]).astype(int)
+    column = corner[:, :1] + dx[disc]
+    row = corner[:, 1:] + dy[disc]
+    inside = (column >= 0) & (row >= 0) & (column < size[0]) & (row < size[1])
+    nearest = np.full((size[1], size[0]), -1)
+    nearest[row[inside], column[inside]] = np.broadcast_to(order[:, None], row.shape)[inside]
+    return nearest
+
+
+def _lit(cloud: VoxelCloud, view: _View, nearest: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left."""
+    normals = normals_of(cloud) @ view.axes.T
+    seen = nearest >= 0
+    field = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
+    # Normals flow from voxel to voxel, which hides their steps.
+    width = max(1.0, 0.8 * cloud.grid.voxel_size * view.scale)
+    field = cv2.GaussianBlur(field, (0, 0), width)
+    field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
+    key = np.clip(field @ _unit(-0.5, -0.6, -0.65), 0, None)
+    fill = np.clip(field @ _unit(0.8, -0.1, -0.5), 0, None)
+    light = 0.34 + 0.66 * key + 0.16 * fill
+    base = _CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
+    return np.where(seen[..., None], base * light[..., None], _BACKDROP).astype(np.float32)
+
+
+def normals_of(cloud: VoxelCloud) -> np.ndarray:
+    """(N, 3) outward unit normals of the surface voxels, from the slope of the smoothed solid."""
+    solid = np.pad(np.zeros(cloud.grid.shape, bool), 2)
+    i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
+    solid[i + 2, j + 2, k + 2] = True
+    smooth = ndimage.gaussian_filter(ndimage.binary_fill_holes(solid).astype(np.float32), 1.5)
+    slope = np.stack([g[i + 2, j + 2, k + 2] for g in np.gradient(smooth)], -1)
+    normals: np.ndarray = -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
+    return normals
+
+
+def outlined(
+    picture: np.ndarray, silhouette: np.ndarray, colour: tuple[int, int, int] = _OUTLINE
+) -> np.ndarray:
+    """`picture` (h, w, 3) with the outline of `silhouette` (h, w) bool drawn on it."""
+    contours, _ = cv2.findContours(
+        silhouette.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+    )
+    drawn = picture.copy()
+    width = max(1, round(picture.shape[1] / 400))
+    cv2.drawContours(drawn, contours, -1, colour, width, cv2.LINE_AA)
+    return drawn
+
+
+def _picture_row(cloud: VoxelCloud, rig: CameraRig, frame: Frame, width: int) -> np.ndarray:
+    """Up to six of the frame's pictures with the cloud's outline, filling `width` px."""
+    chosen = np.unique(np.linspace(0, len(rig) - 1, min(6, len(rig))).round().astype(int))
+    extents = footprints(rig, cloud.grid.voxel_size)
+    panels = []
+    for view in chosen:
+        camera = rig[int(view)]
+        columns, rows = camera.size
+        stack = frame.images if frame.images is not None else frame.masks
+        assert stack is not None
+        picture = stack[view, :rows, :columns]
+        if picture.ndim == 2:
+            picture = cv2.cvtColor(picture // 2, cv2.COLOR_GRAY2BGR)
+        silhouette = voxel_silhouette(camera, cloud.centres, extents[view], (rows, columns))
+        panel = outlined(picture, silhouette)
+        cell = width // len(chosen)
+        panel = cv2.resize(
+            panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA
+        )
+        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3)
+        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
+        panels.append(panel)
+    height = max(panel.shape[0] for panel in panels)
+    row = np.zeros((height, width, 3), np.uint8)
+    row[:] = _BACKDROP.astype(np.uint8)
+    left = 0
+    for panel in panels:
+        row[: panel.shape[0], left : left + panel.shape[1]] = panel
+        left += panel.shape[1]
+    return row
+
+
+def _unit(x: float, y: float, z: float) -> np.ndarray:
+    vector = np.array([x, y, z], np.float32)
+    return vector / np.float32(np.linalg.norm(vector))
+
+
+def _length(metres: float) -> str:
+    return f"{metres * 100:.3g} cm" if metres >= 0.01 else f"{metres * 1000:.3g} mm"

@@ -1,0 +1,72 @@
+"""Voxel clouds written and read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scenes
+import trimesh
+
+from cl import UserError
+from psfs.clouds import read_npz, read_ply, without_debris, write_cloud
+from psfs.grid import VoxelCloud
+from psfs.reference.surface import surface_voxels
+
+
+def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
+    grid = scenes.small_grid()
+    occupied = scenes.solid(grid.centres()).reshape(grid.shape)
+    if speck:
+        occupied[0, 0, :2] = True
+    indices = surface_voxels(occupied)
+    random = np.random.default_rng(1)
+    colours = random.integers(0, 255, (len(indices), 3)).astype(np.uint8) if colour else None
+    probability = random.uniform(0.5, 1, len(indices)).astype(np.float32)
+    return VoxelCloud(grid, indices, probability, colours, occupied.sum() * 0.06**3)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_round_trip(tmp_path: Path, colour: bool) -> None:
+    cloud = a_cloud(colour)
+    write_cloud(cloud, tmp_path / "frame_000000")
+    again = read_npz(tmp_path / "frame_000000.npz")
+    np.testing.assert_array_equal(again.indices, cloud.indices)
+    np.testing.assert_array_equal(again.probability, cloud.probability)
+    np.testing.assert_allclose(again.centres, cloud.centres)
+    assert again.volume == cloud.volume
+    columns = read_ply(tmp_path / "frame_000000.ply")
+    points = np.stack([columns[axis] for axis in "xyz"], -1)
+    np.testing.assert_allclose(points, cloud.centres, atol=1e-6)
+    np.testing.assert_array_equal(columns["probability"], cloud.probability)
+    # And a library that is not ours reads the same.
+    mesh = trimesh.load(tmp_path / "frame_000000.ply")
+    np.testing.assert_allclose(mesh.vertices, cloud.centres, atol=1e-6)
+    if cloud.colour is not None:
+        np.testing.assert_array_equal(mesh.colors[:, :3], cloud.colour)
+
+
+def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
+    cloud = VoxelCloud(scenes.small_grid(), np.zeros(0, np.int32), np.zeros(0, np.float32))
+    write_cloud(without_debris(cloud), tmp_path / "empty")
+    assert len(read_npz(tmp_path / "empty.npz")) == 0
+    assert len(read_ply(tmp_path / "empty.ply")["x"]) == 0
+
+
+def test_debris_is_dropped() -> None:
+    clean, dirty = a_cloud(), a_cloud(speck=True)
+    kept = without_debris(dirty)
+    np.testing.assert_array_equal(kept.indices, clean.indices)
+    assert kept.volume == pytest.approx(clean.volume)
+    assert len(without_debris(dirty, 0)) == len(dirty)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"something else"])
+def test_broken_files_are_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.npz"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"broken\.npz"):
+        read_npz(path)
+    with pytest.raises(UserError, match=r"broken\.npz"):
+        read_ply(path)
