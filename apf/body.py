@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from cl import UserError
+from psfs.files import written_whole
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -184,17 +186,18 @@ def _parse(data: dict[str, Any]) -> BodyModel:
             sign, kind = (-1, axis["axis"][1:]) if axis["axis"][0] == "-" else (1, axis["axis"])
             if kind not in AXES:
                 raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
-            axes.append(FreeAxis(kind, sign, len(dofs)))
+            axes.append(FreeAxis(kind, sign, int(axis.get("dof", len(dofs)))))
             dofs.append({"name": f"{entry['name']}.{kind}", **axis})
         bones.append(
             Bone(
                 entry["name"],
                 _index(names[:index], entry["parent"], "bone") if entry.get("parent") else -1,
                 _vector(entry.get("offset", (0, 0, 0))),
-                np.eye(3),
+                _rotation(entry.get("rest", np.eye(3))),
                 tuple(axes),
             )
         )
+    dofs = _in_pose_order(dofs, bones)
     cones = tuple(_parse_cone(entry, names) for entry in data.get("cone", []))
     joints = tuple(
         Joint(e["name"], _index(names, e["bone"], "bone"), _vector(e.get("position", (0, 0, 0))))
@@ -224,6 +227,14 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     )
 
 
+def _in_pose_order(dofs: list[dict[str, Any]], bones: Sequence[Bone]) -> list[dict[str, Any]]:
+    """Axes sorted by their place in the pose, which is the order of the file unless they say."""
+    places = [axis.dof for bone in bones for axis in bone.axes]
+    if sorted(places) != list(range(len(dofs))):
+        raise ValueError(f"the axes' places in the pose are {places}; expected each of 0, 1, ...")
+    return [dofs[place] for place in np.argsort(places)]
+
+
 def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
     start, end = _vector(entry["start"]), _vector(entry["end"])
     length = np.linalg.norm(end - start)
@@ -247,6 +258,13 @@ def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
     )
 
 
+def _rotation(values: Any) -> np.ndarray:
+    rotation = np.asarray(values, np.float64)
+    if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6:
+        raise ValueError(f"{values!r} is not a rotation matrix")
+    return rotation
+
+
 def _pairs(
     entries: Sequence[Sequence[str]], names: Sequence[str], what: str
 ) -> tuple[tuple[int, int], ...]:
@@ -264,3 +282,59 @@ def _index(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:
         raise ValueError(f"no {what} named {name!r} (yet); known: {', '.join(names) or 'none'}")
     return list(names).index(name)
+
+
+def save_body(path: str | Path, body: BodyModel) -> None:
+    """Write `body` as a TOML file that `load_body` reads back."""
+    cone_names, joint_names = body.cone_names, body.joint_names
+    bone_names = [bone.name for bone in body.bones]
+    data = {
+        "name": body.name,
+        "edges": [[joint_names[a], joint_names[b]] for a, b in body.edges],
+        "apart": [[cone_names[a], cone_names[b]] for a, b in body.apart],
+        "bone": [
+            {
+                "name": bone.name,
+                **({"parent": bone_names[bone.parent]} if bone.parent >= 0 else {}),
+                "offset": bone.offset.tolist(),
+                "rest": bone.rest.tolist(),
+                "axes": [_axis_entry(body, axis) for axis in bone.axes],
+            }
+            for bone in body.bones
+        ],
+        "cone": [
+            {
+                "name": cone.name,
+                "bone": bone_names[cone.bone],
+                "start": cone.start.tolist(),
+                "end": cone.end.tolist(),
+                "radii": list(cone.radii),
+                "side": cone.side.tolist(),
+                "scale": list(cone.scale),
+                "in_images": cone.in_images,
+            }
+            for cone in body.cones
+        ],
+        "joint": [
+            {
+                "name": joint.name,
+                "bone": bone_names[joint.bone],
+                "position": joint.position.tolist(),
+            }
+            for joint in body.joints
+        ],
+    }
+    with written_whole(path) as temporary:
+        temporary.write_text(tomli_w.dumps(data))
+
+
+def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:
+    lower, upper = float(body.lower[axis.dof]), float(body.upper[axis.dof])
+    return {
+        "axis": ("-" if axis.sign < 0 else "") + axis.kind,
+        "dof": axis.dof,
+        "name": body.dof_names[axis.dof],
+        "sigma": float(body.sigma[axis.dof]),
+        "rest": float(body.rest_pose[axis.dof]),
+        "limits": [lower, upper],
+    }

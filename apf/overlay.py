@@ -180,7 +180,9 @@ def write_overlay(
     if unknown:
         raise UserError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
     views = [names.index(name) for name in cameras or names]
-    cones = posed_cones(body, track.poses)
+    shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
+    cones = posed_cones(body, track.poses)[:, shown]
+    cone_names = [body.cone_names[i] for i in shown]
     writer: cv2.VideoWriter | None = None
     with written_whole(path) as temporary:
         try:
@@ -189,7 +191,7 @@ def write_overlay(
                     frame,
                     sequence.rig,
                     cones[row],
-                    body.cone_names,
+                    cone_names,
                     track.joints[row],
                     track.edges,
                     views,

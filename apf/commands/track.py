@@ -1,0 +1,132 @@
+"""`apf track`: a skeleton per frame."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import BodyModel, load_body, save_body
+from apf.bodytrack import is_bodytrack, read_body
+from apf.config import FilterConfig
+from apf.evaluate import load_truth
+from apf.initial import fit_to_joints, read_pose
+from apf.joint_names import match_joints
+from apf.overlay import write_overlay
+from apf.pipeline import track_sequence
+from apf.track import Track
+from apf.trc import CONVENTIONS
+from cl import UserError, select_device
+from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
+from psfs.commands.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.sequence import Sequence
+from psfs.volume import automatic_grid
+
+#: Settings of the filter that have a flag of their own.
+_SETTINGS = {
+    "n_particles": ("--particles", "particles"),
+    "n_layers": ("--layers", "annealing layers"),
+    "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
+    "noise": ("--noise", "scale of the noise"),
+    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14)"),
+    "silhouette_weight": ("--silhouette-weight", "weight of the silhouettes, eq. (15)"),
+    "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
+    "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
+}
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "track", run, "Reconstruct and track a person, frame by frame.")
+    add_sequence_flags(parser)
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    parser.add_argument(
+        "--body",
+        metavar="B",
+        help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
+    )
+    parser.add_argument(
+        "--init",
+        type=Path,
+        metavar="P",
+        help="first pose: a text file with a value per degree of freedom (radians, metres), or "
+        "joints (npz or TRC) to whose first frame body and pose are fitted "
+        "(default: the sequence's own, where it has one)",
+    )
+    parser.add_argument(
+        "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC given to --init"
+    )
+    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    settings = {field.name: field for field in fields(FilterConfig)}
+    group = parser.add_argument_group("filter")
+    for name, (flag, what) in _SETTINGS.items():
+        default = settings[name].default
+        group.add_argument(
+            flag, dest=name, type=type(default), default=default, help=f"{what} (default: {default})"
+        )
+    parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    config = FilterConfig(**{name: getattr(args, name) for name in _SETTINGS})
+    device = select_device(args.device)
+    sequence = open_sequence(args)
+    frames = selected_frames(args, sequence)
+    body, pose = first_pose(sequence, frames[0], args.body, args.init, args.convention)
+    selection = slice(frames.start, frames.stop, frames.step)
+    grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
+    with progress_bar() as bar:
+        task = bar.add_task("tracking", total=len(frames))
+        track = track_sequence(
+            device, sequence, grid, body, pose, config, None, selection, lambda: bar.advance(task)
+        )
+    write_track(args.output, sequence, track, body, overlay=not args.no_overlay)
+    if len(track) < len(frames):
+        stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
+        raise KeyboardInterrupt
+    stdout.print(f"{len(track)} frames tracked: {args.output}")
+
+
+def first_pose(
+    sequence: Sequence, frame: int, body_name: str | None, init: Path | None, convention: str
+) -> tuple[BodyModel, np.ndarray]:
+    """The body to track and its pose (D,) in the first `frame`. Raises UserError."""
+    own = body_name is None and is_bodytrack(sequence.folder)
+    body = read_body(sequence.folder) if own else load_body(body_name or "song31")
+    if init is None:
+        if not own:
+            raise UserError(
+                f"{sequence.folder}: no first pose; expected --init with a pose file, or joints "
+                "(npz or TRC) to fit"
+            )
+        return body, body.rest_pose
+    if init.suffix.lower() not in (".npz", ".trc"):
+        return body, read_pose(init, body)
+    truth = load_truth(init, convention)
+    rows = np.flatnonzero(truth.frames == frame)
+    if not rows.size:
+        raise UserError(f"{init}: no joints for frame {frame}, the first to be tracked")
+    joints = {
+        name: truth.joints[rows[0], place]
+        for name, place in match_joints(truth.joint_names).items()
+    }
+    body, pose, _ = fit_to_joints(body, joints)
+    return body, pose
+
+
+def write_track(
+    folder: Path, sequence: Sequence, track: Track, body: BodyModel, overlay: bool = True
+) -> None:
+    """track.npz, joints.trc, joints.csv, body.toml and overlay.mp4 into `folder`."""
+    track.save(folder / "track.npz")
+    track.write_trc(folder / "joints.trc")
+    track.write_csv(folder / "joints.csv")
+    save_body(folder / "body.toml", body)
+    if overlay:
+        with progress_bar() as bar:
+            task = bar.add_task("overlay", total=len(track))
+            write_overlay(
+                folder / "overlay.mp4", sequence, track, body, lambda: bar.advance(task)
+            )

@@ -1,0 +1,107 @@
+"""From a sequence to a track: reconstruct and track frame by frame."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.reference.kinematics import posed_joints
+from apf.track import Track
+from apf.tracker import Estimate, tracker_for
+from cl import Device, NumpyDevice
+from psfs.config import ReconstructionConfig
+from psfs.grid import VoxelGrid
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Sequence
+
+#: Frame rate that the sigmas of body models are stated for.
+_SIGMA_FPS = 60.0
+
+
+def track_sequence(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid,
+    body: BodyModel,
+    pose: np.ndarray,
+    config: FilterConfig | None = None,
+    reconstruction: ReconstructionConfig | None = None,
+    selection: slice | None = None,
+    progress: Callable[[], object] | None = None,
+) -> Track:
+    """Track `body` from `pose` (D,) through the selected frames of `sequence`.
+
+    The noise grows with the time between frames, see `BodyModel.sigma`. `progress` is called
+    after each frame; a KeyboardInterrupt ends the track after the last whole frame (and is raised
+    again if there is none).
+    """
+    config = config or FilterConfig()
+    step = (selection.step or 1) if selection else 1
+    scaled = replace(config, noise=config.noise * _SIGMA_FPS * step / sequence.fps)
+    reconstruct = reconstructor_for(
+        device, sequence.rig, grid, sequence.background, reconstruction
+    )
+    tracker = tracker_for(device, body, sequence.rig, grid, scaled)
+    tracker.start(pose)
+    frames: list[int] = []
+    estimates: list[Estimate] = []
+    try:
+        for frame in sequence.frames(selection):
+            estimate = tracker.step(reconstruct(frame))
+            frames.append(frame.index)
+            estimates.append(estimate)
+            if progress is not None:
+                progress()
+    except KeyboardInterrupt:
+        if not estimates:
+            raise
+        frames = frames[: len(estimates)]
+    return _track(device, sequence, body, grid, config, frames, estimates)
+
+
+def _track(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    body: BodyModel,
+    grid: VoxelGrid,
+    config: FilterConfig,
+    frames: list[int],
+    estimates: list[Estimate],
+) -> Track:
+    poses = np.stack([estimate.pose for estimate in estimates])
+    diagnostics: dict[str, Any] = {
+        name: np.stack([getattr(estimate, name) for estimate in estimates])
+        for name in ("ess", "beta", "deviation")
+    }
+    # The log weight of the best particle at exponent 1, Song et al. eq. (16).
+    diagnostics["best_log_weight"] = -np.stack([estimate.least_error for estimate in estimates])
+    made_by = {
+        "sequence": str(sequence.folder),
+        "device": device.name,
+        "version": version("psfs-apf"),
+        "filter": asdict(config),
+        "grid": {
+            "origin": grid.origin.tolist(),
+            "voxel_size": grid.voxel_size,
+            "shape": list(grid.shape),
+        },
+    }
+    return Track(
+        body_name=body.name,
+        dof_names=body.dof_names,
+        joint_names=tuple(body.joint_names),
+        fps=sequence.fps,
+        frames=np.array(frames),
+        poses=poses,
+        joints=posed_joints(body, poses),
+        edges=np.array(body.edges),
+        diagnostics=diagnostics,
+        config=json.dumps(made_by),
+    )
