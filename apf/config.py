@@ -19,10 +19,10 @@ class FilterConfig:
     factor from layer to layer; spread: where positive, noise after the first layer is at most this
     times the set's own deviation. edge_weight, silhouette_weight: of Song et al. eq. (14) and (15);
     surface_weight: of the share of surface voxels that the cones leave unexplained, counted once
-    per camera; overlap_weight: of the depth to which parts that must stay apart meet, likewise; both
-    are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is
-    half unexplained; n_points: surface voxels that are looked at. sample_spacing: distance, m,
-    between samples on a cone.
+    per camera; overlap_weight: of the depth to which parts that must stay apart meet, likewise;
+    both are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is half
+    unexplained; n_points: surface voxels that are looked at. sample_spacing: distance, m, between
+    samples on a cone.
     """
 
     n_particles: int = 200

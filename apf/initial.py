@@ -86,7 +86,8 @@ def fit_to_joints(
             best = solution
     assert best is not None
     scaled, pose = unpack(best.x)
-    error = float(np.sqrt(np.mean(np.sum((posed_joints(scaled, pose[None])[0, chosen] - target) ** 2, -1))))
+    offset = posed_joints(scaled, pose[None])[0, chosen] - target
+    error = float(np.sqrt(np.mean(np.sum(offset**2, -1))))
     scales = dict(zip(groups, np.exp(best.x[body.n_dof :]), strict=True))
     girth = float(np.mean(list(scales.values())))
     return body.scaled(scales, radii=girth), pose, error

@@ -6,7 +6,7 @@ import numpy as np
 
 from apf.body import AXES, BodyModel
 from apf.reference.kinematics import CONE_FLOATS
-from cl import Array, Device
+from cl import Array, Device, Launch
 
 #: Place in a cone's row where the kernel finds the number of its bone.
 _BONE_PLACE = 11
@@ -15,7 +15,7 @@ _BONE_PLACE = 11
 class Kinematics:
     """Poses the body's cones for `n_particles` pose vectors.
 
-    `cones` is the device array (N, C, CONE_FLOATS) that `launch(poses)` fills.
+    `cones` is the device array (N, C, CONE_FLOATS) that the launches of `launcher(poses)` fill.
     """
 
     def __init__(self, device: Device, body: BodyModel, n_particles: int) -> None:
@@ -26,7 +26,7 @@ class Kinematics:
         shape = (n_particles, len(body.cones), CONE_FLOATS)
         self.cones = device.empty(shape, np.float32, "the posed cones")
 
-    def launcher(self, poses: Array) -> list:
+    def launcher(self, poses: Array) -> list[Launch]:
         """The launches that pose all cones of `poses` (N, D) float32, arguments set."""
         kernel = self.device.kernel(
             "kinematics",
@@ -50,7 +50,8 @@ class Kinematics:
 
 def pack_body(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The tables of kinematics.cl: bones, their fixed parts, free axes, cones."""
-    bones, fixed, axes = [], [], []
+    bones, fixed = [], []
+    axes: list[tuple[int, int, int, int]] = []
     for bone in body.bones:
         bones.append((bone.parent, len(axes), len(bone.axes), 0))
         fixed.append(np.concatenate([bone.rest.ravel(), bone.offset]))

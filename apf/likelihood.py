@@ -14,8 +14,8 @@ _GROUP = 64
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
-    """(C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for those that
-    are not looked for in the images."""
+    """(C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for those
+    that are not looked for in the images."""
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
     columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
     sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), (4, 3)).astype(np.int32)

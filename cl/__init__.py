@@ -1,4 +1,4 @@
-"""OpenCL for this project: devices, programs, arrays and timings. Knows nothing of cameras or bodies."""
+"""OpenCL for this project: devices, programs, arrays, timings. Knows no cameras and no bodies."""
 
 from cl.array import Array
 from cl.device import Device, DeviceInfo, Launch, NumpyDevice, list_devices, select_device

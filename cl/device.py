@@ -8,7 +8,7 @@ import time
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from importlib import resources
 from typing import Any
 
@@ -131,10 +131,8 @@ class Device:
         self.info = _info(self.handle)
         try:
             self.context = pyopencl.Context([self.handle])
-            properties = (
-                pyopencl.command_queue_properties.PROFILING_ENABLE if self.profile else 0
-            )
-            self.queue = pyopencl.CommandQueue(self.context, properties=properties)
+            profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
+            self.queue = pyopencl.CommandQueue(self.context, properties=profiling * self.profile)
         except pyopencl.Error as error:
             raise UserError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
@@ -296,7 +294,7 @@ def _megabytes(nbytes: int) -> str:
     return f"{nbytes / 2**20:,.0f} MiB"
 
 
-@lru_cache(maxsize=None)
+@cache
 def kernel_source(stage: str) -> str:
     """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
 

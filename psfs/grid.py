@@ -39,7 +39,7 @@ class VoxelGrid:
         if not voxel_size > 0:
             raise UserError(f"the voxel size is {voxel_size}; expected a positive length, m")
         shape = np.maximum(1, np.ceil((high - low) / voxel_size - 1e-9)).astype(int)
-        return cls(low, float(voxel_size), tuple(int(n) for n in shape))
+        return cls(low, float(voxel_size), (int(shape[0]), int(shape[1]), int(shape[2])))
 
     @property
     def size(self) -> int:

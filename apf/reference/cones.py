@@ -24,10 +24,8 @@ def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
         for component, default in ((ex, 0.0), (ey, 1.0))
     )
     # Back from the circular section: X sx = x / |x|^2.
-    side = (
-        -ey[..., None] * x / np.sum(x * x, -1, keepdims=True)
-        + ex[..., None] * y / np.sum(y * y, -1, keepdims=True)
-    )
+    x, y = x / np.sum(x * x, -1, keepdims=True), y / np.sum(y * y, -1, keepdims=True)
+    side = -ey[..., None] * x + ex[..., None] * y
     ra, rb = cones[..., 3:4], cones[..., 7:8]
     return np.stack([a + ra * side, a - ra * side, b - rb * side, b + rb * side], -2)
 

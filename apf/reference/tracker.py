@@ -59,9 +59,7 @@ class NumpyAnnealedParticleFilter:
                 self._poses, self._parents, self._noise(layer), body.lower, body.upper
             )
             cones = posed_cones(body, self._poses)
-            errors = total_errors(
-                self.rig, cones, maps, points, self._sampling, body.apart, config
-            )
+            errors = total_errors(self.rig, cones, maps, points, self._sampling, body.apart, config)
             beta = annealing_exponent(errors, config.survival_rates[layer])
             history.append((effective_size(errors, beta), beta, errors.min()))
             weights = normalised_weights(errors, beta)

@@ -120,9 +120,10 @@ void anneal(int n, int layer, float survival_rate, uint2 seed, __global const ui
 // Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits.
 // Its deviation is noise * sigma, but not above spread * the set's own deviation (result, see
 // anneal) where spread is positive.
-__kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed, __global const uint *frame,
-                      __global const float *sigma, __global const float2 *limits,
-                      __global const float *result, __global const int *parents, __global const float *poses,
+__kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
+                      __global const uint *frame, __global const float *sigma,
+                      __global const float2 *limits, __global const float *result,
+                      __global const int *parents, __global const float *poses,
                       __global float *children)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
