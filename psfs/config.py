@@ -86,7 +86,7 @@ class OccupancyConfig:
     """
 
     prior: float = 0.5
-    threshold: float = 0.55
+    threshold: float = 0.6
     min_cameras: int | None = None
 
     def __post_init__(self) -> None:

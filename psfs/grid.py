@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +44,7 @@ class VoxelGrid:
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape, dtype=np.int64))
+        return math.prod(self.shape)
 
     @property
     def low(self) -> np.ndarray:
@@ -59,6 +60,12 @@ class VoxelGrid:
             indices = np.arange(self.size)
         ijk = np.stack(np.unravel_index(indices, self.shape), -1)
         return self.origin + (ijk + 0.5) * self.voxel_size
+
+
+def check_size(grid: VoxelGrid) -> None:
+    """Raise UserError if flat indices into the grid, padded by one voxel, exceed 32 bits."""
+    if math.prod(n + 2 for n in grid.shape) >= 2**31:
+        raise UserError(f"the grid has {grid.size:,} voxels; expected fewer than 2^31")
 
 
 @dataclass(frozen=True, eq=False)

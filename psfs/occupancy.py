@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cl import Array, Device, UserError
+from cl import Array, Device
 from psfs.camera import CameraRig
 from psfs.config import OccupancyConfig
-from psfs.grid import VoxelGrid
+from psfs.grid import VoxelGrid, check_size
 from psfs.launching import row_group
 
 
@@ -38,8 +38,7 @@ class Occupancy:
     ) -> None:
         config = config or OccupancyConfig()
         shape = tuple(n + 2 for n in grid.shape)
-        if np.prod(shape, dtype=np.int64) >= 2**31:
-            raise UserError(f"the grid has {grid.size:,} voxels; expected fewer than 2^31")
+        check_size(grid)
         nx, ny, nz = shape
         self.probability = device.empty(shape, np.float32, f"a grid of {grid.size:,} voxels")
         self._geometry = device.empty(4, np.float32, "the grid's position")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy import ndimage
 
+from cl import UserError
 from psfs.camera import CameraRig
+from psfs.files import written_whole
 from psfs.grid import VoxelCloud
 from psfs.reference.reprojection import voxel_silhouette
 from psfs.reprojection import footprints
@@ -35,6 +38,15 @@ def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") ->
         text += f"   volume {cloud.volume * 1e3:.3g} l"
     cv2.putText(views, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
     return np.vstack([views, pictures])
+
+
+def write_picture(path: Path, picture: np.ndarray) -> None:
+    """Write a BGR picture; the suffix of `path` says the format. Raises UserError if unknown."""
+    try:
+        with written_whole(path) as temporary:
+            cv2.imwrite(str(temporary), picture)
+    except cv2.error as error:
+        raise UserError(f"{path}: no picture format; expected a name such as view.png") from error
 
 
 def shaded_view(
@@ -109,10 +121,10 @@ def _lit(cloud: VoxelCloud, view: _View, nearest: np.ndarray) -> np.ndarray:
     """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left."""
     normals = normals_of(cloud) @ view.axes.T
     seen = nearest >= 0
-    field = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
+    field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
     # Normals flow from voxel to voxel, which hides their steps.
     width = max(1.0, 0.8 * cloud.grid.voxel_size * view.scale)
-    field = cv2.GaussianBlur(field, (0, 0), width)
+    field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
     field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
     key = np.clip(field @ _unit(-0.5, -0.6, -0.65), 0, None)
     fill = np.clip(field @ _unit(0.8, -0.1, -0.5), 0, None)

@@ -40,7 +40,9 @@ def automatic_grid(
     silhouettes much faster. Raises UserError if no frame shows anything before the background.
     """
     low, high = sequence.volume or foreground_box(sequence, selection, config, device, samples)
-    return VoxelGrid.covering(low, high, voxel_size or default_voxel_size(sequence.rig, low, high))
+    if voxel_size is None:
+        voxel_size = default_voxel_size(sequence.rig, low, high)
+    return VoxelGrid.covering(low, high, voxel_size)
 
 
 def default_voxel_size(rig: CameraRig, low: np.ndarray, high: np.ndarray) -> float:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
+from pathlib import Path
+from typing import Any
 
 from cl import UserError
 from psfs.commandline import frame_range
@@ -61,9 +63,17 @@ def volume_box(text: str) -> list[list[float]]:
     return [[x0, y0, z0], [x1, y1, z1]]
 
 
+def stated(args: argparse.Namespace) -> dict[str, Any]:
+    """What the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
+    flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
+    if "calibration" in flags:
+        flags["calibration"] = str(Path(flags["calibration"]).resolve())
+    return flags
+
+
 def open_sequence(args: argparse.Namespace) -> Sequence:
     """The sequence that the flags describe."""
-    return Sequence.open(args.folder, **{key: getattr(args, key) for key in _KEYS})
+    return Sequence.open(args.folder, **stated(args))
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:

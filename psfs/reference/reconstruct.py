@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cl import Device, NumpyDevice
+from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.grid import VoxelCloud, VoxelGrid
+from psfs.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.reconstruct import frame_input
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
@@ -19,6 +21,9 @@ from psfs.reference.surface import smooth, surface_voxels
 if TYPE_CHECKING:
     from psfs.background import Background
     from psfs.sequence import Frame
+
+#: Peak of the float64 computation, measured.
+_BYTES_PER_VOXEL = 220
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +54,13 @@ class NumpyReconstructor:
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
         self.config = config or ReconstructionConfig()
+        check_size(grid)
+        needed, there = _BYTES_PER_VOXEL * grid.size, physical_memory()
+        if needed > there:
+            raise UserError(
+                f"a grid of {grid.size:,} voxels needs {needed / 2**20:,.0f} MiB, but this "
+                f"machine has {there / 2**20:,.0f} MiB"
+            )
 
     def __call__(self, frame: Frame) -> NumpyVoxels:
         config = self.config.occupancy
@@ -58,6 +70,14 @@ class NumpyReconstructor:
         probability = smooth(padded)
         occupied = probability > config.threshold
         return NumpyVoxels(self.grid, probability, surface_voxels(occupied), int(occupied.sum()))
+
+
+def physical_memory() -> int:
+    """Bytes of this machine's memory, or a very large number where that cannot be asked."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return sys.maxsize
 
 
 def frame_evidence(

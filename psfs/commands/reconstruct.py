@@ -1,0 +1,209 @@
+"""`psfs reconstruct FOLDER -o OUT`: a voxel cloud for every frame."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import Device, NumpyDevice, UserError, select_device
+from psfs import runs
+from psfs.clouds import DEBRIS_SHARE, without_debris, write_cloud
+from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.commands.sequence_flags import (
+    add_sequence_flags,
+    open_sequence,
+    selected_frames,
+    stated,
+)
+from psfs.config import ReconstructionConfig
+from psfs.grid import VoxelCloud, VoxelGrid
+from psfs.preview import preview, write_picture
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Sequence
+from psfs.volume import automatic_grid, foreground_box
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "reconstruct a voxel cloud per frame"
+    parser = add_command(commands, "reconstruct", _run, help=help)
+    parser.description = (
+        f"{help}. OUT gets clouds/frame_NNNNNN.ply and .npz, summary.json and preview.png. "
+        "Without a stated volume it is found from the cameras and the first silhouettes."
+    )
+    add_sequence_flags(parser)
+    parser.add_argument("-o", "--out", required=True, type=Path, metavar="OUT", help="new folder")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument(
+        "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
+    )
+    size.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, metres")
+    parser.add_argument(
+        "--debris",
+        type=float,
+        default=DEBRIS_SHARE,
+        metavar="SHARE",
+        help="drop connected parts smaller than this share of the largest one "
+        f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
+    )
+    add_device_flag(parser)
+
+
+def _shape(text: str) -> tuple[int, int, int]:
+    try:
+        nx, ny, nz = (int(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no grid; expected NX,NY,NZ") from None
+    return nx, ny, nz
+
+
+def _run(args: argparse.Namespace) -> None:
+    if not 0 <= args.debris <= 1:
+        raise UserError(f"--debris is {args.debris}; expected a share between 0 and 1")
+    if args.out.exists() and not args.out.is_dir():
+        raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
+    device = select_device(args.device, profile=True)
+    sequence = open_sequence(args)
+    frames = selected_frames(args, sequence)
+    grid = _grid(args, sequence, frames, device)
+    job = _Job(args, sequence, grid, device)
+    try:
+        with progress_bar() as bar:
+            selection = slice(frames.start, frames.stop, frames.step)
+            for frame in bar.track(
+                sequence.frames(selection), len(frames), description="reconstructing"
+            ):
+                job.reconstruct(frame)
+    finally:
+        job.finish(len(frames))
+    if not job.done:
+        raise UserError(
+            f"{sequence.folder}: nothing stands out from the background in the volume from "
+            f"{grid.low.round(3)} to {grid.high.round(3)} m; expected a person"
+        )
+    job.report()
+
+
+def _grid(
+    args: argparse.Namespace, sequence: Sequence, frames: range, device: Device | NumpyDevice
+) -> VoxelGrid:
+    """The grid that the flags ask for, around the stated or found volume."""
+    selection = slice(frames.start, frames.stop, frames.step)
+    if args.grid is None:
+        return automatic_grid(sequence, selection, args.voxel_size, device=device)
+    VoxelGrid(np.zeros(3), 1.0, args.grid)  # complains before the search
+    low, high = sequence.volume or foreground_box(sequence, selection, device=device)
+    voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
+    origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2
+    return VoxelGrid(origin, voxel_size, args.grid)
+
+
+class _Job:
+    """One run: reconstructs frame by frame and keeps the books.
+
+    Nothing is written before the first cloud that is not empty.
+    """
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        sequence: Sequence,
+        grid: VoxelGrid,
+        device: Device | NumpyDevice,
+    ) -> None:
+        self.out: Path = args.out
+        self.debris: float = args.debris
+        self.stated = stated(args)
+        self.folder: str = args.folder
+        self.sequence, self.grid, self.device = sequence, grid, device
+        self.config = ReconstructionConfig()
+        self.reconstructor = reconstructor_for(
+            device, sequence.rig, grid, sequence.background, self.config
+        )
+        self.done: list[dict[str, Any]] = []
+        self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
+        self._ms: dict[str, list[float]] = defaultdict(list)
+
+    def reconstruct(self, frame: Any) -> None:
+        started = time.perf_counter()
+        voxels = self.reconstructor(frame)
+        if isinstance(self.device, Device):
+            self.device.finish()
+        computed = time.perf_counter()
+        cloud = without_debris(voxels.cloud(), self.debris)
+        downloaded = time.perf_counter()
+        self._waiting.append((frame.index, cloud))
+        if len(cloud) or self.done:
+            self._write()
+        written = time.perf_counter()
+        self._ms["reconstruct (whole)"].append(1e3 * (computed - started))
+        self._ms["download, debris"].append(1e3 * (downloaded - computed))
+        self._ms["write"].append(1e3 * (written - downloaded))
+
+    def _write(self) -> None:
+        if not self.done:
+            for suffix in ("ply", "npz"):  # clouds of an earlier run
+                for old in (self.out / "clouds").glob(f"frame_*.{suffix}"):
+                    old.unlink()
+        for index, cloud in self._waiting:
+            write_cloud(cloud, runs.cloud_stem(self.out, index))
+            fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
+            self.done.append(fact)
+        self._waiting.clear()
+
+    def finish(self, expected: int) -> None:
+        """Summary and preview of what is done, also after an interruption."""
+        if not self.done:
+            return
+        runs.write_json(self.out / runs.SUMMARY, self._summary(expected))
+        full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
+        index = full[len(full) // 2]
+        run = runs.Run.open(self.out)
+        title = f"{self.sequence.name}, frame {index}"
+        picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
+        write_picture(self.out / "preview.png", picture)
+
+    def _summary(self, expected: int) -> dict[str, Any]:
+        return {
+            "sequence": {
+                "folder": self.folder,
+                "absolute": str(Path(self.folder).resolve()),
+                "overrides": self.stated,
+                "cameras": self.sequence.rig.names,
+                "background": self.sequence.background_kind,
+                "fps": self.sequence.fps,
+            },
+            "complete": len(self.done) == expected,
+            "grid": runs.grid_facts(self.grid),
+            "config": self.config.to_dict(),
+            "debris_share": self.debris,
+            "device": runs.device_facts(self.device),
+            "versions": runs.versions(),
+            "median_ms": self.timings(),
+            "frames": self.done,
+        }
+
+    def timings(self) -> dict[str, float]:
+        """Median ms by stage: what the host saw, then the device's own times."""
+        rows = {name: float(np.median(ms)) for name, ms in self._ms.items()}
+        profiler = self.device.profiler if isinstance(self.device, Device) else None
+        if profiler is not None:
+            rows |= {f"device: {name}": median for name, _, median, _ in profiler.table()}
+        return {name: round(ms, 3) for name, ms in rows.items()}
+
+    def report(self) -> None:
+        nx, ny, nz = self.grid.shape
+        counts = [frame["surface_voxels"] for frame in self.done]
+        volumes = [frame["volume_m3"] * 1e3 for frame in self.done]
+        whole = self.timings()["reconstruct (whole)"]
+        stdout.print(
+            f"{len(self.done)} frames, grid {nx} x {ny} x {nz} of "
+            f"{self.grid.voxel_size * 1e3:.3g} mm, median {np.median(counts):,.0f} surface voxels, "
+            f"{np.median(volumes):.3g} litres, {whole:.1f} ms per frame on {self.device.name}",
+            soft_wrap=True,
+        )
+        stdout.print(f"wrote {self.out}", soft_wrap=True)

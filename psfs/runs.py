@@ -1,0 +1,108 @@
+"""The output folder of `psfs reconstruct`: what it holds and how to find one's way back."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import Device, NumpyDevice, UserError
+from psfs.clouds import read_npz
+from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
+from psfs.files import written_whole
+from psfs.grid import VoxelCloud, VoxelGrid
+from psfs.sequence import Sequence
+
+SUMMARY = "summary.json"
+
+
+def cloud_stem(out: Path, index: int) -> Path:
+    """The path of frame `index`'s cloud without suffix."""
+    return out / "clouds" / f"frame_{index:06d}"
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed: this program, Python and the libraries that matter."""
+    packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
+    found = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:  # another flavour of the same library
+            found[package] = "unknown"
+    return found
+
+
+def device_facts(device: Device | NumpyDevice) -> dict[str, Any]:
+    return dict(vars(device.info)) if isinstance(device, Device) else {"name": device.name}
+
+
+def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
+    return {
+        "origin_m": grid.origin.tolist(),
+        "high_m": grid.high.tolist(),
+        "voxel_size_m": grid.voxel_size,
+        "shape": list(grid.shape),
+    }
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished (or interrupted) `psfs reconstruct`."""
+
+    out: Path
+    summary: dict[str, Any]
+
+    @classmethod
+    def open(cls, out: Path) -> Run:
+        """Raises UserError if `out` holds no run."""
+        path = out / SUMMARY
+        try:
+            summary = json.loads(path.read_text())
+            for key in ("sequence", "grid", "config", "frames"):
+                summary[key]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path}: not the summary of a `psfs reconstruct` ({error})") from error
+        return cls(out, summary)
+
+    @property
+    def indices(self) -> list[int]:
+        """Numbers of the frames that were reconstructed."""
+        return [int(frame["index"]) for frame in self.summary["frames"]]
+
+    @property
+    def config(self) -> ReconstructionConfig:
+        config = self.summary["config"]
+        return ReconstructionConfig(
+            SilhouetteConfig(**config["silhouette"]), OccupancyConfig(**config["occupancy"])
+        )
+
+    @property
+    def grid(self) -> VoxelGrid:
+        grid = self.summary["grid"]
+        nx, ny, nz = grid["shape"]
+        return VoxelGrid(np.array(grid["origin_m"]), grid["voxel_size_m"], (nx, ny, nz))
+
+    def cloud(self, index: int) -> VoxelCloud:
+        return read_npz(cloud_stem(self.out, index).with_suffix(".npz"))
+
+    def sequence(self) -> Sequence:
+        """The sequence again. Raises UserError if its folder has gone."""
+        stated = self.summary["sequence"]
+        for folder in (Path(stated["folder"]), Path(stated["absolute"])):
+            if folder.is_dir():
+                return Sequence.open(folder, **stated["overrides"])
+        raise UserError(
+            f"{self.out / SUMMARY}: its sequence {stated['absolute']} is gone; expected a folder"
+        )
