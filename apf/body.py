@@ -183,7 +183,8 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     for index, entry in enumerate(data["bone"]):
         axes = []
         for axis in entry.get("axes", []):
-            sign, kind = (-1, axis["axis"][1:]) if axis["axis"][0] == "-" else (1, axis["axis"])
+            kind = axis["axis"].removeprefix("-")
+            sign = 1 if kind == axis["axis"] else -1
             if kind not in AXES:
                 raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
             axes.append(FreeAxis(kind, sign, int(axis.get("dof", len(dofs)))))
@@ -205,13 +206,16 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     )
     joint_names = [joint.name for joint in joints]
     cone_names = [cone.name for cone in cones]
+    if not (dofs and cones and joints):
+        raise ValueError("a body needs at least one free axis, one cone and one joint")
     limits = np.array([dof.get("limits", (-np.inf, np.inf)) for dof in dofs], float)
-    if np.any(limits[:, 0] >= limits[:, 1]):
-        wrong = dofs[int(np.argmax(limits[:, 0] >= limits[:, 1]))]["name"]
+    ordered = limits[:, 0] < limits[:, 1]
+    if not ordered.all():
+        wrong = dofs[int(np.argmin(ordered))]["name"]
         raise ValueError(f"{wrong}: the lower limit is not below the upper one")
     sigma = np.array([dof["sigma"] for dof in dofs], float)
-    if np.any(sigma < 0):
-        raise ValueError("a sigma is negative")
+    if not np.all(sigma >= 0):
+        raise ValueError("a sigma is not a number from 0 on")
     return BodyModel(
         name=data["name"],
         bones=tuple(bones),
@@ -237,30 +241,35 @@ def _in_pose_order(dofs: list[dict[str, Any]], bones: Sequence[Bone]) -> list[di
 
 def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
     start, end = _vector(entry["start"]), _vector(entry["end"])
-    length = np.linalg.norm(end - start)
-    if length == 0 or min(entry["radii"]) <= 0:
-        raise ValueError(f"cone {entry['name']}: its length and radii must be positive")
+    length = float(np.linalg.norm(end - start))
+    radius_a, radius_b = (float(radius) for radius in entry["radii"])
+    scale_x, scale_y = (float(factor) for factor in entry.get("scale", (1.0, 1.0)))
+    if not min(length, radius_a, radius_b, scale_x, scale_y) > 0:
+        raise ValueError(f"cone {entry['name']}: its length, radii and scale must be positive")
     axis = (end - start) / length
     side = _vector(entry.get("side", (0, 1, 0)))
     side = side - axis * (side @ axis)
     if np.linalg.norm(side) < 1e-6:
         raise ValueError(f"cone {entry['name']}: its side lies along its axis")
-    scale = entry.get("scale", (1.0, 1.0))
     return Cone(
         entry["name"],
         _index(bones, entry["bone"], "bone"),
         start,
         end,
-        (float(entry["radii"][0]), float(entry["radii"][1])),
+        (radius_a, radius_b),
         side / np.linalg.norm(side),
-        (float(scale[0]), float(scale[1])),
+        (scale_x, scale_y),
         bool(entry.get("in_images", True)),
     )
 
 
 def _rotation(values: Any) -> np.ndarray:
     rotation = np.asarray(values, np.float64)
-    if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6:
+    if (
+        rotation.shape != (3, 3)
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
+        or np.linalg.det(rotation) < 0
+    ):
         raise ValueError(f"{values!r} is not a rotation matrix")
     return rotation
 
