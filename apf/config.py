@@ -47,6 +47,8 @@ class FilterConfig:
                 f"{self.n_particles} particles, {self.n_layers} layers, {self.n_points} points; "
                 "expected at least 2, 1 and 1"
             )
+        if not 0 <= self.seed < 2**64:
+            raise UserError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")
         for name in ("first_survival", "last_survival"):
             rate = getattr(self, name)
             if not 1 / self.n_particles < rate < 1:
