@@ -56,7 +56,7 @@ def fit_to_joints(
     chosen = [body.joint_names.index(name) for name in names]
     groups = body.scale_groups
     free = np.clip(body.rest_pose, body.lower, body.upper)
-    angular = np.array([not n.rsplit(".", 1)[1].startswith("t") for n in body.dof_names])
+    angular = [axis.dof for bone in body.bones for axis in bone.axes if axis.kind[0] == "r"]
 
     def unpack(x: np.ndarray) -> tuple[BodyModel, np.ndarray]:
         scales = np.exp(x[body.n_dof :])
@@ -96,9 +96,11 @@ def fit_to_joints(
 def _root_at(body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float) -> np.ndarray:
     """`pose` moved so that its joints' mean is `centre` and turned by `heading` about z."""
     pose = pose.copy()
-    root = {axis.kind: axis.dof for axis in body.bones[0].axes}
-    pose[root["rz"]] += heading
+    root = {axis.kind: axis for axis in body.bones[0].axes}
+    if "rz" in root:
+        pose[root["rz"].dof] += heading
     offset = centre - posed_joints(body, pose[None])[0].mean(0)
     for kind, value in zip(("tx", "ty", "tz"), offset, strict=True):
-        pose[root[kind]] += value
+        if kind in root:
+            pose[root[kind].dof] += root[kind].sign * value
     return pose
