@@ -287,7 +287,8 @@ def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) ->
 
 
 def _literal(value: Define) -> str:
-    return f"{value!r}f" if isinstance(value, float) else str(value)
+    # float(): NumPy's own numbers write themselves as np.float64(...).
+    return f"{float(value)!r}f" if isinstance(value, (float, np.floating)) else str(value)
 
 
 def _megabytes(nbytes: int) -> str:
