@@ -33,8 +33,9 @@ def philox4x32(counter: np.ndarray, seed: int) -> np.ndarray:
 
 
 def uniform01(words: np.ndarray) -> np.ndarray:
-    """Words to numbers in the open interval (0, 1), 24 bits each."""
-    return ((np.asarray(words) >> 8) + 0.5) * 2.0**-24
+    """Words to numbers in the open interval (0, 1): 23 bits each, as many as float holds exactly
+    with the half that keeps them off the ends."""
+    return ((np.asarray(words) >> 9) + 0.5) * 2.0**-23
 
 
 def normals(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:

@@ -11,8 +11,8 @@ inline uint4 philox4x32(uint4 counter, uint2 key)
     return counter;
 }
 
-// Uniform in the open interval (0, 1): 24 bits, so that it is exact in float.
-inline float uniform01(uint word) { return ((word >> 8) + 0.5f) * 0x1p-24f; }
+// Uniform in the open interval (0, 1): 23 bits and a half, so that it is exact in float.
+inline float uniform01(uint word) { return ((word >> 9) + 0.5f) * 0x1p-23f; }
 
 // A standard normal number (Box-Muller).
 inline float philox_normal(uint4 counter, uint2 key)
