@@ -21,10 +21,12 @@ def _matches(folder: Path, settings: Settings) -> bool:
 
 def calibration_of(folder: Path, settings: Settings) -> Path:
     """The calibration that the settings name, else the one that lies in the folder."""
-    path = find_calibration(folder) if settings.calibration is None else settings.calibration
+    if settings.calibration is not None:
+        return folder / settings.calibration
+    path = find_calibration(folder)
     if path is None:
         raise UserError(f"{folder}: no calibration; expected calibration.toml or --calibration")
-    return folder / path
+    return path
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
