@@ -16,7 +16,8 @@ class SilhouetteConfig:
 
     sigma_floor: least standard deviation of the background, grey levels.
     foreground_prior: P(F = 1) of a pixel.
-    clamp: the map stays within [clamp, 1 - clamp], so that no single pixel vetoes a voxel.
+    clamp: the map stays within [clamp, 1 - clamp], so that no single pixel vetoes a voxel;
+    mask_clamp: the same for ready masks, which deserve more trust than a background model.
     occlusion_prior: P(O) of Song et al. eq. (5).
     shadow_low, shadow_high: the background may be seen under a light dimmed or brightened by a
     factor alpha in this range; shadow_low = shadow_high = 1 switches shadows off.
@@ -28,6 +29,7 @@ class SilhouetteConfig:
     sigma_floor: float = 2.5
     foreground_prior: float = 0.5
     clamp: float = 0.02
+    mask_clamp: float = 1e-3
     occlusion_prior: float = 0.5
     shadow_low: float = 0.5
     shadow_high: float = 1.1
@@ -35,8 +37,10 @@ class SilhouetteConfig:
     shadow_width_colour: float = 0.14
 
     def __post_init__(self) -> None:
-        for name in ("foreground_prior", "occlusion_prior", "clamp"):
-            _check_between(name, getattr(self, name), 0.0, 0.5 if name == "clamp" else 1.0)
+        for name in ("foreground_prior", "occlusion_prior"):
+            _check_between(name, getattr(self, name), 0.0, 1.0)
+        for name in ("clamp", "mask_clamp"):
+            _check_between(name, getattr(self, name), 0.0, 0.5)
         if not 0 < self.shadow_low <= 1 <= self.shadow_high:
             raise UserError(
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
@@ -54,14 +58,14 @@ class SilhouetteConfig:
         )
         return width
 
-    def evidence(self, likelihood: np.ndarray) -> np.ndarray:
+    def evidence(self, likelihood: np.ndarray, clamp: float) -> np.ndarray:
         """What a pixel adds to the log-odds of a voxel seen there, nats.
 
         From Song et al. eq. (5)-(9): P(S|V=1) = SLM and P(S|V=0) = P(O) SLM + (1-P(O)) (1-SLM),
         hence log(SLM / (P(O) SLM + (1-P(O)) (1-SLM))), which is log(SLM / 0.5) for P(O) = 0.5.
         It is positive where SLM > 0.5, whatever P(O).
         """
-        slm = np.clip(likelihood, self.clamp, 1 - self.clamp)
+        slm = np.clip(likelihood, clamp, 1 - clamp)
         occluded = self.occlusion_prior
         evidence: np.ndarray = np.log(slm / (occluded * slm + (1 - occluded) * (1 - slm)))
         return evidence
@@ -69,11 +73,17 @@ class SilhouetteConfig:
     @cached_property
     def step(self) -> float:
         """Nats per count of the evidence maps: the strongest evidence is 127 counts."""
-        return float(np.abs(self.evidence(np.array([0.0, 1.0]))).max() / 127)
+        strongest = self.evidence(np.array([0.0, 1.0]), min(self.clamp, self.mask_clamp))
+        return float(np.abs(strongest).max() / 127)
 
     def counts(self, likelihood: np.ndarray) -> np.ndarray:
         """Evidence of silhouette likelihoods in whole counts of `step`, int8."""
-        return np.rint(self.evidence(likelihood) / self.step).astype(np.int8)
+        return np.rint(self.evidence(likelihood, self.clamp) / self.step).astype(np.int8)
+
+    def mask_counts(self, masks: np.ndarray) -> np.ndarray:
+        """The same of ready masks, 0..255."""
+        evidence = self.evidence(np.asarray(masks) / 255, self.mask_clamp)
+        return np.rint(evidence / self.step).astype(np.int8)
 
 
 @dataclass(frozen=True)
@@ -82,7 +92,7 @@ class OccupancyConfig:
 
     prior: P(V = 1) of a voxel. threshold: smoothed probability above which it is occupied.
     min_cameras: a voxel within fewer images is empty; None asks for half of the cameras, at
-    least two (one, if there is one only).
+    least three (or all, if there are fewer).
     """
 
     prior: float = 0.5
@@ -96,7 +106,7 @@ class OccupancyConfig:
     def seeing_cameras(self, n_cameras: int) -> int:
         if self.min_cameras is not None:
             return self.min_cameras
-        return min(n_cameras, max(2, (n_cameras + 1) // 2))
+        return min(n_cameras, max(3, (n_cameras + 1) // 2))
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).

@@ -42,7 +42,7 @@ class Silhouette:
         defines: dict[str, int | float] = {"PIXELS": width * height, "WIDTH": width}
         if background is None:
             self.input = device.empty((views, height, width), np.uint8, "the masks")
-            table = config.counts(np.arange(256) / 255)
+            table = config.mask_counts(np.arange(256))
             arrays = [sizes]
             name = "mask_silhouette"
         else:

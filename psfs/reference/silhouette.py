@@ -30,7 +30,7 @@ def silhouette_evidence(
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
     """Evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
-    return np.where(in_pictures(rig), config.counts(masks / 255), 0).astype(np.int8)
+    return np.where(in_pictures(rig), config.mask_counts(masks), 0).astype(np.int8)
 
 
 def background_ratio(
