@@ -33,7 +33,7 @@ class SilhouetteConfig:
     occlusion_prior: float = 0.5
     shadow_low: float = 0.5
     shadow_high: float = 1.1
-    shadow_width_grey: float = 0.03
+    shadow_width_grey: float = 0.02
     shadow_width_colour: float = 0.14
 
     def __post_init__(self) -> None:
