@@ -14,6 +14,10 @@ from cl import UserError
 class SilhouetteConfig:
     """Parameters of the silhouette likelihood map (Song et al. eq. 1-2) and of its evidence.
 
+    The defaults were chosen on synthetic walks with true masks and on a real person on a green
+    carpet. Averaging the log ratio over 3x3 or 5x5 pixels gained at most 0.005 of IoU with the
+    truth and is left out.
+
     sigma_floor: least standard deviation of the background, grey levels.
     foreground_prior: P(F = 1) of a pixel.
     clamp: the map stays within [clamp, 1 - clamp], so that no single pixel vetoes a voxel;
