@@ -6,6 +6,10 @@ import numpy as np
 
 from psfs.camera import Camera
 
+#: Corners further out than this, px, count as unseen: interpolated in float, the lines between them
+#: would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.
+FAR_OUT = 1e5
+
 
 def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """World corners (..., 4, 3) of the trapezoids that cones (..., 16) show to `eye` (3,) m.
@@ -33,7 +37,7 @@ def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
 def outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
     """Pixels (..., 4, 2) of the corners in `camera`; NaN for a cone with a corner unseen."""
     pixels, depth = camera.project(outline_corners(camera.centre, cones))
-    visible = np.all(depth > 0, axis=-1)
+    visible = np.all((depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1), axis=-1)
     return np.where(visible[..., None, None], pixels, np.nan)
 
 

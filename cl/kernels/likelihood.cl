@@ -3,6 +3,10 @@
 #include "camera.h"
 #include "cones.h"
 
+// Corners further out than this, px, count as unseen: in float the lines between them would be off
+// by more than a hundredth of a pixel, at 1e9 px by whole pictures.
+#define FAR_OUT 1e5f
+
 // Song et al. eq. (14)-(15), one work-item per particle, cone and view: sums of (1 - p) and counts
 // over samples of the trapezoid that the cone shows. maps: (V, height, width) uchar2, silhouette
 // and edge proximity. sampling: rows along the cone, columns across it. sums: (V, N, C) float4 =
@@ -21,8 +25,10 @@ __kernel void score_images(int n_particles, int width, int height,
     cone_corners(cones + id * CONE_FLOATS, vload3(0, camera + 25), corners);
     float2 pixels[4];
     bool seen = true;
-    for (int i = 0; i < 4; ++i)
+    for (int i = 0; i < 4; ++i) {
         seen &= camera_project(camera, corners[i].x, corners[i].y, corners[i].z, &pixels[i]) > 0;
+        seen &= all(fabs(pixels[i]) < FAR_OUT);
+    }
 
     int edge_error = 0, edge_count = 0, inner_error = 0, inner_count = 0;
     const int2 n = seen ? sampling[id % N_CONES] : (int2)(0, 0);
