@@ -169,3 +169,13 @@ def test_distances_are_per_point_and_cone() -> None:
     assert table.shape == (5, 3)
     np.testing.assert_allclose(table[3, 1], distances(points[3:4], cones[1:2])[0, 0])
     assert distances(np.empty((0, 3)), cones).shape == (0, 3)
+
+
+def test_corners_far_out_of_the_picture_count_as_unseen() -> None:
+    """Beside the camera a corner's pixel may be at 1e17: no line to there can be drawn."""
+    camera = camera_at([3, 0, 1], [0, 0, 1])
+    assert camera.max_radius2 == np.inf
+    beside = cone([2.9, 0.5, 0.5], [2.5, 0, 1.2])
+    _, depth = camera.project(outline_corners(camera.centre, beside))
+    assert (depth > 0).all()
+    assert np.isnan(outlines(camera, beside)).all()

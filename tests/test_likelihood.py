@@ -1,0 +1,394 @@
+"""Errors of particles: the twin against known answers, the kernels against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bodies
+import numpy as np
+import pytest
+import scenes
+from scipy import ndimage
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.likelihood import Likelihood, cone_sampling
+from apf.reference.cones import distances
+from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from apf.reference.likelihood import (
+    image_errors,
+    overlap_errors,
+    sampled_surface,
+    surface_errors,
+    total_errors,
+)
+from cl import Array, Device, NumpyDevice
+from psfs.camera import Camera, CameraRig
+from psfs.grid import VoxelGrid
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reprojection import NumpyReprojection
+from psfs.reference.surface import surface_voxels
+
+CONFIG = FilterConfig(n_particles=37, n_points=100)
+
+
+def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
+    """(V, H, W, 2) uint8 from 0 to 255 without steps, so that a sample which rounding moves to the
+    next pixel finds nearly the same value."""
+    random = np.random.default_rng(seed)
+    noise = random.normal(size=(len(rig), rig.height, rig.width, 2))
+    noise = ndimage.gaussian_filter(noise, (0, 6, 6, 0))
+    noise = (noise - noise.min()) / np.ptp(noise)
+    return np.rint(255 * noise).astype(np.uint8)
+
+
+def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
+    """Poses in front of the cameras, at their sides, around and behind them."""
+    poses = bodies.random_poses(body, n, wild=True)
+    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
+    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
+    poses[: n // 3, places] *= 0.1
+    return np.clip(poses, body.lower, body.upper)
+
+
+class Setup:
+    """A `Likelihood` with `cones` and `maps` on the device."""
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        cones: np.ndarray,
+        maps: np.ndarray,
+        config: FilterConfig,
+    ) -> None:
+        self.config = replace(config, n_particles=len(cones), first_survival=0.9, last_survival=0.6)
+        self.likelihood = Likelihood(device, body, rig, self.config)
+        self.cones = device.to_device(cones.astype(np.float32))
+        self.maps = device.to_device(maps)
+        self.launches = self.likelihood.launcher(self.cones, self.maps)
+
+    def sums(self) -> np.ndarray:
+        self.launches[0]()
+        return self.likelihood._sums.get()
+
+    def errors(self) -> np.ndarray:
+        for launch in self.launches:
+            launch()
+        return self.likelihood.errors.get()
+
+
+def point_sampler(
+    device: Device, body: BodyModel, grid: VoxelGrid, indices: np.ndarray, n_points: int
+) -> tuple[Likelihood, np.ndarray]:
+    """A `Likelihood` that has sampled the surface voxels `indices`; its points (n_points, 4)."""
+    config = replace(CONFIG, n_points=n_points)
+    likelihood = Likelihood(device, body, scenes.ring(1), config)
+    surface: Array = device.empty(grid.size, np.int32)
+    padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
+    padded[: len(indices)] = indices
+    surface.set(padded)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    likelihood.surface_launch(grid, surface, count)()
+    return likelihood, likelihood._points.get()
+
+
+def card(corners: list, width: float) -> np.ndarray:
+    """A round cone (1, 1, CONE_FLOATS) between two corners."""
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[4:7], row[3], row[7] = *corners, width / 2, width / 2
+    row[8:11], row[12:15] = [0, 1, 0], [-1, 0, 0]
+    return row[None, None]
+
+
+#: Looks along -x at a cone on the z axis, 1 px per cm at the origin.
+FRONT = Camera(
+    "front",
+    np.array([[200.0, 0, 50], [0, 200, 60], [0, 0, 1]]),
+    np.zeros(5),
+    np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    np.array([0.0, 0, 2]),
+    (101, 121),
+)
+UPRIGHT = card([[0, 0, -0.4], [0, 0, 0.4]], 0.2)
+
+
+def test_a_card_that_fits_its_silhouette_costs_nothing() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    maps[20:101, 40:61, 0] = 255
+    maps[:, [40, 60], 1] = 255
+    ((edge, n_edge, inner, n_inner),) = image_errors(FRONT, UPRIGHT, maps, np.array([[8, 5]]))[0]
+    assert (edge, n_edge, inner, n_inner) == (0, 16, 0, 40)
+
+
+def test_a_card_beside_its_silhouette_costs_the_share_that_hangs_over() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    maps[:, 50:, 0] = 255  # half the picture
+    maps[..., 1] = 51  # a fifth everywhere
+    sums = image_errors(FRONT, UPRIGHT, maps, np.array([[10, 4]]))[0, 0]
+    np.testing.assert_allclose(sums, [0.8 * 20, 20, 0.5 * 40, 40])
+
+
+def test_samples_outside_the_picture_do_not_count() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    half_out = card([[0, 0, 0], [0, 0, 1.2]], 0.2)  # ends 60 px above the upper border
+    sums = image_errors(FRONT, half_out, maps, np.array([[12, 5]]))[0, 0]
+    np.testing.assert_allclose(sums, [12, 12, 30, 30])
+    wide = card([[0, 0, -0.4], [0, 0, 0.4]], 1.2)  # both outlines out, the inside partly
+    sums = image_errors(FRONT, wide, maps, np.array([[4, 12]]))[0, 0]
+    np.testing.assert_allclose(sums, [0, 0, 40, 40])
+    away = card([[0, 3, 0], [0, 3, 1]], 0.1)
+    behind = card([[3, 0, 0], [3, 0, 1]], 0.1)
+    for cones in (away, behind):
+        assert not image_errors(FRONT, cones, maps, np.array([[6, 5]])).any()
+
+
+def test_unseen_parts_are_left_out() -> None:
+    body = bodies.named("song31")
+    sampling = cone_sampling(body, 0.04)
+    for cone, (rows, columns) in zip(body.cones, sampling, strict=True):
+        assert (rows > 0) == (columns > 0) == cone.in_images, cone.name
+        if cone.in_images:
+            length = np.linalg.norm(cone.end - cone.start)
+            assert rows >= 4 and columns >= 3
+            assert rows == 4 or length / rows <= 0.04 <= length / (rows - 1) + 1e-9
+    finer = cone_sampling(body, 0.02)
+    assert finer.sum() > 1.5 * sampling.sum()
+
+
+def test_surface_points_are_spread_evenly() -> None:
+    centres = np.arange(30.0).reshape(10, 3)
+    np.testing.assert_array_equal(sampled_surface(centres, 10), centres)
+    np.testing.assert_array_equal(sampled_surface(centres, 5), centres[::2])
+    counts = np.bincount((sampled_surface(centres, 25)[:, 0] / 3).astype(int))
+    assert len(counts) == 10 and set(counts) == {2, 3}
+    assert sampled_surface(centres[:0], 5).shape == (0, 3)
+
+
+def test_surface_error_is_a_half_at_its_scale() -> None:
+    cones = np.concatenate([UPRIGHT, UPRIGHT + np.eye(1, CONE_FLOATS)])  # the second leans away
+    near = np.array([[0.1, 0, 0.0], [0.0, -0.1, 0.3]])
+    np.testing.assert_allclose(surface_errors(near, UPRIGHT, 0.05), [0], atol=1e-12)
+    assert surface_errors(near, cones, 0.05)[1] > 0.5
+    at_scale = np.array([[0.15, 0, 0.0], [0.05, 0, 0]])  # outside and inside alike
+    np.testing.assert_allclose(surface_errors(at_scale, UPRIGHT, 0.05), [0.5])
+    far = np.array([[9.0, 0, 0]])
+    assert 0.999 < surface_errors(far, UPRIGHT, 0.05)[0] < 1
+    np.testing.assert_array_equal(surface_errors(near[:0], cones, 0.05), [1, 1])
+
+
+def test_surface_error_takes_the_nearest_cone() -> None:
+    both = np.concatenate([UPRIGHT, card([[0, 1, -0.4], [0, 1, 0.4]], 0.2)], 1)
+    points = np.array([[0.1, 0, 0], [0.1, 1, 0]])
+    np.testing.assert_allclose(surface_errors(points, both, 0.05), 0, atol=1e-12)
+    np.testing.assert_allclose(surface_errors(points, both[:, :1], 0.05), 0.5, atol=0.01)
+
+
+def test_overlap_of_parts() -> None:
+    """Parallel cylinders of radius 0.1: free apart from 0.2 on, worst on each other's axes."""
+    pairs = [(0, 1)]
+    overlap = []
+    for gap in (0.0, 0.1, 0.15, 0.2, 0.5):
+        second = card([[0, gap, -0.4], [0, gap, 0.4]], 0.2)
+        overlap.append(overlap_errors(np.concatenate([UPRIGHT, second], 1), pairs)[0])
+    # The distance to the second's surface over the first's radius, from 1 on nothing.
+    np.testing.assert_allclose(overlap, [1, 1, 0.25, 0, 0], atol=1e-12)
+    cones = np.concatenate([UPRIGHT, UPRIGHT, card([[0, 5, 0], [0, 5, 1]], 0.2)], 1)
+    np.testing.assert_allclose(overlap_errors(cones, [(0, 1), (0, 2)]), [0.5])
+    np.testing.assert_array_equal(overlap_errors(cones, []), [0])
+
+
+def test_cameras_that_see_nothing_are_replaced_by_the_others() -> None:
+    body_pairs: list[tuple[int, int]] = []
+    config = FilterConfig(n_particles=2, first_survival=0.9, last_survival=0.6)
+    turned = replace(FRONT, name="away", R=FRONT.R * [[-1], [1], [-1]], t=np.array([0, 0, -2.0]))
+    maps = np.full((2, 121, 101, 2), 51, np.uint8)
+    points, sampling = np.array([[0.15, 0, 0.0]]), np.array([[8, 5]])
+
+    def errors(*cameras: Camera, cones: np.ndarray = UPRIGHT) -> float:
+        rig = CameraRig(cameras)
+        arguments = (maps[: len(rig)], points, sampling, body_pairs, config)
+        return float(total_errors(rig, cones, *arguments)[0])
+
+    image = 0.8 * (config.edge_weight + config.silhouette_weight)
+    surface = 0.5 * config.surface_weight
+    assert errors(FRONT) == pytest.approx(image + surface)
+    assert errors(FRONT, turned) == pytest.approx(2 * (image + surface))
+    worst = config.edge_weight + config.silhouette_weight
+    assert errors(turned) == pytest.approx(worst + surface)
+
+
+def test_the_weights_of_the_settings_weigh() -> None:
+    rig, points = CameraRig((FRONT,)), np.array([[0.15, 0, 0.0]])
+    cones = np.concatenate([UPRIGHT, UPRIGHT], 1)
+    maps = np.zeros((1, 121, 101, 2), np.uint8)
+    maps[..., 0], maps[..., 1] = 204, 51
+    expected = {"edge": 0.8, "silhouette": 0.2, "surface": 0.5, "overlap": 1.0}
+    for name, value in expected.items():
+        weights = {f"{other}_weight": 0.0 for other in expected} | {f"{name}_weight": 3.0}
+        config = FilterConfig(**weights)
+        sampling = np.array([[8, 5], [8, 5]])
+        found = total_errors(rig, cones, maps, points, sampling, [(0, 1)], config)
+        np.testing.assert_allclose(found, [3 * value], err_msg=name)
+
+
+@pytest.mark.parametrize("song_alone", [False, True])
+def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
+    """Voxels of a known pose: it beats its neighbours, far poses lose most (sign of eq. 16)."""
+    body, rig = bodies.named("song31"), scenes.ring(4, size=(193, 151))
+    config = FilterConfig(surface_weight=0, overlap_weight=0) if song_alone else FilterConfig()
+    grid = VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), 0.03)
+    truth = body.rest_pose
+    inside = distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
+    occupied = inside.reshape(grid.shape)
+    voxels = NumpyVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
+    maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)
+    points = sampled_surface(voxels.cloud().centres, config.n_points)
+    steps = np.random.default_rng(0).normal(0, 1, (30, body.n_dof)) * body.sigma
+    poses = np.clip(
+        truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper
+    )
+    errors = total_errors(
+        rig, posed_cones(body, poses), maps, points, cone_sampling(body, 0.04), body.apart, config
+    )
+    assert errors[0] == errors.min()
+    assert errors[0] < np.median(errors[1:31]) < np.median(errors[31:])
+
+
+def compare_sums(found: np.ndarray, expected: np.ndarray) -> None:
+    """Equal but for a few samples that rounding moves over a pixel's or the picture's border."""
+    counts, errors = [1, 3], [0, 2]
+    assert (found[..., counts] != expected[..., counts]).mean() < 0.01
+    assert np.abs(found[..., counts] - expected[..., counts]).max() <= 2
+    assert (np.abs(found[..., errors] - expected[..., errors]) > 0.02).mean() < 0.02
+
+
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_particles", [2, 37, 129])
+def test_image_kernel_agrees_with_the_twin(
+    device: Device, name: str, views: int, n_particles: int
+) -> None:
+    body, rig = bodies.named(name), scenes.ring(views)
+    cones = posed_cones(body, scattered_poses(body, n_particles)).astype(np.float32)
+    maps = smooth_maps(rig)
+    found = Setup(device, body, rig, cones, maps, CONFIG).sums()
+    sampling = cone_sampling(body, CONFIG.sample_spacing)
+    expected = np.stack(
+        [image_errors(c, cones, m, sampling) for c, m in zip(rig, maps, strict=True)]
+    )
+    if n_particles > 2:
+        assert (expected[..., 3] == 0).any() and (expected[..., 3] > 0).any()
+    compare_sums(found, expected)
+
+
+def test_pictures_of_different_sizes_are_not_mixed_up(device: Device) -> None:
+    """Whatever lies beyond a smaller camera's own picture must not be looked at."""
+    body = bodies.named("song31")
+    rig = scenes.ring(3)
+    assert len({camera.size for camera in rig}) == 3
+    cones = posed_cones(body, scattered_poses(body, 37)).astype(np.float32)
+    maps = smooth_maps(rig)
+    first = Setup(device, body, rig, cones, maps, CONFIG).sums()
+    for view, camera in enumerate(rig):
+        maps[view, camera.size[1] :], maps[view, :, camera.size[0] :] = 7, 7
+    np.testing.assert_array_equal(Setup(device, body, rig, cones, maps, CONFIG).sums(), first)
+
+
+def test_axis_pointing_at_the_camera(device: Device) -> None:
+    """All four corners on one line in the picture: a diameter is sampled, nothing breaks."""
+    body = bodies.named("stick")
+    cones = np.tile(card([[-0.5, 0, 0], [0.5, 0, 0]], 0.2), (4, 3, 1))
+    cones[..., 8:11], cones[..., 12:15] = [0, 1, 0], [0, 0, 1]
+    cones[1, :, 3] = 0.05  # tapered
+    cones[2, :, 0:3], cones[2, :, 4:7] = [0.5, 0, 0], [-0.5, 0, 0]  # seen from its other end
+    cones[3, :, 4] = 2.5  # through the camera
+    rig, maps = CameraRig((FRONT,)), smooth_maps(CameraRig((FRONT,)))
+    found = Setup(device, body, rig, cones, maps, CONFIG).sums()
+    sampling = cone_sampling(body, CONFIG.sample_spacing)
+    expected = image_errors(FRONT, cones, maps[0], sampling)[None]
+    assert np.isfinite(found).all()
+    assert (expected[0, :3, :2, 3] > 0).all() and not expected[0, 3].any()
+    np.testing.assert_array_equal(found[..., [1, 3]], expected[..., [1, 3]])
+    np.testing.assert_allclose(found, expected, atol=0.5)
+
+
+@pytest.mark.parametrize("n_voxels", [0, 1, 99, 100, 101, 2345])
+def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
+    body, grid = bodies.named("stick"), VoxelGrid(np.array([-0.3, 0.2, -0.1]), 0.07, (11, 17, 23))
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+    _, points = point_sampler(device, body, grid, indices, 100)
+    expected = sampled_surface(grid.centres(indices), 100)
+    if n_voxels == 0:
+        assert not points.any()
+    else:
+        np.testing.assert_allclose(points[:, :3], expected, atol=1e-6)
+        assert np.all(points[:, 3] == 1)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_voxels", [0, 1, 50, 2000])
+@pytest.mark.parametrize("n_points", [1, 63, 1024])
+def test_surface_kernel_agrees_with_the_twin(
+    device: Device, name: str, n_voxels: int, n_points: int
+) -> None:
+    body, grid = bodies.named(name), VoxelGrid(np.array([-0.9, -0.8, -0.1]), 0.1, (18, 17, 19))
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+    likelihood, _ = point_sampler(device, body, grid, indices, n_points)
+    cones = posed_cones(body, bodies.random_poses(body, 37, wild=True)).astype(np.float32)
+    rig = scenes.ring(1)
+    maps = device.zeros((1, rig.height, rig.width, 2), np.uint8)
+    likelihood.launcher(device.to_device(cones), maps)[1]()
+    points = sampled_surface(grid.centres(indices), n_points)
+    expected = surface_errors(points, cones, CONFIG.surface_scale)
+    np.testing.assert_allclose(likelihood._surface_errors.get(), expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("weights", [{}, {"surface_weight": 0.0}, {"overlap_weight": 0.0}])
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
+    body, rig = bodies.named(name), scenes.ring(views)
+    config = replace(CONFIG, **weights)
+    grid = scenes.small_grid(0.1)
+    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    cones = posed_cones(body, scattered_poses(body, 37)).astype(np.float32)
+    cones[-1, :, [2, 6]] += 1000  # out of every picture
+    maps = smooth_maps(rig)
+    setup = Setup(device, body, rig, cones, maps, config)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    setup.likelihood.surface_launch(grid, device.to_device(indices), count)()
+    found = setup.errors()
+    points = sampled_surface(grid.centres(indices), config.n_points)
+    sampling = cone_sampling(body, config.sample_spacing)
+    expected = total_errors(rig, cones, maps, points, sampling, body.apart, config)
+    assert np.isfinite(found).all() and len(setup.launches) == 3 - (config.surface_weight == 0)
+    close = np.abs(found - expected) < 1e-3 * (1 + expected)
+    assert close.mean() > 0.9
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+    worst = config.edge_weight + config.silhouette_weight
+    assert found[-1] >= views * worst * (1 - 1e-6)
+
+
+def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:
+    body, rig = bodies.named("song31"), scenes.ring(1)
+    config = FilterConfig(
+        n_particles=129, edge_weight=0, silhouette_weight=0, surface_weight=0, overlap_weight=1
+    )
+    cones = posed_cones(body, bodies.random_poses(body, 129, wild=True)).astype(np.float32)
+    expected = overlap_errors(cones, body.apart)
+    assert (expected > 0.02).mean() > 0.1 and (expected == 0).any()
+    found = Setup(device, body, rig, cones, smooth_maps(rig), config).errors()
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_bodies_without_pairs_have_no_overlap(device: Device) -> None:
+    body, rig = replace(bodies.named("stick"), apart=()), scenes.ring(1)
+    config = FilterConfig(
+        n_particles=37, edge_weight=0, silhouette_weight=0, surface_weight=0, overlap_weight=1
+    )
+    cones = np.tile(UPRIGHT, (37, 3, 1))  # all parts in one place
+    assert not Setup(device, body, rig, cones, smooth_maps(rig), config).errors().any()
