@@ -35,7 +35,7 @@ class FilterConfig:
     edge_weight: float = 2.0
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
-    overlap_weight: float = 4.0
+    overlap_weight: float = 1.0
     surface_scale: float = 0.05
     n_points: int = 1024
     sample_spacing: float = 0.04
