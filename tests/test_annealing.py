@@ -1,0 +1,418 @@
+"""One layer's bookkeeping and whole frames: twin against known answers, kernels against twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import bodies
+import numpy as np
+import pytest
+import scenes
+
+from apf.annealing import ParticleSet
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.reference.annealing import (
+    annealing_exponent,
+    diffuse,
+    effective_size,
+    normalised_weights,
+    systematic_parents,
+)
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones
+from apf.reference.noise import normals, uniform
+from apf.reference.tracker import NumpyAnnealedParticleFilter
+from apf.tracker import AnnealedParticleFilter, Estimate, tracker_for
+from cl import Device, NumpyDevice, UserError
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+from psfs.reconstruct import Reconstructor, Voxels
+from psfs.reference.reconstruct import NumpyVoxels
+
+SONG, STICK = bodies.named("song31"), bodies.named("stick")
+#: Survival rates that even two particles can reach.
+MILD = {"first_survival": 0.9, "last_survival": 0.6}
+
+
+def errors_of(kind: str, n: int) -> np.ndarray:
+    """(n,) float32 errors of particles."""
+    random = np.random.default_rng(n)
+    spread = random.gamma(4.0, 2.0, n)
+    kinds = {
+        "spread": spread,
+        "large": 5000 + spread,
+        "narrow": 3 + 1e-4 * spread,
+        "equal": np.full(n, 2.5),
+        "zero": np.zeros(n),
+        "one dominant": np.where(np.arange(n) == n // 3, 0.01, 1e4),
+        "half the best": np.where(np.arange(n) % 2 == 0, 1.0, 1.0 + spread),
+        "one hopeless": np.where(np.arange(n) == n - 1, 1e30, spread),
+    }
+    return kinds[kind].astype(np.float32)
+
+
+KINDS = ["spread", "large", "narrow", "equal", "zero"]
+KINDS += ["one dominant", "half the best", "one hopeless"]
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("kind", ["spread", "large", "narrow"])
+def test_beta_reaches_the_survival_rate(kind: str, rate: float) -> None:
+    errors = errors_of(kind, 200).astype(float)
+    beta = annealing_exponent(errors, rate)
+    assert effective_size(errors, beta) == pytest.approx(rate * 200, rel=1e-3)
+    weights = normalised_weights(errors, beta)
+    assert 1 / np.sum(weights**2) == pytest.approx(rate * 200, rel=1e-3)
+    assert weights.sum() == pytest.approx(1)
+    assert np.argmax(weights) == np.argmin(errors)  # the sign of Song et al. eq. (16)
+
+
+def test_beta_does_not_depend_on_a_common_error_and_scales_inversely() -> None:
+    errors = errors_of("spread", 100).astype(float)
+    beta = annealing_exponent(errors, 0.3)
+    assert annealing_exponent(errors + 700, 0.3) == pytest.approx(beta)
+    assert annealing_exponent(errors * 10, 0.3) == pytest.approx(beta / 10)
+
+
+def test_weights_where_no_exponent_reaches_the_rate() -> None:
+    equal = errors_of("equal", 10)
+    np.testing.assert_allclose(normalised_weights(equal, annealing_exponent(equal, 0.3)), 0.1)
+    half = errors_of("half the best", 10)
+    weights = normalised_weights(half, annealing_exponent(half, 0.2))
+    np.testing.assert_allclose(weights, [0.2, 0] * 5, atol=1e-9)
+    one = errors_of("one dominant", 9)
+    weights = normalised_weights(one, annealing_exponent(one, 1 - 1e-6))
+    assert np.isfinite(weights).all() and weights.argmax() == 3
+
+
+@pytest.mark.parametrize("offset", [1e-7, 0.3, 1 - 1e-7])
+@pytest.mark.parametrize("n", [2, 37, 129])
+def test_systematic_resampling_keeps_the_shares(n: int, offset: float) -> None:
+    weights = np.random.default_rng(n).dirichlet(np.full(n, 0.3))
+    parents = systematic_parents(weights, offset)
+    assert len(parents) == n and np.all(np.diff(parents) >= 0)
+    counts = np.bincount(parents, minlength=n)
+    assert np.all(np.abs(counts - n * weights) < 1)
+
+
+def test_resampling_of_extremes() -> None:
+    np.testing.assert_array_equal(systematic_parents(np.full(5, 0.2), 0.5), np.arange(5))
+    np.testing.assert_array_equal(systematic_parents(np.eye(5)[3], 0.999), np.full(5, 3))
+    np.testing.assert_array_equal(systematic_parents(np.array([0.5, 0.5, 0]), 0.9), [0, 1, 1])
+
+
+def test_children_are_reflected_at_the_limits() -> None:
+    lower, upper = np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 0.5])
+    poses = np.array([[0.9, 5.0, 0.1], [-0.9, -5.0, 0.4]])
+    noise = np.array([[0.3, 100.0, -0.3], [-0.4, -100.0, 3.0]])
+    children = diffuse(poses, np.array([0, 1]), noise, lower, upper)
+    np.testing.assert_allclose(children, [[0.8, 105, 0.2], [-0.7, -105, 0.0]])
+    swapped = diffuse(poses, np.array([1, 1]), 0 * noise, lower, upper)
+    np.testing.assert_array_equal(swapped, poses[[1, 1]])
+
+
+class Layer:
+    """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
+
+    def __init__(self, device: Device, body: BodyModel, n: int, **settings: float) -> None:
+        settings = {"n_layers": 3, "seed": 0x12345_6789ABCD, **MILD} | settings
+        self.config = FilterConfig(n_particles=n, **settings)  # type: ignore[arg-type]
+        self.set = ParticleSet(device, body, self.config)
+        self.device = device
+        self.set.start(body.rest_pose)
+
+    def at_frame(self, frame: int) -> Layer:
+        self.set._frame.set(np.array([frame], np.uint32))
+        return self
+
+    def anneal(self, layer: int, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights (N,), parents (N,) and (ess, beta, least error) of the layer."""
+        self.set.anneal(layer, self.device.to_device(errors))()
+        diagnostics = self.set.result.get()[2 * self.set.n_dof :].reshape(-1, 3)
+        return self.set.weights.get(), self.set._parents.get(), diagnostics[layer]
+
+    def diffuse(self, layer: int, poses: np.ndarray, parents: np.ndarray) -> np.ndarray:
+        self.set.sets[0].set(poses.astype(np.float32))
+        self.set._parents.set(parents.astype(np.int32))
+        self.set.diffuse(layer, 0)()
+        return self.set.sets[1].get()
+
+
+@pytest.mark.parametrize("n", [2, 37, 129, 1000])
+@pytest.mark.parametrize("kind", KINDS)
+def test_anneal_kernel_agrees_with_the_twin(device: Device, kind: str, n: int) -> None:
+    errors = errors_of(kind, n)
+    layer = Layer(device, STICK, n).at_frame(5)
+    weights, parents, (ess, beta, least) = layer.anneal(1, errors)
+    rate = layer.config.survival_rates[1]
+    assert least == errors.min()
+    assert beta > 0 and np.isfinite(beta)
+    assert ess == pytest.approx(effective_size(errors.astype(float), float(beta)), rel=1e-3)
+    expected = normalised_weights(errors.astype(float), float(beta))
+    np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-6)
+    assert weights.sum() == pytest.approx(1, abs=1e-5)
+    if kind in ("spread", "large", "one hopeless") and n > 2:
+        assert beta == pytest.approx(annealing_exponent(errors.astype(float), rate), rel=5e-3)
+        assert ess == pytest.approx(rate * n, rel=1e-2)
+    # Parents: the twin's but where rounding decides; each as often as its weight says.
+    wanted = systematic_parents(weights.astype(float), uniform(layer.config.seed, 5, 1))
+    assert np.abs(parents - wanted).max() <= 1 or kind == "half the best"
+    assert (parents != wanted).mean() < 0.05
+    counts = np.bincount(parents, minlength=n)
+    assert len(counts) == n and np.all(np.abs(counts - n * weights) < 1 + 1e-3)
+    assert np.all(np.diff(parents) >= 0)
+
+
+def test_layers_have_their_own_rates_offsets_and_diagnostics(device: Device) -> None:
+    errors = errors_of("spread", 200)
+    layer = Layer(device, STICK, 200, first_survival=0.6, last_survival=0.1)
+    for index, rate in enumerate((0.6, 0.35, 0.1)):
+        _, parents, (ess, _, _) = layer.anneal(index, errors)
+        assert ess == pytest.approx(200 * rate, rel=1e-2)
+        again = layer.at_frame(1).anneal(index, errors)[1]
+        assert (parents != again).any()  # another frame, another offset
+        layer.at_frame(0)
+    diagnostics = layer.set.result.get()[2 * STICK.n_dof :].reshape(-1, 3)
+    np.testing.assert_allclose(diagnostics[:, 0], [120, 70, 20], rtol=1e-2)
+
+
+@pytest.mark.parametrize("n", [2, 37, 129])
+@pytest.mark.parametrize("body", [SONG, STICK], ids=["song31", "stick"])
+def test_diffuse_kernel_agrees_with_the_twin(device: Device, body: BodyModel, n: int) -> None:
+    layer = Layer(device, body, n, noise=3.0).at_frame(11)
+    poses = bodies.random_poses(body, n, wild=True).astype(np.float32)
+    parents = np.random.default_rng(n).integers(0, n, n)
+    children = layer.diffuse(2, poses, parents)
+    noise = normals(layer.config.seed, 11, 2, n, body.n_dof)
+    noise = noise * body.sigma * layer.config.layer_noise[2]
+    expected = diffuse(poses.astype(float), parents, noise, body.lower, body.upper)
+    np.testing.assert_allclose(children, expected, atol=5e-6)
+
+
+def test_children_keep_the_limits_however_wide_the_noise(device: Device) -> None:
+    layer = Layer(device, SONG, 129, noise=100.0)
+    parents = np.arange(129)
+    poses = np.stack([SONG.lower, SONG.upper, SONG.rest_pose])[parents % 3]
+    poses = np.where(np.isfinite(poses), poses, 0)
+    children = layer.diffuse(0, poses, parents)
+    low, high = SONG.lower.astype(np.float32), SONG.upper.astype(np.float32)
+    assert np.isfinite(children).all()
+    assert np.all((children >= low) & (children <= high))
+    inner = np.isfinite(SONG.lower)
+    assert np.mean((children == low) | (children == high), axis=0)[inner].max() < 1
+    gentle = Layer(device, SONG, 129, noise=0.5).diffuse(0, poses, parents)
+    # A reflected child lies inside, hardly ever on the limit itself.
+    assert np.mean((gentle == low) | (gentle == high)) < 0.01
+    assert np.ptp(gentle[parents % 3 == 0], axis=0).min() > 0
+
+
+def test_noise_is_bounded_by_the_sets_own_spread(device: Device) -> None:
+    n = 129
+    layer = Layer(device, SONG, n, spread=0.5)
+    deviation = SONG.sigma * np.linspace(0, 3, SONG.n_dof)
+    result = np.zeros(layer.set.result.size, np.float32)
+    result[SONG.n_dof : 2 * SONG.n_dof] = deviation
+    layer.set.result.set(result)
+    poses = np.tile(np.clip(SONG.rest_pose, SONG.lower + 0.2, SONG.upper - 0.2), (n, 1))
+    for index in (0, 1):
+        wide = layer.config.layer_noise[index] * SONG.sigma
+        used = np.minimum(wide, 0.5 * deviation) if index else wide
+        expected = poses + used * normals(layer.config.seed, 0, index, n, SONG.n_dof)
+        found = layer.diffuse(index, poses, np.arange(n))
+        inside = np.isclose(found, np.clip(expected, SONG.lower, SONG.upper), atol=5e-6)
+        assert inside.mean() > 0.99
+        np.testing.assert_allclose(found, expected, atol=0.3)
+    np.testing.assert_array_equal(found[:, 0], np.float32(poses[:, 0]))  # no spread, no noise
+
+
+@pytest.mark.parametrize("n", [2, 37, 129, 1000])
+def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
+    layer = Layer(device, SONG, n)
+    poses = bodies.random_poses(SONG, n, wild=True).astype(np.float32)
+    weights = np.random.default_rng(n).dirichlet(np.full(n, 0.3)).astype(np.float32)
+    layer.set.sets[1].set(poses)
+    layer.set.weights.set(weights)
+    layer.set.estimate(1, end_of_frame=False)()
+    found = layer.set.result.get()
+    mean = weights @ poses.astype(float)
+    np.testing.assert_allclose(found[: SONG.n_dof], mean, atol=1e-5)
+    deviation = np.sqrt(weights @ (poses - mean) ** 2)
+    np.testing.assert_allclose(found[SONG.n_dof : 2 * SONG.n_dof], deviation, atol=1e-5)
+    assert not found[2 * SONG.n_dof :].any()  # the layers' diagnostics are left alone
+
+
+# Whole frames ---------------------------------------------------------------------------------
+
+
+class World:
+    """A body that moves before cameras: its voxels on the device and for the twin."""
+
+    def __init__(self, device: Device, body: BodyModel = SONG, voxel: float = 0.05) -> None:
+        self.device, self.body = device, body
+        self.rig: CameraRig = scenes.ring(3)
+        low, high = np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9])
+        self.grid = VoxelGrid.covering(low, high, voxel)
+        self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
+
+    def pose(self, frame: int) -> np.ndarray:
+        pose = self.body.rest_pose.copy()
+        for name, speed in (("pelvis.tx", 0.012), ("l_upper_arm.ry", 0.04), ("r_thigh.ry", 0.03)):
+            pose[self.body.dof_names.index(name)] += speed * frame
+        return pose
+
+    def twin(self, frame: int) -> NumpyVoxels:
+        cones = posed_cones(self.body, self.pose(frame)[None])[0]
+        inside = distances(self.grid.centres(), cones).min(1) < 0
+        shell = inside & (
+            distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
+        )
+        return NumpyVoxels(
+            self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0
+        )
+
+    def voxels(self, frame: int) -> Voxels:
+        indices = self.twin(frame).surface.astype(np.int32)
+        padded = np.zeros(self._voxels.surface.size, np.int32)
+        padded[: len(indices)] = indices
+        self._voxels.surface.set(padded)
+        self._voxels.count.set(np.array([len(indices)], np.int32))
+        return self._voxels
+
+
+def run(world: World, config: FilterConfig, frames: int) -> Iterator[Estimate]:
+    tracker = AnnealedParticleFilter(world.device, world.body, world.rig, world.grid, config)
+    tracker.start(world.pose(0))
+    for frame in range(frames):
+        yield tracker.step(world.voxels(frame))
+
+
+def assert_equal(a: Estimate, b: Estimate) -> None:
+    for field in ("pose", "deviation", "ess", "beta", "least_error"):
+        np.testing.assert_array_equal(getattr(a, field), getattr(b, field), err_msg=field)
+
+
+def test_a_frame_is_one_small_download(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(n_particles=37, n_layers=3)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker.start(world.pose(0))
+    tracker.step(world.voxels(0))  # tells the reprojection where the grid lies
+    for frame in (1, 2):
+        voxels = world.voxels(frame)
+        before = replace(device.transfers)
+        tracker.step(voxels)
+        after = device.transfers
+        assert after.uploads == before.uploads
+        assert after.downloads == before.downloads + 1
+        assert after.download_bytes - before.download_bytes == 4 * (2 * 31 + 3 * 3)
+
+
+@pytest.mark.parametrize("n_layers", [1, 2])
+def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
+    """The frame's number is the first word of the counter of the random numbers."""
+    world = World(device)
+    config = FilterConfig(n_particles=37, n_layers=n_layers)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    for _ in range(2):
+        tracker.start(world.pose(0))
+        for frame in range(3):
+            assert tracker._particles._frame.get()[0] == frame
+            tracker.step(world.voxels(frame))
+
+
+def test_frames_do_not_allocate(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(n_particles=37, n_layers=2)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker.start(world.pose(0))
+    voxels = world.voxels(0)
+    tracker.step(voxels)
+    before = device._allocated
+    tracker.step(voxels)
+    assert device._allocated == before
+
+
+@pytest.mark.parametrize("n_layers", [2, 3])  # frames end in one set, or in alternating ones
+def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
+    world, config = World(device), FilterConfig(n_particles=129, n_layers=n_layers, seed=3)
+    first, second = list(run(world, config, 3)), list(run(world, config, 3))
+    for a, b in zip(first, second, strict=True):
+        assert_equal(a, b)
+    other = list(run(world, replace(config, seed=4), 1))
+    assert np.any(other[0].pose != first[0].pose)
+
+
+def test_a_filter_started_again_forgets(device: Device) -> None:
+    world, config = World(device), FilterConfig(n_particles=37, n_layers=3, spread=1.0)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    runs = []
+    for _ in range(2):
+        tracker.start(world.pose(0))
+        runs.append([tracker.step(world.voxels(frame)) for frame in range(3)])
+    for a, b in zip(*runs, strict=True):
+        assert_equal(a, b)
+
+
+@pytest.mark.parametrize("settings", [{}, {"spread": 0.5}, {"surface_weight": 0.0}])
+@pytest.mark.parametrize("n_layers", [1, 2])
+def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: int) -> None:
+    """As long as no parent flips the two draw the same particles; a flip moves the mean little."""
+    world = World(device)
+    config = FilterConfig(n_particles=64, n_layers=n_layers, last_survival=0.2, **settings)
+    twin = NumpyAnnealedParticleFilter(NumpyDevice(), world.body, world.rig, world.grid, config)
+    twin.start(world.pose(0))
+    for frame, found in enumerate(run(world, config, 3)):
+        expected = twin.step(world.twin(frame))
+        close = 0.02 if frame + n_layers == 1 else 0.5
+        assert np.all(np.abs(found.pose - expected.pose) <= close * world.body.sigma)
+        np.testing.assert_allclose(found.ess, config.survival_rates * 64, rtol=0.02)
+        np.testing.assert_allclose(expected.ess, config.survival_rates * 64, rtol=0.02)
+        np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
+        np.testing.assert_allclose(found.beta, expected.beta, rtol=0.3)
+
+
+def test_a_moving_body_is_followed(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(n_particles=200, n_layers=6)
+    places = [world.body.dof_names.index(n) for n in ("pelvis.tx", "l_upper_arm.ry", "r_thigh.ry")]
+    *_, last = run(world, config, 12)
+    moved = (last.pose - world.pose(0))[places]
+    np.testing.assert_allclose(moved, (world.pose(11) - world.pose(0))[places], atol=0.12)
+    assert moved[0] > 0.08 and moved[1] > 0.25 and moved[2] > 0.2
+    assert np.all(np.diff(last.ess) < 0) and np.all(last.deviation >= 0)
+    assert last.least_error[-1] < last.least_error[0]
+
+
+def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(n_particles=37, n_layers=3)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker.start(world.pose(0))
+    voxels = world.voxels(0)
+    voxels.count.fill(0)
+    for _ in range(2):
+        estimate = tracker.step(voxels)
+        for field in ("pose", "deviation", "ess", "beta", "least_error"):
+            assert np.isfinite(getattr(estimate, field)).all(), field
+        assert np.all((estimate.pose >= SONG.lower) & (estimate.pose <= SONG.upper))
+    images = config.edge_weight + config.silhouette_weight + config.surface_weight
+    assert estimate.least_error.min() >= 3 * images * 0.999
+
+
+@pytest.mark.parametrize("kind", ["opencl", "numpy"])
+def test_starting_poses_are_checked(device: Device, kind: str) -> None:
+    world = World(device)
+    chosen = device if kind == "opencl" else NumpyDevice()
+    config = FilterConfig(n_particles=5, n_layers=1, **MILD)
+    tracker = tracker_for(chosen, world.body, world.rig, world.grid, config)
+    assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
+    for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
+        with pytest.raises(UserError, match="expected 31 finite values"):
+            tracker.start(wrong)
+    beyond = world.pose(0)
+    beyond[SONG.dof_names.index("l_calf.ry")] = -1.0  # a knee bent forward
+    tracker.start(beyond)
+    voxels = world.voxels(0) if kind == "opencl" else world.twin(0)
+    assert tracker.step(voxels).pose[SONG.dof_names.index("l_calf.ry")] >= 0
