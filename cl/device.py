@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import re
 import time
 import weakref
@@ -159,7 +160,7 @@ class Device:
     def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
         """An uninitialised array; `what` names it in the error when memory does not suffice."""
         shape = (shape,) if isinstance(shape, int) else tuple(int(n) for n in shape)
-        nbytes = max(1, int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize)
+        nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
         try:
             buffer = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
