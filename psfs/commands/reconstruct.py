@@ -36,7 +36,9 @@ def register(commands: argparse._SubParsersAction) -> None:
         "Without a stated volume it is found from the cameras and the first silhouettes."
     )
     add_sequence_flags(parser)
-    parser.add_argument("-o", "--out", required=True, type=Path, metavar="OUT", help="new folder")
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="OUT", help="new folder"
+    )
     size = parser.add_mutually_exclusive_group()
     size.add_argument(
         "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
@@ -64,8 +66,8 @@ def _shape(text: str) -> tuple[int, int, int]:
 def _run(args: argparse.Namespace) -> None:
     if not 0 <= args.debris <= 1:
         raise UserError(f"--debris is {args.debris}; expected a share between 0 and 1")
-    if args.out.exists() and not args.out.is_dir():
-        raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
+    if args.output.exists() and not args.output.is_dir():
+        raise UserError(f"{args.output} is a file; expected a folder, or a name for a new one")
     device = select_device(args.device, profile=True)
     sequence = open_sequence(args)
     frames = selected_frames(args, sequence)
@@ -115,7 +117,7 @@ class _Job:
         grid: VoxelGrid,
         device: Device | NumpyDevice,
     ) -> None:
-        self.out: Path = args.out
+        self.out: Path = args.output
         self.debris: float = args.debris
         self.stated = stated(args)
         self.folder: str = args.folder
