@@ -29,6 +29,7 @@ class ParticleSet:
         self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
         self._cumulative = device.empty((n,), np.float32, "the weights")
         self._parents = device.empty((n,), np.int32, "the parents")
+        self._motion = device.zeros((body.n_dof, 2), np.float32)
         self._frame = device.zeros((1,), np.uint32)
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
@@ -42,6 +43,7 @@ class ParticleSet:
             poses.set(np.tile(pose.astype(np.float32), (n, 1)))
         self._parents.set(np.arange(n, dtype=np.int32))
         self._frame.fill(0)
+        self._motion.fill(0)
 
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
@@ -58,6 +60,7 @@ class ParticleSet:
             self._sigma,
             self._limits,
             self.result,
+            self._motion,
             self._parents,
             self.sets[source],
             self.sets[1 - source],
@@ -71,6 +74,7 @@ class ParticleSet:
             (_GROUP,),
             np.int32(self.config.n_particles),
             np.int32(layer),
+            np.int32(layer == self.config.n_layers - 1),
             np.float32(self.config.survival_rates[layer]),
             self._seed,
             self._frame,
@@ -89,10 +93,12 @@ class ParticleSet:
             (_GROUP,),
             np.int32(self.config.n_particles),
             np.int32(end_of_frame),
+            np.float32(self.config.velocity),
             self._frame,
             self.weights,
             self.sets[source],
             self.result,
+            self._motion,
         )
 
     def _kernel(self, name: str) -> object:

@@ -17,7 +17,8 @@ class FilterConfig:
     size over number of particles that the exponent beta of the first and the last layer reaches,
     linear in between. noise: scale of the body's sigma in the first layer; noise_decay: its
     factor from layer to layer; spread: where positive, noise after the first layer is at most this
-    times the set's own deviation. edge_weight, silhouette_weight: of Song et al. eq. (14) and (15);
+    times the set's own deviation; velocity: share of the last change that is expected again, 0 for
+    Song et al. eq. (13), 1 for constant velocity. edge_weight, silhouette_weight: of Song et al. eq. (14) and (15);
     surface_weight: of the share of surface voxels that the cones leave unexplained, counted once
     per camera; overlap_weight: of the depth to which parts that must stay apart meet, likewise;
     both are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is half
@@ -32,6 +33,7 @@ class FilterConfig:
     noise: float = 1.0
     noise_decay: float = 0.8
     spread: float = 0.0
+    velocity: float = 0.0
     edge_weight: float = 2.0
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
@@ -58,7 +60,7 @@ class FilterConfig:
                 )
         positive = ("noise", "noise_decay", "surface_scale", "sample_spacing")
         negative = [name for name in positive if not getattr(self, name) > 0]
-        weights = ("spread", "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
+        weights = ("spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
         negative += [name for name in weights if not getattr(self, name) >= 0]
         if negative:
             raise UserError(

@@ -47,6 +47,7 @@ class NumpyAnnealedParticleFilter:
         self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
+        self._drift = np.zeros(self.body.n_dof)
 
     def step(self, voxels: NumpyVoxels) -> Estimate:
         """Track one frame further."""
@@ -67,15 +68,19 @@ class NumpyAnnealedParticleFilter:
             self._parents = systematic_parents(weights, offset)
             mean = weights @ self._poses
             self._deviation = np.sqrt(weights @ (self._poses - mean) ** 2)
+        # The first frame's change is the start's error, not a motion.
+        change = mean - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
+        self._last, self._drift = mean, self.config.velocity * change
         self._frame += 1
         ess, beta, least_error = np.array(history).T
         return Estimate(mean, self._deviation, ess, beta, least_error)
 
     def _noise(self, layer: int) -> np.ndarray:
-        """(N, D) what the layer adds to the particles."""
+        """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
         config = self.config
         deviation = config.layer_noise[layer] * self.body.sigma
         if config.spread > 0 and layer > 0:
             deviation = np.minimum(deviation, config.spread * self._deviation)
         shape = (config.n_particles, self.body.n_dof)
-        return deviation * normals(config.seed, self._frame, layer, *shape)
+        noise = deviation * normals(config.seed, self._frame, layer, *shape)
+        return noise + self._drift if layer == 0 else noise

@@ -51,10 +51,11 @@ inline float effective_size(__local float *scratch, int n, __global const float 
 }
 
 // Finds beta whose effective sample size is survival_rate * n (by bisection of its logarithm),
-// then weights, normalised, and the parents of systematic resampling. One work-group.
+// then weights, normalised, and the parents of systematic resampling; the last layer of a frame
+// counts it. One work-group.
 // result: mean (N_DOF), deviation (N_DOF), then per layer effective sample size, beta, least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void anneal(int n, int layer, float survival_rate, uint2 seed, __global const uint *frame,
+void anneal(int n, int layer, int last, float survival_rate, uint2 seed, __global uint *frame,
             __global const float *errors, __global float *weights, __global float *cumulative,
             __global int *parents, __global float *result)
 {
@@ -109,7 +110,9 @@ void anneal(int n, int layer, float survival_rate, uint2 seed, __global const ui
         }
         parents[i] = first;
     }
+    barrier(CLK_GLOBAL_MEM_FENCE);
     if (lane == 0) {
+        if (last) ++frame[0];
         __global float *diagnostics = result + 2 * N_DOF + 3 * layer;
         diagnostics[0] = size;
         diagnostics[1] = beta;
@@ -117,14 +120,15 @@ void anneal(int n, int layer, float survival_rate, uint2 seed, __global const ui
     }
 }
 
-// Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits.
+// Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
+// and in the first layer plus the motion that is expected since the last frame.
 // Its deviation is noise * sigma, but not above spread * the set's own deviation (result, see
 // anneal) where spread is positive.
 __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
                       __global const uint *frame, __global const float *sigma,
                       __global const float2 *limits, __global const float *result,
-                      __global const int *parents, __global const float *poses,
-                      __global float *children)
+                      __global const float2 *motion, __global const int *parents,
+                      __global const float *poses, __global float *children)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     if (dof >= N_DOF || particle >= n) return;
@@ -133,6 +137,7 @@ __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
     if (spread > 0.0f) deviation = fmin(deviation, spread * result[N_DOF + dof]);
     float value = poses[parents[particle] * N_DOF + dof] +
                   deviation * philox_normal(counter, seed);
+    if (layer == 0) value += motion[dof].y;
     const float2 limit = limits[dof];
     if (value < limit.x) value = 2.0f * limit.x - value;
     if (value > limit.y) value = 2.0f * limit.y - value;
@@ -140,10 +145,12 @@ __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
 }
 
 // Song et al. eq. (12): weighted mean of the set, and its standard deviation. One work-group per
-// degree of freedom; at the end of a frame the first one counts it.
+// degree of freedom. At the end of a frame also the motion: the pose and the change expected until
+// the next frame, `velocity` times the last change.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void estimate(int n, int end_of_frame, __global uint *frame, __global const float *weights,
-              __global const float *poses, __global float *result)
+void estimate(int n, int end_of_frame, float velocity, __global const uint *frame,
+              __global const float *weights, __global const float *poses,
+              __global float *result, __global float2 *motion)
 {
     __local float scratch[GROUP];
     const int dof = get_group_id(0), lane = get_local_id(0);
@@ -159,6 +166,10 @@ void estimate(int n, int end_of_frame, __global uint *frame, __global const floa
     if (lane == 0) {
         result[dof] = centre;
         result[N_DOF + dof] = sqrt(squares);
-        if (dof == 0 && end_of_frame) ++frame[0];
+        if (end_of_frame) {
+            // The first frame's change is the start's error, not a motion.
+            const float change = frame[0] > 1 ? centre - motion[dof].x : 0.0f;
+            motion[dof] = (float2)(centre, velocity * change);
+        }
     }
 }
