@@ -334,6 +334,40 @@ def test_frames_do_not_allocate(device: Device) -> None:
     assert device._allocated == before
 
 
+@pytest.mark.parametrize("kind", ["opencl", "numpy"])
+def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
+    """Without noise and choice the pose coasts: all particles move by velocity times the change."""
+    body = replace(SONG, sigma=np.zeros(SONG.n_dof))
+    world = World(device, body)
+    config = FilterConfig(n_particles=5, n_layers=2, velocity=0.5, **MILD)
+    chosen = device if kind == "opencl" else NumpyDevice()
+    tracker = tracker_for(chosen, body, world.rig, world.grid, config)
+    place = SONG.dof_names.index("pelvis.tx")
+
+    def step() -> float:
+        return tracker.step(world.voxels(0) if kind == "opencl" else world.twin(0)).pose[place]
+
+    def shift(by: float) -> None:
+        if kind == "numpy":
+            tracker._poses[:, place] += by
+            return
+        for poses in tracker._particles.sets:
+            moved = poses.get()
+            moved[:, place] += by
+            poses.set(moved)
+
+    tracker.start(world.pose(0))
+    shift(0.3)  # the first change is the start's error and expected of nobody
+    assert step() == pytest.approx(0.3)
+    assert step() == pytest.approx(0.3)
+    shift(0.08)
+    assert step() == pytest.approx(0.38)
+    assert step() == pytest.approx(0.38 + 0.04)
+    assert step() == pytest.approx(0.38 + 0.04 + 0.02)
+    tracker.start(world.pose(0))
+    assert step() == step() == pytest.approx(0)
+
+
 @pytest.mark.parametrize("n_layers", [2, 3])  # frames end in one set, or in alternating ones
 def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
     world, config = World(device), FilterConfig(n_particles=129, n_layers=n_layers, seed=3)
@@ -355,7 +389,9 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
         assert_equal(a, b)
 
 
-@pytest.mark.parametrize("settings", [{}, {"spread": 0.5}, {"surface_weight": 0.0}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"spread": 0.5}, {"surface_weight": 0.0}, {"velocity": 0.7}]
+)
 @pytest.mark.parametrize("n_layers", [1, 2])
 def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: int) -> None:
     """As long as no parent flips the two draw the same particles; a flip moves the mean little."""

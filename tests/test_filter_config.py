@@ -58,6 +58,7 @@ def test_song_alone_may_be_chosen() -> None:
         ("surface_scale", 0.0),
         ("sample_spacing", 0.0),
         ("spread", -0.1),
+        ("velocity", -1.0),
         ("edge_weight", -1.0),
         ("silhouette_weight", float("nan")),
         ("surface_weight", -1.0),
