@@ -18,12 +18,12 @@ class FilterConfig:
     linear in between. noise: scale of the body's sigma in the first layer; noise_decay: its
     factor from layer to layer; spread: where positive, noise after the first layer is at most this
     times the set's own deviation; velocity: share of the last change that is expected again, 0 for
-    Song et al. eq. (13), 1 for constant velocity. edge_weight, silhouette_weight: of Song et al. eq. (14) and (15);
-    surface_weight: of the share of surface voxels that the cones leave unexplained, counted once
-    per camera; overlap_weight: of the depth to which parts that must stay apart meet, likewise;
-    both are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is half
-    unexplained; n_points: surface voxels that are looked at. sample_spacing: distance, m, between
-    samples on a cone.
+    Song et al. eq. (13), 1 for constant velocity. edge_weight, silhouette_weight: of Song et al.
+    eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
+    unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
+    stay apart meet, likewise; both are 0 for Song's likelihood alone. surface_scale: distance, m,
+    at which a voxel is half unexplained; n_points: surface voxels that are looked at.
+    sample_spacing: distance, m, between samples on a cone.
     """
 
     n_particles: int = 200
@@ -59,9 +59,9 @@ class FilterConfig:
                     f"{1 / self.n_particles:.3g} and 1"
                 )
         positive = ("noise", "noise_decay", "surface_scale", "sample_spacing")
+        weights = ("edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
         negative = [name for name in positive if not getattr(self, name) > 0]
-        weights = ("spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
-        negative += [name for name in weights if not getattr(self, name) >= 0]
+        negative += [n for n in ("spread", "velocity", *weights) if not getattr(self, n) >= 0]
         if negative:
             raise UserError(
                 f"{negative[0]} is {getattr(self, negative[0])}; expected a positive number"

@@ -47,7 +47,7 @@ class NumpyAnnealedParticleFilter:
         self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
-        self._drift = np.zeros(self.body.n_dof)
+        self._last, self._drift = np.zeros((2, self.body.n_dof))
 
     def step(self, voxels: NumpyVoxels) -> Estimate:
         """Track one frame further."""
