@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from psfs.commandline import run_command
-from psfs.commands import check, devices, info, reconstruct, view
+from psfs.commands import check, devices, info, mesh, reconstruct, view
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -13,6 +13,6 @@ def main(argv: list[str] | None = None) -> int:
         prog="psfs", description="Probabilistic shape from silhouette: calibrated views to voxels."
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in (info, reconstruct, check, view, devices):
+    for command in (info, reconstruct, check, mesh, view, devices):
         command.register(commands)
     return run_command(parser, argv)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,10 +20,10 @@ from psfs.sequence import Frame
 
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
-_PANEL = (300, 420)  # width, height of a view, px
-_SUPERSAMPLING = 2
-_BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
-_CLAY = np.array([150, 178, 205], np.float32)
+PANEL = (300, 420)  # width, height of a view, px
+SUPERSAMPLING = 2
+BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
+CLAY = np.array([150, 178, 205], np.float32)
 _OUTLINE = (60, 220, 60)
 _INK = (90, 80, 70)
 
@@ -30,14 +31,32 @@ _INK = (90, 80, 70)
 def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
     """(h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
     the outline of the reprojected cloud is drawn."""
-    views = np.hstack([shaded_view(cloud, azimuth, up, _PANEL) for azimuth, up in VIEWS])
-    pictures = _picture_row(cloud, rig, frame, views.shape[1])
+    views = [shaded_view(cloud, azimuth, up, PANEL) for azimuth, up in VIEWS]
     edge = cloud.grid.voxel_size
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
     if cloud.volume:
         text += f"   volume {cloud.volume * 1e3:.3g} l"
-    cv2.putText(views, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
-    return np.vstack([views, pictures])
+    extents = footprints(rig, edge)
+
+    def silhouette(view: int) -> np.ndarray:
+        columns, rows = rig[view].size
+        return voxel_silhouette(rig[view], cloud.centres, extents[view], (rows, columns))
+
+    return sheet(views, text, silhouette, rig, frame)
+
+
+def sheet(
+    views: list[np.ndarray],
+    text: str,
+    silhouette: Callable[[int], np.ndarray],
+    rig: CameraRig,
+    frame: Frame,
+) -> np.ndarray:
+    """(h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame with
+    the outline of `silhouette(view)`, (h, w) bool."""
+    above = np.hstack(views)
+    cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
+    return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
 
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
@@ -57,20 +76,26 @@ def shaded_view(
     azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
     the horizon. Voxels are splatted into a z-buffer and lit by their estimated normals.
     """
-    size = (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING)
+    size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
     if not len(cloud):
-        picture = np.broadcast_to(_BACKDROP, (size[1], size[0], 3)).copy()
+        picture = np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy()
     else:
-        view = _View.around(cloud, azimuth, elevation, size)
+        margin = 2 * cloud.grid.voxel_size
+        view = View.around(cloud.centres, margin, azimuth, elevation, size)
         nearest = _z_buffer(cloud, view, size)
         picture = _lit(cloud, view, nearest)
-    small = cv2.resize(picture, None, fx=1 / _SUPERSAMPLING, fy=1 / _SUPERSAMPLING,
-                       interpolation=cv2.INTER_AREA)  # fmt: skip
+    return shrunk(picture)
+
+
+def shrunk(picture: np.ndarray) -> np.ndarray:
+    """The final uint8 picture of one that was computed with SUPERSAMPLING."""
+    factor = 1 / SUPERSAMPLING
+    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return np.clip(small, 0, 255).astype(np.uint8)
 
 
 @dataclass(frozen=True)
-class _View:
+class View:
     """Orthographic: rows of `axes` are right, down and away from the viewer; px per m."""
 
     axes: np.ndarray
@@ -80,18 +105,23 @@ class _View:
 
     @classmethod
     def around(
-        cls, cloud: VoxelCloud, azimuth: float, elevation: float, size: tuple[int, int]
-    ) -> _View:
+        cls,
+        points: np.ndarray,
+        margin: float,
+        azimuth: float,
+        elevation: float,
+        size: tuple[int, int],
+    ) -> View:
+        """All `points` (N, 3) m, with a margin (m) around them, in a picture of `size` px."""
         a, e = np.radians([azimuth, elevation])
         away = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         axes = np.stack([right, np.cross(away, right), away])
-        points = cloud.centres
         low, high = points.min(0), points.max(0)
         # One scale for all azimuths: the box turned about the vertical.
         across = float(np.linalg.norm((high - low)[:2]))
         tall = float(high[2] - low[2]) * np.cos(e) + across * np.sin(e)
-        extent = np.array([across, tall]) + 4 * cloud.grid.voxel_size
+        extent = np.array([across, tall]) + 2 * margin
         scale = 0.86 * float(np.min(np.array(size) / extent))
         return cls(axes, (low + high) / 2, scale, np.array(size) * [0.5, 0.52])
 
@@ -100,7 +130,7 @@ class _View:
         return turned[:, :2] * self.scale + self.middle, turned[:, 2]
 
 
-def _z_buffer(cloud: VoxelCloud, view: _View, size: tuple[int, int]) -> np.ndarray:
+def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarray:
     """(h, w) number of the voxel nearest to the viewer, or -1."""
     pixels, depth = view.project(cloud.centres)
     order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
@@ -117,7 +147,7 @@ def _z_buffer(cloud: VoxelCloud, view: _View, size: tuple[int, int]) -> np.ndarr
     return nearest
 
 
-def _lit(cloud: VoxelCloud, view: _View, nearest: np.ndarray) -> np.ndarray:
+def _lit(cloud: VoxelCloud, view: View, nearest: np.ndarray) -> np.ndarray:
     """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left."""
     normals = normals_of(cloud) @ view.axes.T
     seen = nearest >= 0
@@ -126,11 +156,17 @@ def _lit(cloud: VoxelCloud, view: _View, nearest: np.ndarray) -> np.ndarray:
     width = max(1.0, 0.8 * cloud.grid.voxel_size * view.scale)
     field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
     field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
-    key = np.clip(field @ _unit(-0.5, -0.6, -0.65), 0, None)
-    fill = np.clip(field @ _unit(0.8, -0.1, -0.5), 0, None)
-    light = 0.34 + 0.66 * key + 0.16 * fill
-    base = _CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
-    return np.where(seen[..., None], base * light[..., None], _BACKDROP).astype(np.float32)
+    light = lighting(field)
+    base = CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
+    return np.where(seen[..., None], base * light[..., None], BACKDROP).astype(np.float32)
+
+
+def lighting(normals: np.ndarray) -> np.ndarray:
+    """Brightness of surfaces with unit `normals` (..., 3) along the axes of the view: a key light
+    from the viewer's upper left, a weaker one from the right, and light from everywhere."""
+    key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
+    fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
+    return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
 
 
 def normals_of(cloud: VoxelCloud) -> np.ndarray:
@@ -157,10 +193,11 @@ def outlined(
     return drawn
 
 
-def _picture_row(cloud: VoxelCloud, rig: CameraRig, frame: Frame, width: int) -> np.ndarray:
-    """Up to six of the frame's pictures with the cloud's outline, filling `width` px."""
+def _picture_row(
+    silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
+) -> np.ndarray:
+    """Up to six of the frame's pictures with an outline, filling `width` px."""
     chosen = np.unique(np.linspace(0, len(rig) - 1, min(6, len(rig))).round().astype(int))
-    extents = footprints(rig, cloud.grid.voxel_size)
     panels = []
     for view in chosen:
         camera = rig[int(view)]
@@ -170,8 +207,7 @@ def _picture_row(cloud: VoxelCloud, rig: CameraRig, frame: Frame, width: int) ->
         picture = stack[view, :rows, :columns]
         if picture.ndim == 2:
             picture = cv2.cvtColor(picture // 2, cv2.COLOR_GRAY2BGR)
-        silhouette = voxel_silhouette(camera, cloud.centres, extents[view], (rows, columns))
-        panel = outlined(picture, silhouette)
+        panel = outlined(picture, silhouette(int(view)))
         cell = width // len(chosen)
         panel = cv2.resize(
             panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA
@@ -181,7 +217,7 @@ def _picture_row(cloud: VoxelCloud, rig: CameraRig, frame: Frame, width: int) ->
         panels.append(panel)
     height = max(panel.shape[0] for panel in panels)
     row = np.zeros((height, width, 3), np.uint8)
-    row[:] = _BACKDROP.astype(np.uint8)
+    row[:] = BACKDROP.astype(np.uint8)
     left = 0
     for panel in panels:
         row[: panel.shape[0], left : left + panel.shape[1]] = panel

@@ -81,6 +81,20 @@ class Run:
         """Numbers of the frames that were reconstructed."""
         return [int(frame["index"]) for frame in self.summary["frames"]]
 
+    def chosen(self, number: int | None) -> int:
+        """The frame `number`, or the first that shows something. Raises UserError if it is not
+        among those reconstructed."""
+        if not self.indices:
+            raise UserError(f"{self.out}: holds no reconstructed frame; expected at least one")
+        if number is None:
+            frames = self.summary["frames"]
+            full = [int(frame["index"]) for frame in frames if frame["surface_voxels"]]
+            return [*full, self.indices[0]][0]
+        if number not in self.indices:
+            first, last = self.indices[0], self.indices[-1]
+            raise UserError(f"--frame {number}: {self.out} holds frames {first} to {last}")
+        return number
+
     @property
     def config(self) -> ReconstructionConfig:
         config = self.summary["config"]

@@ -1,19 +1,24 @@
-"""Open3D's window, the only place where Open3D is imported."""
+"""Open3D's window: clouds or meshes, frame by frame, with the cameras."""
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import trimesh
 
+from cl import UserError
 from psfs.camera import CameraRig
+from psfs.grid import VoxelCloud
+from psfs.mesh import CLAY, vertex_colours
 from psfs.preview import normals_of
-from psfs.runs import Run
+from psfs.raycast import load_open3d
 
-_CLAY = (0.80, 0.70, 0.59)
+KEYS = "arrow keys change the frame, space plays, Q closes"
+_SPACE, _RIGHT, _LEFT = 32, 262, 263  # GLFW's key codes
 
 
 def has_display() -> bool:
@@ -23,60 +28,86 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def load_open3d() -> Any:
-    """Open3D; its libusb comes from the package `libusb-package`, as bare machines have none."""
-    import libusb_package
-
-    library = libusb_package.get_library_path()
-    if library:
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    import open3d
-
-    return open3d
-
-
-def show(run: Run, rig: CameraRig, start: int) -> None:
-    """A window with the clouds of a run, beginning with frame `start`: arrow keys change the
-    frame, Q closes. Returns when the window is closed."""
-    open3d = load_open3d()
-    frames = run.indices
-    position = frames.index(start)
-    shown = _point_cloud(open3d, run, start)
-    window = open3d.visualization.VisualizerWithKeyCallback()
-    window.create_window(f"{run.out}: arrow keys change the frame", 1280, 800)
-    window.add_geometry(shown)
-    window.add_geometry(_cameras(open3d, rig))
-    window.add_geometry(open3d.geometry.TriangleMesh.create_coordinate_frame(0.3))
-
-    def step(by: int) -> Any:
-        def change(window: Any) -> bool:
-            nonlocal position
-            position = (position + by) % len(frames)
-            cloud = _point_cloud(open3d, run, frames[position])
-            shown.points, shown.colors, shown.normals = cloud.points, cloud.colors, cloud.normals
-            return bool(window.update_geometry(shown))
-
-        return change
-
-    right, left = 262, 263  # GLFW's key codes
-    window.register_key_callback(right, step(1))
-    window.register_key_callback(left, step(-1))
+def show(
+    title: str,
+    rig: CameraRig,
+    frames: Sequence[int],
+    start: int,
+    shape: Callable[[int], VoxelCloud | trimesh.Trimesh],
+) -> None:
+    """A window with `shape(frame)`, beginning with frame `start`, and the pyramids of the views;
+    for the keys see KEYS. Returns when the window is closed. Raises UserError if none opens."""
+    window = load_open3d().visualization.VisualizerWithKeyCallback()
+    if not window.create_window(f"{title}: {KEYS}", 1280, 800):
+        raise UserError("the display gives no window; --png FILE writes a picture instead")
+    player = _Player(window, frames, start, shape)
+    window.add_geometry(_cameras(rig), False)
+    window.register_key_callback(_RIGHT, lambda _: player.step(1))
+    window.register_key_callback(_LEFT, lambda _: player.step(-1))
+    window.register_key_callback(_SPACE, lambda _: player.toggle())
+    window.register_animation_callback(lambda _: player.playing and player.step(1))
+    window.get_render_option().mesh_show_back_face = True
     window.run()
     window.destroy_window()
 
 
-def _point_cloud(open3d: Any, run: Run, index: int) -> Any:
-    cloud = run.cloud(index)
-    points = open3d.geometry.PointCloud()
-    points.points = open3d.utility.Vector3dVector(cloud.centres)
-    colours = np.full((len(cloud), 3), _CLAY) if cloud.colour is None else cloud.colour / 255
-    points.colors = open3d.utility.Vector3dVector(colours)
-    points.normals = open3d.utility.Vector3dVector(normals_of(cloud))
-    return points
+class _Player:
+    """The frame that a window shows."""
+
+    def __init__(
+        self,
+        window: Any,
+        frames: Sequence[int],
+        start: int,
+        shape: Callable[[int], VoxelCloud | trimesh.Trimesh],
+    ) -> None:
+        self.window, self.frames, self.shape = window, frames, shape
+        self.position = frames.index(start)
+        self.playing = False
+        self.geometry = _geometry(shape(start))
+        window.add_geometry(self.geometry)
+        view = window.get_view_control()
+        view.set_up([0, 0, 1])
+        view.set_front([1, -0.35, 0.25])
+        view.set_zoom(0.7)
+
+    def step(self, by: int) -> bool:
+        """To another frame, round and round; the viewer's place stays."""
+        self.position = (self.position + by) % len(self.frames)
+        self.window.remove_geometry(self.geometry, False)
+        self.geometry = _geometry(self.shape(self.frames[self.position]))
+        self.window.add_geometry(self.geometry, False)
+        return True
+
+    def toggle(self) -> bool:
+        self.playing = not self.playing
+        return False
 
 
-def _cameras(open3d: Any, rig: CameraRig) -> Any:
+def _geometry(shape: VoxelCloud | trimesh.Trimesh) -> Any:
+    """Open3D's form of a cloud or a mesh."""
+    open3d = load_open3d()
+    vector = open3d.utility.Vector3dVector
+    if isinstance(shape, VoxelCloud):
+        points = open3d.geometry.PointCloud(vector(shape.centres))
+        clay = np.full((len(shape), 3), CLAY)
+        points.colors = vector(clay if shape.colour is None else shape.colour / 255)
+        points.normals = vector(normals_of(shape))
+        return points
+    faces = open3d.utility.Vector3iVector(np.asarray(shape.faces, np.int32))
+    mesh = open3d.geometry.TriangleMesh(vector(shape.vertices), faces)
+    mesh.vertex_normals = vector(shape.vertex_normals)
+    colours = vertex_colours(shape)
+    if colours is None:
+        mesh.paint_uniform_color(CLAY)
+    else:
+        mesh.vertex_colors = vector(colours / 255)
+    return mesh
+
+
+def _cameras(rig: CameraRig) -> Any:
     """The pyramids of the views, a tenth of the cameras' distance deep."""
+    open3d = load_open3d()
     depth = 0.1 * float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean() or 1.0)
     lines = open3d.geometry.LineSet()
     for camera in rig:
