@@ -68,6 +68,10 @@ class Silhouette:
     def __call__(self, pictures: np.ndarray) -> Array:
         """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""
         self.input.set(pictures)
+        return self.compute()
+
+    def compute(self) -> Array:
+        """Enqueue the map of what `input` holds."""
         self._launch()
         return self.evidence
 
