@@ -85,19 +85,28 @@ class ParticleSet:
             self.result,
         )
 
-    def estimate(self, source: int, end_of_frame: bool) -> Launch:
+    def estimate(self, source: int) -> Launch:
         """Weighted mean and deviation of set `source`."""
         return self.device.launch(
             self._kernel("estimate"),
             (self.n_dof * _GROUP,),
             (_GROUP,),
             np.int32(self.config.n_particles),
-            np.int32(end_of_frame),
-            np.float32(self.config.velocity),
-            self._frame,
             self.weights,
             self.sets[source],
             self.result,
+        )
+
+    def settle(self, shift: Array) -> Launch:
+        """End the frame: the next one's particles move by `shift` (D,) and the motion."""
+        return self.device.launch(
+            self._kernel("settle"),
+            (self.n_dof,),
+            None,
+            np.float32(self.config.velocity),
+            self._frame,
+            self.result,
+            shift,
             self._motion,
         )
 

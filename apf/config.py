@@ -41,6 +41,10 @@ class FilterConfig:
     surface_scale: float = 0.05
     n_points: int = 1024
     sample_spacing: float = 0.04
+    refine_steps: int = 5
+    refine_scale: float = 0.03
+    refine_strength: float = 1350.0
+    refine_width: float = 4.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -58,7 +62,10 @@ class FilterConfig:
                     f"{name} is {rate}; expected between 1 / n_particles = "
                     f"{1 / self.n_particles:.3g} and 1"
                 )
-        positive = ("noise", "noise_decay", "surface_scale", "sample_spacing")
+        positive = (
+            "noise", "noise_decay", "surface_scale", "sample_spacing",
+            "refine_scale", "refine_strength", "refine_width",
+        )  # fmt: skip
         weights = ("edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
         negative = [name for name in positive if not getattr(self, name) > 0]
         negative += [n for n in ("spread", "velocity", *weights) if not getattr(self, n) >= 0]

@@ -45,7 +45,7 @@ class Likelihood:
         self._pairs = device.to_device(pairs, "the parts that stay apart")
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._sums = device.empty((v, n, self.n_cones, 4), np.float32, "the image errors")
-        self._points = device.empty((config.n_points, 4), np.float32, "the surface samples")
+        self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self._surface_errors = device.zeros((n,), np.float32, "the surface errors")
         self.errors = device.empty((n,), np.float32, "the errors")
 
@@ -62,7 +62,7 @@ class Likelihood:
             np.int32(grid.shape[1]),
             np.int32(grid.shape[2]),
             origin_size,
-            self._points,
+            self.points,
         )
 
     def launcher(self, cones: Array, maps: Array) -> list[Launch]:
@@ -88,7 +88,7 @@ class Likelihood:
                 (_GROUP,),
                 np.int32(self.config.n_points),
                 np.float32(self.config.surface_scale),
-                self._points,
+                self.points,
                 cones,
                 self._surface_errors,
             ),

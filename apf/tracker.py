@@ -12,6 +12,7 @@ from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.kinematics import Kinematics
 from apf.likelihood import Likelihood
+from apf.refine import Refinement
 from cl import Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
@@ -23,7 +24,8 @@ from psfs.reprojection import Reprojection
 class Estimate:
     """One frame's result.
 
-    pose, deviation: (D,) weighted mean and standard deviation of the last layer's particles.
+    pose: (D,) weighted mean of the last layer's particles, refined. deviation: (D,) their standard
+    deviation.
     ess, beta, least_error: (n_layers,) effective sample size, exponent, error of the best particle.
     """
 
@@ -58,6 +60,7 @@ class AnnealedParticleFilter:
         self._kinematics = Kinematics(device, body, config.n_particles)
         self._likelihood = Likelihood(device, body, rig, config)
         self._particles = ParticleSet(device, body, config)
+        self._refinement = Refinement(device, body, config)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
         self._n_frames = 0
@@ -84,8 +87,10 @@ class AnnealedParticleFilter:
             launches += self._kinematics.launcher(self._particles.sets[source])
             launches += self._likelihood.launcher(self._kinematics.cones, self._reprojection.maps)
             launches.append(self._particles.anneal(layer, self._likelihood.errors))
-            last = layer == self.config.n_layers - 1
-            launches.append(self._particles.estimate(source, end_of_frame=last))
+            if self.config.spread > 0 or layer == self.config.n_layers - 1:
+                launches.append(self._particles.estimate(source))
+        launches += self._refinement.launcher(self._likelihood.points, self._particles.result)
+        launches.append(self._particles.settle(self._refinement.shift))
         return launches
 
 

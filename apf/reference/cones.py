@@ -58,3 +58,19 @@ def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     t = np.clip(z / length, 0.0, 1.0)
     radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
     return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
+
+
+def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Unit gradients (N, 3) of the distances of points (N, 3), each to its own cone (N, 16)."""
+    a, b = cones[:, 0:3], cones[:, 4:7]
+    x, y = cones[:, 8:11], cones[:, 12:15]
+    axis = b - a
+    length2 = np.sum(axis * axis, -1, keepdims=True)
+    offset = points - a
+    along = np.sum(offset * axis, -1, keepdims=True) / length2
+    beyond = along - np.clip(along, 0.0, 1.0)
+    u, v = np.sum(offset * x, -1, keepdims=True), np.sum(offset * y, -1, keepdims=True)
+    distance = np.sqrt(u * u + v * v + beyond**2 * length2)
+    normal = (u * x + v * y + beyond * axis) / np.maximum(distance, 1e-9)
+    taper = (cones[:, 7:8] - cones[:, 3:4]) / length2 * axis
+    return np.where(beyond == 0, normal - taper, normal)

@@ -17,6 +17,7 @@ from apf.reference.annealing import (
 from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, total_errors
 from apf.reference.noise import normals, uniform
+from apf.reference.refine import refined
 from apf.tracker import Estimate, checked_pose
 from cl import NumpyDevice
 from psfs.camera import CameraRig
@@ -68,12 +69,13 @@ class NumpyAnnealedParticleFilter:
             self._parents = systematic_parents(weights, offset)
             mean = weights @ self._poses
             self._deviation = np.sqrt(weights @ (self._poses - mean) ** 2)
+        pose = refined(body, mean, points, config)
         # The first frame's change is the start's error, not a motion.
-        change = mean - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
-        self._last, self._drift = mean, self.config.velocity * change
+        change = pose - self._last if self._frame > 0 else np.zeros(body.n_dof)
+        self._last, self._drift = pose, pose - mean + config.velocity * change
         self._frame += 1
         ess, beta, least_error = np.array(history).T
-        return Estimate(mean, self._deviation, ess, beta, least_error)
+        return Estimate(pose, self._deviation, ess, beta, least_error)
 
     def _noise(self, layer: int) -> np.ndarray:
         """(N, D) what the layer adds to the particles: noise, first the expected motion too."""

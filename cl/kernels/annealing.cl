@@ -145,12 +145,10 @@ __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
 }
 
 // Song et al. eq. (12): weighted mean of the set, and its standard deviation. One work-group per
-// degree of freedom. At the end of a frame also the motion: the pose and the change expected until
-// the next frame, `velocity` times the last change.
+// degree of freedom.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void estimate(int n, int end_of_frame, float velocity, __global const uint *frame,
-              __global const float *weights, __global const float *poses,
-              __global float *result, __global float2 *motion)
+void estimate(int n, __global const float *weights, __global const float *poses,
+              __global float *result)
 {
     __local float scratch[GROUP];
     const int dof = get_group_id(0), lane = get_local_id(0);
@@ -166,10 +164,19 @@ void estimate(int n, int end_of_frame, float velocity, __global const uint *fram
     if (lane == 0) {
         result[dof] = centre;
         result[N_DOF + dof] = sqrt(squares);
-        if (end_of_frame) {
-            // The first frame's change is the start's error, not a motion.
-            const float change = frame[0] > 1 ? centre - motion[dof].x : 0.0f;
-            motion[dof] = (float2)(centre, velocity * change);
-        }
     }
+}
+
+// Ends a frame: what to add to the particles before the next one, which is how far the estimate
+// was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
+// motion: N_DOF x (last estimate, what to add).
+__kernel void settle(float velocity, __global const uint *frame, __global const float *result,
+                     __global const float *shift, __global float2 *motion)
+{
+    const int dof = get_global_id(0);
+    if (dof >= N_DOF) return;
+    const float pose = result[dof];
+    // The first frame's change is the start's error, not a motion.
+    const float change = frame[0] > 1 ? pose - motion[dof].x : 0.0f;
+    motion[dof] = (float2)(pose, shift[dof] + velocity * change);
 }

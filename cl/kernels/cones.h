@@ -37,3 +37,22 @@ inline float cone_distance(float3 a, float radius_a, float3 b, float radius_b, f
     return sqrt(u * u + v * v + beyond * beyond * length2) -
            (radius_a + t * (radius_b - radius_a));
 }
+
+// Unit gradient of the distance with respect to the point: the normal of the surface nearby.
+#define CONE_NORMAL(cone, point) \
+    cone_normal(vload3(0, cone), (cone)[3], vload3(0, (cone) + 4), (cone)[7], \
+                vload3(0, (cone) + 8), vload3(0, (cone) + 12), point)
+
+inline float3 cone_normal(float3 a, float radius_a, float3 b, float radius_b, float3 x, float3 y,
+                          float3 point)
+{
+    const float3 axis = b - a, offset = point - a;
+    const float length2 = dot(axis, axis);
+    const float along = dot(offset, axis) / length2;
+    const float t = clamp(along, 0.0f, 1.0f);
+    const float u = dot(offset, x), v = dot(offset, y), beyond = along - t;
+    const float distance = sqrt(u * u + v * v + beyond * beyond * length2);
+    const float3 normal = (u * x + v * y + beyond * axis) / fmax(distance, 1e-9f);
+    // Along the side the radius changes with the place.
+    return beyond == 0.0f ? normal - (radius_b - radius_a) / length2 * axis : normal;
+}
