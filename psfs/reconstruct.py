@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from cl import Array, Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
+from psfs.colour import SurfaceColour
 from psfs.config import ReconstructionConfig
+from psfs.follow import Follower
 from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.occupancy import Occupancy
 from psfs.silhouette import Silhouette
+from psfs.sparse import SparseSurface
 from psfs.surface import Surface
+from psfs.uploads import Uploads
 
 if TYPE_CHECKING:
     from psfs.background import Background
@@ -26,30 +31,67 @@ class HasCloud(Protocol):
     @property
     def grid(self) -> VoxelGrid: ...
 
-    def cloud(self) -> VoxelCloud: ...
+    def cloud(self, colour: bool = False) -> VoxelCloud: ...
 
 
 class Voxels:
     """The voxels of the latest frame, on the device; overwritten by the next frame.
 
-    probability: (nx, ny, nz) float32, smoothed. surface: (capacity,) int32 flat indices, of which
-    the first `count[0]` are valid, ascending. count, occupied: (1,) int32.
+    surface: (capacity,) int32 flat indices, of which the first `count[0]` are valid, ascending.
+    count, occupied: (1,) int32.
     """
 
-    def __init__(self, grid: VoxelGrid, surface: Surface) -> None:
+    def __init__(
+        self, grid: VoxelGrid, silhouette: Silhouette, surface: Surface | SparseSurface
+    ) -> None:
         self.grid = grid
-        self.probability: Array = surface.probability
-        self.surface: Array = surface.surface
-        self.count: Array = surface.count
-        self.occupied: Array = surface.occupied
-        self._surface = surface
+        self.frame: Frame | None = None
+        self.surface: Array = surface.list.indices
+        self.count: Array = surface.list.count
+        self.occupied: Array = surface.list.occupied
+        self._surface, self._silhouette = surface, silhouette
+        self._colour: SurfaceColour | None = None
+        self._images: Array | None = None
 
-    def cloud(self) -> VoxelCloud:
-        """Download the surface voxels (waits for the device)."""
+    @property
+    def probability(self) -> Array:
+        """(nx, ny, nz) float32, smoothed. In sparse mode it is made when it is asked for."""
+        return self._surface.probability
+
+    def colours(self) -> Array:
+        """Enqueue the surface's colours: (capacity, 4) uint8, RGB and how many cameras see it.
+
+        Raises UserError if the frame has no pictures.
+        """
+        if self.frame is None or self.frame.images is None:
+            raise UserError("the frame has no pictures to colour its voxels with; expected images")
+        if self._colour is None:
+            rig, evidence = self._silhouette.rig, self._silhouette.evidence
+            self._colour = SurfaceColour(
+                evidence.device, rig, self.grid, self._surface.list, evidence
+            )
+        return self._colour(self.grid, self._pictures(self.frame.images))
+
+    def _pictures(self, images: np.ndarray) -> Array:
+        """The frame's pictures on the device, where silhouettes may be made of masks."""
+        if self._silhouette.background is not None:
+            return self._silhouette.input
+        if self._images is None:
+            self._images = self.count.device.empty(images.shape, np.uint8, "the pictures")
+        self._images.set(images)
+        return self._images
+
+    def cloud(self, colour: bool = False) -> VoxelCloud:
+        """Download the surface voxels (waits for the device), with `colour` in RGB.
+
+        Raises UserError if there was no room for all of them, or no picture to colour them.
+        """
         count = int(self.count.get()[0])
+        self._surface.list.check_room()
         volume = int(self.occupied.get()[0]) * self.grid.voxel_size**3
         probability = self._surface.surface_probability(count)
-        return VoxelCloud(self.grid, self.surface.get(count), probability, None, volume)
+        rgb = self.colours().get(count)[:, :3] if colour else None
+        return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)
 
 
 class Reconstructor:
@@ -57,6 +99,11 @@ class Reconstructor:
 
     `background` None takes the frames' masks for silhouettes. A call only enqueues work; nothing
     comes back to the host until somebody asks for `voxels.cloud()`.
+
+    sparse: work only on bricks that can be occupied; the same voxels, much faster and smaller
+    on large grids (see `SparseSurface`). follow: let the grid follow the person along x and y, by
+    whole voxels; this reads 16 bytes back per frame, and takes a grid of the person's size
+    instead of the room's (see `Follower`).
     """
 
     def __init__(
@@ -66,17 +113,28 @@ class Reconstructor:
         grid: VoxelGrid,
         background: Background | None,
         config: ReconstructionConfig | None = None,
+        *,
+        sparse: bool = False,
+        follow: bool = False,
     ) -> None:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
-        self.occupancy = Occupancy(
-            device, rig, grid, self.silhouette.evidence, config.silhouette.step, config.occupancy
-        )
-        self.surface = Surface(
-            device, grid.shape, self.occupancy.probability, config.occupancy.threshold
-        )
-        self.voxels = Voxels(grid, self.surface)
+        evidence, step = self.silhouette.evidence, config.silhouette.step
+        self.occupancy: Occupancy | SparseSurface
+        self.surface: Surface | SparseSurface
+        if sparse:
+            self.surface = SparseSurface(device, rig, grid, evidence, step, config.occupancy)
+            self.occupancy = self.surface
+        else:
+            self.occupancy = Occupancy(device, rig, grid, evidence, step, config.occupancy)
+            self.surface = Surface(
+                device, grid.shape, self.occupancy.probability, config.occupancy.threshold
+            )
+        self.voxels = Voxels(grid, self.silhouette, self.surface)
+        self._follower = Follower(device, grid, self.surface.list) if follow else None
+        self._uploads: Uploads | None = None
+        self._ahead: Frame | None = None
 
     @property
     def grid(self) -> VoxelGrid:
@@ -89,12 +147,44 @@ class Reconstructor:
         self.occupancy.place(grid)
         self.voxels.grid = grid
 
+    def prepare(self, frame: Frame) -> None:
+        """Start the upload of the frame that the next call will be about, on a second queue.
+
+        The frame's pictures must not change until then. Raises UserError as a call does.
+        """
+        if self._uploads is None:
+            self._uploads = Uploads(self.device, self.silhouette.input)
+        self._uploads.start(frame_input(frame, self.silhouette.background))
+        self._ahead = frame
+
     def __call__(self, frame: Frame) -> Voxels:
         """Enqueue the reconstruction of `frame`. Raises UserError if it lacks what is needed."""
-        self.silhouette(frame_input(frame, self.silhouette.background))
-        self.occupancy()
+        if self._follower is not None and self.voxels.frame is not None:
+            moved = self._follower(self.grid)
+            if moved is not self.grid:
+                self.place(moved)
+        if self._uploads is not None and frame is self._ahead:
+            self._uploads.finish()
+            self.silhouette.compute()
+        else:
+            self.silhouette(frame_input(frame, self.silhouette.background))
+        self._ahead, self.voxels.frame = None, frame
+        if self.occupancy is not self.surface:
+            self.occupancy()
         self.surface()
         return self.voxels
+
+    def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
+        """The voxels of every frame; the next frame is uploaded while the device works."""
+        ahead = iter(frames)
+        frame = next(ahead, None)
+        while frame is not None:
+            voxels = self(frame)
+            self.device.queue.flush()
+            frame = next(ahead, None)
+            if frame is not None:
+                self.prepare(frame)
+            yield voxels
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
@@ -112,10 +202,12 @@ def reconstructor_for(
     grid: VoxelGrid,
     background: Background | None,
     config: ReconstructionConfig | None = None,
+    *,
+    sparse: bool = False,
 ) -> Reconstructor | NumpyReconstructor:
-    """The reconstructor of the chosen device: OpenCL, or the NumPy twin."""
+    """The reconstructor of the chosen device: OpenCL, or the NumPy twin, which knows no modes."""
     if isinstance(device, NumpyDevice):
         from psfs.reference.reconstruct import NumpyReconstructor
 
         return NumpyReconstructor(device, rig, grid, background, config)
-    return Reconstructor(device, rig, grid, background, config)
+    return Reconstructor(device, rig, grid, background, config, sparse=sparse)

@@ -6,6 +6,7 @@ import numpy as np
 
 from cl import Array, Device, UserError
 from psfs.camera import CameraRig
+from psfs.footprints import footprints
 from psfs.grid import VoxelGrid
 from psfs.launching import row_group
 from psfs.reconstruct import Voxels
@@ -116,13 +117,3 @@ def proximity_table(sigma: float, radius: int) -> np.ndarray:
     table = np.rint(255 * np.exp(-squared / (2 * sigma**2))).astype(np.uint8)
     table[-1] = 0
     return table
-
-
-def footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
-    """(V, 2) half width and height of a projected voxel's bounding box times its depth, px m.
-
-    A cube of edge s turned by R spans s times the sum of a row of |R| along a camera axis; so no
-    hole opens between neighbouring voxels, however the camera is turned.
-    """
-    spans = [np.abs(camera.R[:2]).sum(1) * np.diag(camera.K)[:2] for camera in rig]
-    return 0.5 * voxel_size * np.array(spans)

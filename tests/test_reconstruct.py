@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scenes
 
 from cl import Device, NumpyDevice
+from psfs.grid import VoxelGrid
 from psfs.reconstruct import Reconstructor
 from psfs.reference.reconstruct import NumpyReconstructor
 
@@ -45,3 +48,57 @@ def test_masks_agree_with_the_twin(device: Device) -> None:
     inside = scenes.solid(cloud.grid.centres())
     # A hull contains its body; with four cameras it is not much larger.
     assert 0.9 * inside.sum() * 0.06**3 < cloud.volume < 2.2 * inside.sum() * 0.06**3
+
+
+def walk(rig, steps: int = 4):
+    """Frames in which the test body moves along x by 0.12 m each."""
+    frames = []
+    for step in range(steps):
+        moved = scenes.CameraRig(tuple(replace(c, t=c.t + c.R @ [0.12 * step, 0, 0]) for c in rig))
+        frames.append(scenes.Picture(index=step, masks=scenes.masks_of(moved)))
+    return frames
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_stream_gives_what_single_calls_give(device: Device, sparse: bool) -> None:
+    rig, grid = scenes.without_distortion(scenes.ring(4)), scenes.small_grid()
+    frames = walk(rig)
+    alone = Reconstructor(device, rig, grid, None)
+    streamed = Reconstructor(device, rig, grid, None, sparse=sparse)
+    for frame, voxels in zip(frames, streamed.stream(frames), strict=True):
+        expected, cloud = alone(frame).cloud(), voxels.cloud()
+        np.testing.assert_array_equal(cloud.indices, expected.indices)
+        np.testing.assert_array_equal(cloud.probability, expected.probability)
+
+
+def test_a_stream_of_nothing(device: Device) -> None:
+    rig = scenes.ring(2)
+    assert not list(Reconstructor(device, rig, scenes.small_grid(), None).stream([]))
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_following_grid_keeps_the_person_inside(device: Device, sparse: bool) -> None:
+    rig = scenes.without_distortion(scenes.ring(5))
+    size = 0.05
+    room = VoxelGrid.covering(np.array([-1.5, -1.5, 0.0]), np.array([1.5, 1.5, 1.8]), size)
+    small = VoxelGrid(room.origin + size * np.array([16, 16, 0]), size, (28, 28, 36))
+    whole = Reconstructor(device, rig, room, None)
+    follows = Reconstructor(device, rig, small, None, sparse=sparse, follow=True)
+    for frame in walk(rig, 6):
+        expected, voxels = whole(frame).cloud(), follows(frame)
+        cloud = voxels.cloud()
+        assert np.all(cloud.grid.origin[2] == room.origin[2])
+        steps = (cloud.grid.origin - room.origin) / size
+        np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+        ours = {tuple(p) for p in np.rint(cloud.centres * 1000).astype(int)}
+        theirs = {tuple(p) for p in np.rint(expected.centres * 1000).astype(int)}
+        assert len(ours ^ theirs) <= 0.01 * len(theirs)
+    assert follows.grid.origin[0] < small.origin[0] or follows.grid.origin[0] > small.origin[0]
+
+
+def test_an_empty_frame_leaves_the_grid_where_it_is(device: Device) -> None:
+    rig, grid = scenes.ring(3), scenes.small_grid()
+    follows = Reconstructor(device, rig, grid, None, follow=True)
+    empty = scenes.Picture(masks=np.zeros((3, rig.height, rig.width), np.uint8))
+    for _ in range(2):
+        assert follows(empty).grid is grid

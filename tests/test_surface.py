@@ -9,7 +9,7 @@ from cl import Device
 from psfs.reference.surface import smooth, surface_voxels
 from psfs.surface import Surface
 
-SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65)]
+SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
 
 
 def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
@@ -27,9 +27,9 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> No
     expected = smooth(padded)
     np.testing.assert_allclose(surface.probability.get(), expected, atol=1e-6)
     occupied = expected > 0.501
-    count = int(surface.count.get()[0])
-    np.testing.assert_array_equal(surface.surface.get(count), surface_voxels(occupied))
-    assert int(surface.occupied.get()[0]) == occupied.sum()
+    count = int(surface.list.count.get()[0])
+    np.testing.assert_array_equal(surface.list.indices.get(count), surface_voxels(occupied))
+    assert int(surface.list.occupied.get()[0]) == occupied.sum()
     np.testing.assert_allclose(
         surface.surface_probability(count), expected.ravel()[surface_voxels(occupied)], atol=1e-6
     )
@@ -37,19 +37,19 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> No
 
 def test_nothing_occupied(device: Device) -> None:
     surface = run(device, np.zeros((12, 9, 10)))
-    assert surface.count.get()[0] == 0 and surface.occupied.get()[0] == 0
+    assert surface.list.count.get()[0] == 0 and surface.list.occupied.get()[0] == 0
     assert len(surface.surface_probability(0)) == 0
 
 
 def test_all_occupied_leaves_the_border(device: Device) -> None:
     surface = run(device, np.ones((12, 9, 10)))
     inner = 8 * 5 * 6
-    assert surface.occupied.get()[0] == 10 * 7 * 8
-    assert surface.count.get()[0] == 10 * 7 * 8 - inner
+    assert surface.list.occupied.get()[0] == 10 * 7 * 8
+    assert surface.list.count.get()[0] == 10 * 7 * 8 - inner
 
 
 def test_every_run_gives_the_same_order(device: Device) -> None:
     padded = np.random.default_rng(2).random((50, 40, 30))
     first, second = run(device, padded), run(device, padded)
-    count = int(first.count.get()[0])
-    np.testing.assert_array_equal(first.surface.get(count), second.surface.get(count))
+    count = int(first.list.count.get()[0])
+    np.testing.assert_array_equal(first.list.indices.get(count), second.list.indices.get(count))

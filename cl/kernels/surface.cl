@@ -1,9 +1,14 @@
 // From occupancy to surface voxels: 3x3x3 smoothing, threshold, removal of the inside, stream
-// compaction in ascending order. Defines: NX NY NZ of the grid (without padding), THRESHOLD.
-#define EMPTY 0
-#define INSIDE 1
-#define SURFACE 2
-#define ROWS (NX * NY)
+// compaction in ascending order. Twin: psfs/reference/surface.py. Defines: NX NY NZ of the grid
+// (without padding), THRESHOLD, LANES, CAPACITY of the list.
+// Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
+#define WORDS ((NZ + 15) / 16)
+// A group of one item needs no barrier.
+#if LANES > 1
+#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
+#else
+#define SYNC
+#endif
 
 // Mean over the 27 voxels around (x, y, z); `padded` has one more layer on every side.
 __kernel void smooth(__global const float *restrict padded, __global float *restrict probability)
@@ -21,81 +26,104 @@ __kernel void smooth(__global const float *restrict padded, __global float *rest
     probability[(x * NY + y) * NZ + z] = sum * (1.0f / 27.0f);
 }
 
-// EMPTY, INSIDE or SURFACE: occupied with an empty 6-neighbour, or on the border of the grid.
-__kernel void classify(__global const float *restrict probability, __global uchar *restrict kind)
+// Bits of the occupied voxels, one item per word.
+__kernel void threshold(__global const float *restrict probability, __global ushort *restrict bits)
 {
-    const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
-    if (z >= NZ || y >= NY || x >= NX) return;
-    const int at = (x * NY + y) * NZ + z;
-    const int border = (x == 0) | (x == NX - 1) | (y == 0) | (y == NY - 1) |
-                       (z == 0) | (z == NZ - 1);
-    // Border voxels read themselves instead of what lies outside; `border` decides about them.
-#define NEAR(offset) probability[border ? at : at + (offset)]
-    const float p = probability[at];
-    const int enclosed = (NEAR(-1) > THRESHOLD) & (NEAR(1) > THRESHOLD) &
-                         (NEAR(-NZ) > THRESHOLD) & (NEAR(NZ) > THRESHOLD) &
-                         (NEAR(-NY * NZ) > THRESHOLD) & (NEAR(NY * NZ) > THRESHOLD);
-    const int surface = border | !enclosed;
-    kind[at] = p > THRESHOLD ? (surface ? SURFACE : INSIDE) : EMPTY;
+    const int word = get_global_id(0);
+    if (word >= NX * NY * WORDS) return;
+    const int row = word / WORDS, z0 = word % WORDS * 16;
+    __global const float *p = probability + row * NZ + z0;
+    uint mask = 0;
+    if (z0 + 16 <= NZ)
+        for (int z = 0; z < 16; ++z) mask |= (uint)(p[z] > THRESHOLD) << z;
+    else
+        for (int z = 0; z < NZ - z0; ++z) mask |= (uint)(p[z] > THRESHOLD) << z;
+    bits[word] = (ushort)mask;
 }
 
-// Per row along z: how many surface voxels, how many occupied ones.
-__kernel void count_rows(__global const uchar *restrict kind, __global int *restrict surface,
-                         __global int *restrict occupied)
+// The occupied voxels of a word that have an empty 6-neighbour or lie on the grid's border.
+inline uint surface_bits(__global const ushort *restrict bits, int x, int y, int word)
 {
-    const int row = get_global_id(0);
-    if (row >= ROWS) return;
-    int n_surface = 0, n_occupied = 0;
-    for (int z = 0; z < NZ; ++z) {
-        const uchar k = kind[row * NZ + z];
-        n_surface += k == SURFACE;
-        n_occupied += k != EMPTY;
-    }
-    surface[row] = n_surface;
-    occupied[row] = n_occupied;
+    const int at = (x * NY + y) * WORDS + word;
+    const uint here = bits[at];
+    if (here == 0 || x == 0 || x == NX - 1 || y == 0 || y == NY - 1) return here;
+    const uint below = word > 0 ? bits[at - 1] >> 15 : 0;
+    const uint above = word < WORDS - 1 ? (uint)bits[at + 1] << 15 : 0;
+    const uint enclosed = (here << 1 | below) & (here >> 1 | above) & bits[at - WORDS] &
+                          bits[at + WORDS] & bits[at - NY * WORDS] & bits[at + NY * WORDS];
+    return here & ~enclosed;
 }
 
-// One work-group of SCAN items: `surface` becomes its exclusive prefix sum; totals are written.
-__kernel void scan_rows(__global int *restrict surface, __global const int *restrict occupied,
-                        __global int *restrict n_surface, __global int *restrict n_occupied,
-                        __local int *sums, __local int *volumes)
+// One work-group per slab of rows with the same x: where each row's surface voxels start within
+// the slab, and the slab's numbers of surface and occupied voxels.
+__kernel void count_slabs(__global const ushort *restrict bits, __global int *restrict starts,
+                          __global int2 *restrict totals)
 {
-    const int item = get_local_id(0);
-    const int share = (ROWS + SCAN - 1) / SCAN;
-    const int first = min(item * share, ROWS), end = min(first + share, ROWS);
-    int sum = 0, volume = 0;
-    for (int row = first; row < end; ++row) {
-        sum += surface[row];
-        volume += occupied[row];
+    __local int2 sums[LANES];
+    const int lane = get_local_id(0), x = get_group_id(0);
+    const int share = (NY + LANES - 1) / LANES;
+    const int first = lane * share, end = first + share < NY ? first + share : NY;
+    int2 sum = (int2)(0, 0);
+    for (int y = first; y < end; ++y) {
+        starts[x * NY + y] = sum.x;
+        for (int word = 0; word < WORDS; ++word) {
+            const uint occupied = bits[(x * NY + y) * WORDS + word];
+            if (occupied == 0) continue;
+            sum.x += popcount(surface_bits(bits, x, y, word));
+            sum.y += popcount(occupied);
+        }
     }
-    sums[item] = sum;
-    volumes[item] = volume;
-    barrier(CLK_LOCAL_MEM_FENCE);
+    sums[lane] = sum;
+    SYNC;
     int before = 0;
-    for (int other = 0; other < item; ++other) before += sums[other];
-    if (item == SCAN - 1) {
-        int total = 0;
-        for (int other = 0; other < SCAN; ++other) total += volumes[other];
-        *n_surface = before + sum;
-        *n_occupied = total;
-    }
-    for (int row = first; row < end; ++row) {
-        const int here = surface[row];
-        surface[row] = before;
-        before += here;
-    }
+    for (int other = 0; other < lane; ++other) before += sums[other].x;
+    for (int y = first; y < end; ++y) starts[x * NY + y] += before;
+    if (lane < LANES - 1) return;
+    int volume = 0;
+    for (int other = 0; other < LANES; ++other) volume += sums[other].y;
+    totals[x] = (int2)(before + sum.x, volume);
 }
 
-// Write the flat indices of the surface voxels, row by row, each row where its prefix sum says.
-__kernel void scatter_rows(__global const uchar *restrict kind, __global const int *restrict start,
-                           __global const int *restrict n_surface, __global int *restrict indices)
+// Write the flat indices of the surface voxels, one work-group per slab. `found` is all of them,
+// n_surface those that the list has room for.
+__kernel void list_surface(__global const ushort *restrict bits,
+                           __global const int *restrict starts,
+                           __global const int2 *restrict totals, __global int *restrict n_surface,
+                           __global int *restrict n_occupied, __global int *restrict found,
+                           __global int *restrict indices)
 {
-    const int row = get_global_id(0);
-    if (row >= ROWS) return;
-    int at = start[row];
-    const int end = row + 1 < ROWS ? start[row + 1] : *n_surface;
-    for (int voxel = row * NZ; at < end; ++voxel)
-        if (kind[voxel] == SURFACE) indices[at++] = voxel;
+    __local int2 sums[LANES];
+    __local int bases[LANES];
+    const int lane = get_local_id(0), x = get_group_id(0);
+    int base = 0;
+    int2 sum = (int2)(0, 0);
+    for (int slab = lane; slab < NX; slab += LANES) {
+        base += slab < x ? totals[slab].x : 0;
+        sum += totals[slab];
+    }
+    bases[lane] = base;
+    sums[lane] = sum;
+    SYNC;
+    base = 0;
+    for (int other = 0; other < LANES; ++other) base += bases[other];
+    if (x == 0 && lane == 0) {
+        int2 all = (int2)(0, 0);
+        for (int other = 0; other < LANES; ++other) all += sums[other];
+        *found = all.x;
+        *n_surface = all.x < CAPACITY ? all.x : CAPACITY;
+        *n_occupied = all.y;
+    }
+    if (totals[x].x == 0) return;
+    for (int y = lane; y < NY; y += LANES) {
+        int at = base + starts[x * NY + y];
+        const int end = y + 1 < NY ? base + starts[x * NY + y + 1] : base + totals[x].x;
+        for (int word = 0; word < WORDS && at < end; ++word)
+            for (uint left = surface_bits(bits, x, y, word); left != 0; left &= left - 1u) {
+                const int z = word * 16 + 31 - (int)clz(left & (0u - left));
+                if (at < CAPACITY) indices[at] = (x * NY + y) * NZ + z;
+                ++at;
+            }
+    }
 }
 
 // Probabilities of the surface voxels, in their order.
@@ -107,3 +135,27 @@ __kernel void gather(__global const float *restrict probability,
     for (int i = get_global_id(0); i < n; i += get_global_size(0))
         gathered[i] = probability[indices[i]];
 }
+
+#ifdef SAMPLES
+// Mean place of SAMPLES evenly listed surface voxels, in voxels from the grid's corner, and how
+// many surface voxels there are. One work-group.
+__kernel void mean_place(__global const int *restrict indices,
+                         __global const int *restrict n_surface, __global float *restrict mean)
+{
+    __local float4 sums[LANES];
+    const int lane = get_local_id(0), n = *n_surface;
+    const int samples = n < SAMPLES ? n : SAMPLES;
+    float4 sum = (float4)(0.0f);
+    for (int k = lane; k < samples; k += LANES) {
+        const int voxel = indices[(int)((long)k * n / samples)];
+        sum += (float4)(voxel / (NY * NZ) + 0.5f, voxel / NZ % NY + 0.5f, voxel % NZ + 0.5f, 0.0f);
+    }
+    sums[lane] = sum;
+    SYNC;
+    if (lane > 0) return;
+    for (int other = 1; other < LANES; ++other) sum += sums[other];
+    if (samples > 0) sum /= samples;
+    sum.w = n;
+    vstore4(sum, 0, mean);
+}
+#endif

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,7 @@ from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
 from psfs.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.reconstruct import frame_input
+from psfs.reference.colour import surface_colour
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
@@ -34,11 +37,16 @@ class NumpyVoxels:
     probability: np.ndarray
     surface: np.ndarray
     occupied: int
+    colours: Callable[[], np.ndarray] | None = None
 
-    def cloud(self) -> VoxelCloud:
+    def cloud(self, colour: bool = False) -> VoxelCloud:
+        """The surface voxels, with `colour` in RGB. Raises UserError if there is no picture."""
+        if colour and self.colours is None:
+            raise UserError("the frame has no pictures to colour its voxels with; expected images")
+        rgb = self.colours()[:, :3] if colour and self.colours else None
         probability = self.probability.ravel()[self.surface].astype(np.float32)
         volume = self.occupied * self.grid.voxel_size**3
-        return VoxelCloud(self.grid, self.surface, probability, None, volume)
+        return VoxelCloud(self.grid, self.surface, probability, rgb, volume)
 
 
 class NumpyReconstructor:
@@ -69,7 +77,11 @@ class NumpyReconstructor:
         padded = occupancy(self.rig, self.grid, evidence, step, config)
         probability = smooth(padded)
         occupied = probability > config.threshold
-        return NumpyVoxels(self.grid, probability, surface_voxels(occupied), int(occupied.sum()))
+        surface = surface_voxels(occupied)
+        colours = None
+        if frame.images is not None:
+            colours = partial(surface_colour, self.rig, self.grid, surface, frame.images, evidence)
+        return NumpyVoxels(self.grid, probability, surface, int(occupied.sum()), colours)
 
 
 def physical_memory() -> int:

@@ -7,9 +7,10 @@ from scipy import ndimage
 
 from cl import Device, NumpyDevice
 from psfs.camera import Camera, CameraRig
+from psfs.footprints import footprints
 from psfs.grid import VoxelGrid
 from psfs.reference.reconstruct import NumpyVoxels
-from psfs.reprojection import edge_reach, footprints, proximity_table
+from psfs.reprojection import edge_reach, proximity_table
 
 
 def voxel_silhouette(

@@ -1,0 +1,44 @@
+"""A grid that follows the person from frame to frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device
+from psfs.grid import VoxelGrid
+from psfs.surface import SurfaceList
+
+#: Surface voxels that are averaged.
+_SAMPLES = 2048
+
+
+class Follower:
+    """The latest frame's surface in, the next frame's grid out: its middle lies above or below
+    the mean of the surface voxels, along x and y, to within a voxel.
+
+    The grid moves by whole voxels only, so the same voxels come out as of one large grid, as long
+    as the person stays within half a grid of where he or she was. It does not move along z. A
+    frame without voxels leaves it where it is.
+    """
+
+    def __init__(self, device: Device, grid: VoxelGrid, surface: SurfaceList) -> None:
+        self._mean: Array = device.zeros(4, np.float32, "the person's place")
+        lanes = 128 if device.is_gpu else 1
+        _, ny, nz = grid.shape
+        defines = {"NX": 1, "NY": ny, "NZ": nz, "THRESHOLD": 0.0, "LANES": lanes}
+        self._launch = device.launch(
+            device.kernel("surface", "mean_place", **defines, CAPACITY=1, SAMPLES=_SAMPLES),
+            (lanes,),
+            (lanes,),
+            *(surface.indices, surface.count, self._mean),
+        )
+
+    def __call__(self, grid: VoxelGrid) -> VoxelGrid:
+        """The grid for the next frame: `grid` itself if it may stay (waits for the device)."""
+        self._launch()
+        x, y, _, count = self._mean.get()
+        offset = np.array([x, y, 0.0]) - np.array([*grid.shape[:2], 0.0]) / 2
+        steps = np.trunc(offset)
+        if count == 0 or not steps.any():
+            return grid
+        return VoxelGrid(grid.origin + steps * grid.voxel_size, grid.voxel_size, grid.shape)
