@@ -35,7 +35,7 @@ class Silhouette:
     ) -> None:
         config = config or SilhouetteConfig()
         views, height, width = len(rig), rig.height, rig.width
-        self.background = background
+        self.rig, self.background = rig, background
         self.evidence = device.empty((views, height, width), np.int8, "the silhouette maps")
         sizes = device.to_device(np.array([c.size for c in rig], np.int32), "the picture sizes")
         local = (256, 1) if device.is_gpu else (1024, 1)
