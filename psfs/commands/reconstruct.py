@@ -52,6 +52,9 @@ def register(commands: argparse._SubParsersAction) -> None:
         help="drop connected parts smaller than this share of the largest one "
         f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
     )
+    parser.add_argument(
+        "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
+    )
     add_device_flag(parser)
 
 
@@ -119,12 +122,14 @@ class _Job:
     ) -> None:
         self.out: Path = args.output
         self.debris: float = args.debris
+        self.colour = not args.no_colour
         self.stated = stated(args)
         self.folder: str = args.folder
         self.sequence, self.grid, self.device = sequence, grid, device
         self.config = ReconstructionConfig()
+        # Sparse: the same voxels, in less time and memory.
         self.reconstructor = reconstructor_for(
-            device, sequence.rig, grid, sequence.background, self.config
+            device, sequence.rig, grid, sequence.background, self.config, sparse=True
         )
         self.done: list[dict[str, Any]] = []
         self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
@@ -136,14 +141,15 @@ class _Job:
         if isinstance(self.device, Device):
             self.device.finish()
         computed = time.perf_counter()
-        cloud = without_debris(voxels.cloud(), self.debris)
+        colour = self.colour and frame.images is not None
+        cloud = without_debris(voxels.cloud(colour=colour), self.debris)
         downloaded = time.perf_counter()
         self._waiting.append((frame.index, cloud))
         if len(cloud) or self.done:
             self._write()
         written = time.perf_counter()
         self._ms["reconstruct (whole)"].append(1e3 * (computed - started))
-        self._ms["download, debris"].append(1e3 * (downloaded - computed))
+        self._ms["colour, download, debris"].append(1e3 * (downloaded - computed))
         self._ms["write"].append(1e3 * (written - downloaded))
 
     def _write(self) -> None:
