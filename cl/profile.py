@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+#: Events are turned into numbers when there are twice as many: long runs stay small.
+_KEPT_EVENTS = 512
+
 
 class Profile:
     """Collects the events of named commands and turns them into milliseconds.
@@ -20,14 +23,19 @@ class Profile:
 
     def add(self, name: str, event: Any) -> None:
         self._events.append((name, event))
+        if len(self._events) >= 2 * _KEPT_EVENTS:  # the older half is done long since
+            self._measure(_KEPT_EVENTS)
 
     def collect(self) -> dict[str, list[float]]:
         """Durations in ms of all commands so far, by name; waits for those still under way."""
-        for name, event in self._events:
+        self._measure(len(self._events))
+        return dict(self._ms)
+
+    def _measure(self, count: int) -> None:
+        for name, event in self._events[:count]:
             event.wait()
             self._ms[name].append((event.profile.end - event.profile.start) * 1e-6)
-        self._events.clear()
-        return dict(self._ms)
+        del self._events[:count]
 
     def table(self) -> list[tuple[str, int, float, float]]:
         """Rows (name, number of runs, median ms, total ms), largest total first."""

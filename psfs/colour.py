@@ -27,7 +27,7 @@ class SurfaceColour:
     def __init__(
         self, device: Device, rig: CameraRig, grid: VoxelGrid, surface: SurfaceList, evidence: Array
     ) -> None:
-        self._rig, self._voxel_size = rig, grid.voxel_size
+        self._grid: VoxelGrid | None = None
         views, height, width = len(rig), rig.height, rig.width
         _, ny, nz = grid.shape
         self.colours = device.empty((surface.capacity, 4), np.uint8, "the surface's colours")
@@ -57,7 +57,9 @@ class SurfaceColour:
 
     def __call__(self, grid: VoxelGrid, images: Array) -> Array:
         """Enqueue the colours of the surface in `grid`; images: (V, H, W, 3) uint8 BGR."""
-        self._geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
+        if grid is not self._grid:
+            self._grid = grid
+            self._geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
         self._colour.set_arg(5, images)
         self._depths.fill(_FAR)
         self._splat()

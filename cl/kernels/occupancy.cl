@@ -6,10 +6,9 @@
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
 // background's) is added once instead of being looked up for every voxel: that changes nothing
-// but the time.
+// but the time. Dense and sparse mode share the functions that project and sum up, so that they
+// agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
 #include "bricks.h"
-// Dense and sparse mode must project alike to the last bit.
-#pragma OPENCL FP_CONTRACT OFF
 
 #define BX 8
 #define BY 8
