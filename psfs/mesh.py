@@ -16,7 +16,8 @@ from psfs.clouds import DEBRIS_SHARE
 from psfs.config import OccupancyConfig
 from psfs.files import written_whole
 from psfs.grid import VoxelCloud, VoxelGrid
-from psfs.reconstruct import reconstructor_for
+from psfs.reconstruct import Reconstructor, reconstructor_for
+from psfs.reference.reconstruct import NumpyReconstructor
 from psfs.runs import Run
 from psfs.sequence import Sequence
 
@@ -92,7 +93,7 @@ class Mesher:
         smoothing: int = SMOOTHING,
     ) -> None:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
-        self._reconstructor: Any = None
+        self._reconstructor: Reconstructor | None = None
 
     def __call__(self, index: int) -> trimesh.Trimesh:
         """Raises UserError if the frame's cloud is empty."""
@@ -110,21 +111,28 @@ class Mesher:
         )
 
     def _probability(self, index: int, box: VoxelGrid) -> np.ndarray:
-        """(nx, ny, nz) of the box. The reconstructor is as large as the largest box so far."""
-        shape = box.shape if self._reconstructor is None else self._reconstructor.grid.shape
-        if self._reconstructor is None or np.any(np.array(box.shape) > shape):
-            nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, shape, strict=True))
-            grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))
-            self._reconstructor = reconstructor_for(
-                self.device, self.sequence.rig, grid, self.sequence.background, self.run.config
-            )
-        else:
-            self._reconstructor.place(VoxelGrid(box.origin, box.voxel_size, shape))
-        probability = self._reconstructor(self.sequence.read(index)).probability
+        """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
+        frame, (nx, ny, nz) = self.sequence.read(index), box.shape
+        probability = self._placed(box)(frame).probability
         if not isinstance(probability, np.ndarray):
             probability = probability.get()
-        nx, ny, nz = box.shape
-        return np.asarray(probability[:nx, :ny, :nz])
+        return probability[:nx, :ny, :nz]
+
+    def _placed(self, box: VoxelGrid) -> Reconstructor | NumpyReconstructor:
+        """A reconstructor of a grid that begins with `box`. One that has the room is used again,
+        for a grid of another shape means other kernels."""
+        room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape
+        if self._reconstructor is not None and np.all(np.array(box.shape) <= room):
+            self._reconstructor.place(VoxelGrid(box.origin, box.voxel_size, room))
+            return self._reconstructor
+        nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, room, strict=True))
+        grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))
+        reconstructor = reconstructor_for(
+            self.device, self.sequence.rig, grid, self.sequence.background, self.run.config
+        )
+        if isinstance(reconstructor, Reconstructor):  # the twin has nothing to build anew
+            self._reconstructor = reconstructor
+        return reconstructor
 
 
 def occupied_box(cloud: VoxelCloud) -> VoxelGrid:

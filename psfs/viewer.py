@@ -14,7 +14,7 @@ from cl import UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelCloud
 from psfs.mesh import CLAY, vertex_colours
-from psfs.preview import normals_of
+from psfs.preview import BACKDROP, normals_of
 from psfs.raycast import load_open3d
 
 KEYS = "arrow keys change the frame, space plays, Q closes"
@@ -46,7 +46,9 @@ def show(
     window.register_key_callback(_LEFT, lambda _: player.step(-1))
     window.register_key_callback(_SPACE, lambda _: player.toggle())
     window.register_animation_callback(lambda _: player.playing and player.step(1))
-    window.get_render_option().mesh_show_back_face = True
+    options = window.get_render_option()
+    options.background_color = BACKDROP[::-1] / 255
+    options.mesh_shade_option = load_open3d().visualization.MeshShadeOption.Color  # smooth
     window.run()
     window.destroy_window()
 
@@ -89,20 +91,32 @@ def _geometry(shape: VoxelCloud | trimesh.Trimesh) -> Any:
     open3d = load_open3d()
     vector = open3d.utility.Vector3dVector
     if isinstance(shape, VoxelCloud):
-        points = open3d.geometry.PointCloud(vector(shape.centres))
-        clay = np.full((len(shape), 3), CLAY)
-        points.colors = vector(clay if shape.colour is None else shape.colour / 255)
-        points.normals = vector(normals_of(shape))
-        return points
-    faces = open3d.utility.Vector3iVector(np.asarray(shape.faces, np.int32))
-    mesh = open3d.geometry.TriangleMesh(vector(shape.vertices), faces)
-    mesh.vertex_normals = vector(shape.vertex_normals)
-    colours = vertex_colours(shape)
+        vertices, faces, normals, colours = cubes(shape)
+    else:
+        # Copies: Open3D takes nothing that is locked against writing.
+        vertices, faces = np.array(shape.vertices), np.array(shape.faces, np.int32)
+        normals, colours = np.array(shape.vertex_normals), vertex_colours(shape)
+    mesh = open3d.geometry.TriangleMesh(vector(vertices), open3d.utility.Vector3iVector(faces))
+    mesh.vertex_normals = vector(normals)
+    mesh.compute_triangle_normals()  # a mesh that lacks either kind is drawn without light
     if colours is None:
         mesh.paint_uniform_color(CLAY)
     else:
         mesh.vertex_colors = vector(colours / 255)
     return mesh
+
+
+def cubes(cloud: VoxelCloud) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """The voxels as cubes: vertices (8 N, 3) m, triangles (12 N, 3), the vertices' normals, which
+    are those of the surface, and their colours, if any."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+    vertices = cloud.centres[:, None] + (corners - 0.5) * cloud.grid.voxel_size
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = np.array([[q[i] for i in half] for q in quads for half in ((0, 1, 2), (0, 2, 3))])
+    faces = 8 * np.arange(len(cloud))[:, None, None] + triangles
+    colours = None if cloud.colour is None else np.repeat(cloud.colour, 8, axis=0)
+    normals = np.repeat(normals_of(cloud), 8, axis=0)
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), normals, colours
 
 
 def _cameras(rig: CameraRig) -> Any:
