@@ -12,6 +12,7 @@ from psfs.camera import CameraRig
 from psfs.colour import SurfaceColour
 from psfs.config import ReconstructionConfig
 from psfs.follow import Follower
+from psfs.foreground import follows
 from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.occupancy import Occupancy
 from psfs.silhouette import Silhouette
@@ -104,6 +105,10 @@ class Reconstructor:
     on large grids (see `SparseSurface`). follow: let the grid follow the person along x and y, by
     whole voxels; this reads 16 bytes back per frame, and takes a grid of the person's size
     instead of the room's (see `Follower`).
+
+    From every frame the silhouettes learn for the next one (see `Foreground`), unless
+    `config.silhouette.learn` is off. A frame that does not follow shortly after the one before
+    is worked on twice.
     """
 
     def __init__(
@@ -163,16 +168,29 @@ class Reconstructor:
             moved = self._follower(self.grid)
             if moved is not self.grid:
                 self.place(moved)
+        before, foreground = self.voxels.frame, self.silhouette.foreground
+        new = before is None or not follows(before.index, frame.index)
+        if foreground is not None and new:
+            foreground.forget_place()
         if self._uploads is not None and frame is self._ahead:
             self._uploads.finish()
             self.silhouette.compute()
         else:
             self.silhouette(frame_input(frame, self.silhouette.background))
         self._ahead, self.voxels.frame = None, frame
+        self._carve()
+        if foreground is not None:
+            if new:  # once more, knowing the person
+                foreground.learn(self.voxels)
+                self.silhouette.compute()
+                self._carve()
+            foreground.learn(self.voxels)
+        return self.voxels
+
+    def _carve(self) -> None:
         if self.occupancy is not self.surface:
             self.occupancy()
         self.surface()
-        return self.voxels
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
         """The voxels of every frame; the next frame is uploaded while the device works."""

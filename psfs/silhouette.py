@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cl import Array, Device
+from cl import Array, Device, Launch
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
+from psfs.foreground import BINS, CELL, Foreground, cells
+from psfs.launching import row_group
 
 if TYPE_CHECKING:
     from psfs.background import Background
-
-#: The table that turns log likelihood ratios into evidence: its range and its entries per nat.
-TABLE_LOW, TABLE_HIGH, TABLE_STEP = -16.0, 16.0, 64.0
 
 
 class Silhouette:
@@ -24,6 +23,9 @@ class Silhouette:
     byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
     for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
     hold 0. `background` None: the maps come from ready masks.
+
+    The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
+    from a reconstruction; `foreground` is None for masks and where `config.learn` is off.
     """
 
     def __init__(
@@ -33,37 +35,20 @@ class Silhouette:
         background: Background | None,
         config: SilhouetteConfig | None = None,
     ) -> None:
-        config = config or SilhouetteConfig()
-        views, height, width = len(rig), rig.height, rig.width
+        self._device, self._config = device, config or SilhouetteConfig()
         self.rig, self.background = rig, background
-        self.evidence = device.empty((views, height, width), np.int8, "the silhouette maps")
-        sizes = device.to_device(np.array([c.size for c in rig], np.int32), "the picture sizes")
-        local = (256, 1) if device.is_gpu else (1024, 1)
-        defines: dict[str, int | float] = {"PIXELS": width * height, "WIDTH": width}
+        self.foreground: Foreground | None = None
+        shape = (len(rig), rig.height, rig.width)
+        self.evidence = device.empty(shape, np.int8, "the silhouette maps")
+        self._sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
         if background is None:
-            self.input = device.empty((views, height, width), np.uint8, "the masks")
-            table = config.mask_counts(np.arange(256))
-            arrays = [sizes]
-            name = "mask_silhouette"
+            self.input = device.empty(shape, np.uint8, "the masks")
+            table = device.to_device(self._config.mask_counts(np.arange(256)), "the evidence table")
+            maps = (self.input, self._sizes, table, self.evidence)
+            self._launches = [self._launch("mask_silhouette", *maps)]
         else:
-            self.input = device.empty((views, height, width, 3), np.uint8, "the pictures")
-            table = ratio_table(config)
-            planes = device.to_device(background_planes(background, config), "the background")
-            arrays = [planes, sizes]
-            name = "silhouette"
-            defines |= {
-                "SHADOW_LOW": float(config.shadow_low),
-                "SHADOW_HIGH": float(config.shadow_high),
-                "TABLE_LOW": TABLE_LOW,
-                "TABLE_STEP": TABLE_STEP,
-                "TABLE_SIZE": table.size,
-            }
-        lookup = device.to_device(table, "the evidence table")
-        kernel = device.kernel("silhouette", name, **defines)
-        size = (width * height, views)
-        self._launch = device.launch(
-            kernel, size, local, self.input, *arrays, lookup, self.evidence
-        )
+            self.input = device.empty((*shape, 3), np.uint8, "the pictures")
+            self._launches = self._from_pictures(background)
 
     def __call__(self, pictures: np.ndarray) -> Array:
         """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""
@@ -72,8 +57,51 @@ class Silhouette:
 
     def compute(self) -> Array:
         """Enqueue the map of what `input` holds."""
-        self._launch()
+        for launch in self._launches:
+            launch()
         return self.evidence
+
+    def _from_pictures(self, background: Background) -> list[Launch]:
+        device, rig, config = self._device, self.rig, self._config
+        shape = (len(rig), *cells(rig))
+        planes = device.to_device(background_planes(background, config), "the background")
+        colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
+        zone = device.zeros(shape, np.uint8, "the shadow zones")
+        ratios = device.zeros(
+            (len(rig), rig.height + 2, rig.width + 2), np.int8, "the likelihood ratios"
+        )
+        table = device.to_device(config.ratio_counts(), "the evidence table")
+        if config.learn:
+            self.foreground = Foreground(
+                device, rig, self.input, self.evidence, colours, zone, config
+            )
+        defines = {
+            "SHADOW_LOW": float(config.shadow_low),
+            "SHADOW_HIGH": float(config.shadow_high),
+            "FLOOR_LOW": float(config.floor_shadow_low),
+            "FLOOR_COST": float(config.floor_shadow_cost),
+            "STEPS": float(config.ratio_steps),
+            "LOWEST": config.ratio_range[0],
+            "HIGHEST": config.ratio_range[1],
+            "BINS": BINS,
+            "CELL": CELL,
+            "CELLS_Y": shape[1],
+            "CELLS_X": shape[2],
+        }
+        inputs = (self.input, planes, self._sizes, colours, zone, ratios)
+        outputs = (ratios, self._sizes, table, self.evidence)
+        return [
+            self._launch("log_ratio", *inputs, **defines),
+            self._launch("silhouette", *outputs, **defines),
+        ]
+
+    def _launch(self, name: str, *args: Array, **defines: int | float) -> Launch:
+        rig = self.rig
+        kernel = self._device.kernel(
+            "silhouette", name, WIDTH=rig.width, HEIGHT=rig.height, **defines
+        )
+        size = (rig.width, rig.height, len(rig))
+        return self._device.launch(kernel, size, row_group(self._device, rig.width), *args)
 
 
 def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:
@@ -85,13 +113,3 @@ def background_planes(background: Background, config: SilhouetteConfig) -> np.nd
     planes = (background.mean, sigma**-2, peak[..., None], shadow[..., None])
     stacked = np.concatenate([np.moveaxis(plane, -1, 1) for plane in planes], axis=1)
     return np.ascontiguousarray(stacked, np.float32)
-
-
-def ratio_table(config: SilhouetteConfig) -> np.ndarray:
-    """Evidence counts (int8) by log N(I; mu, sigma) - log U from TABLE_LOW to TABLE_HIGH nats.
-
-    Holds Song et al. eq. (1) and (5)-(9) and spares the kernel one exp and one log per pixel.
-    """
-    ratio = np.arange(TABLE_LOW, TABLE_HIGH + 0.5 / TABLE_STEP, 1 / TABLE_STEP)
-    prior = config.foreground_prior
-    return config.counts(prior / (prior + (1 - prior) * np.exp(ratio)))

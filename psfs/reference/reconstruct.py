@@ -14,9 +14,11 @@ import numpy as np
 from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
+from psfs.foreground import follows
 from psfs.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.reconstruct import frame_input
 from psfs.reference.colour import surface_colour
+from psfs.reference.foreground import NumpyForeground
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
@@ -62,6 +64,10 @@ class NumpyReconstructor:
     ) -> None:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
         self.config = config or ReconstructionConfig()
+        silhouette = self.config.silhouette
+        learning = background is not None and silhouette.learn
+        self.foreground = NumpyForeground(rig, silhouette) if learning else None
+        self._before: int | None = None
         check_size(grid)
         needed, there = _BYTES_PER_VOXEL * grid.size, physical_memory()
         if needed > there:
@@ -71,11 +77,29 @@ class NumpyReconstructor:
             )
 
     def __call__(self, frame: Frame) -> NumpyVoxels:
-        config = self.config.occupancy
-        evidence = frame_evidence(frame, self.rig, self.background, self.config.silhouette)
-        step = self.config.silhouette.step
-        padded = occupancy(self.rig, self.grid, evidence, step, config)
-        probability = smooth(padded)
+        new = self._before is None or not follows(self._before, frame.index)
+        self._before = frame.index
+        if self.foreground is None:
+            return self._carved(frame, self._evidence(frame))
+        assert frame.images is not None
+        if new:
+            self.foreground.forget_place()
+        evidence = self._evidence(frame)
+        voxels = self._carved(frame, evidence)
+        if new:  # once more, knowing the person
+            self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
+            evidence = self._evidence(frame)
+            voxels = self._carved(frame, evidence)
+        self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
+        return voxels
+
+    def _evidence(self, frame: Frame) -> np.ndarray:
+        config = self.config.silhouette
+        return frame_evidence(frame, self.rig, self.background, config, self.foreground)
+
+    def _carved(self, frame: Frame, evidence: np.ndarray) -> NumpyVoxels:
+        config, step = self.config.occupancy, self.config.silhouette.step
+        probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
         occupied = probability > config.threshold
         surface = surface_voxels(occupied)
         colours = None
@@ -93,10 +117,14 @@ def physical_memory() -> int:
 
 
 def frame_evidence(
-    frame: Frame, rig: CameraRig, background: Background | None, config: SilhouetteConfig
+    frame: Frame,
+    rig: CameraRig,
+    background: Background | None,
+    config: SilhouetteConfig,
+    foreground: NumpyForeground | None = None,
 ) -> np.ndarray:
     """Evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
     pictures = frame_input(frame, background)
     if background is None:
         return mask_evidence(pictures, rig, config)
-    return silhouette_evidence(pictures, rig, background, config)
+    return silhouette_evidence(pictures, rig, background, config, foreground)
