@@ -30,7 +30,7 @@ class FilterConfig:
     n_layers: int = 10
     first_survival: float = 0.5
     last_survival: float = 0.05
-    noise: float = 1.0
+    noise: float = 0.5
     noise_decay: float = 0.8
     spread: float = 0.0
     velocity: float = 0.0

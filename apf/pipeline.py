@@ -45,9 +45,7 @@ def track_sequence(
     config = config or FilterConfig()
     step = (selection.step or 1) if selection else 1
     scaled = replace(config, noise=config.noise * _SIGMA_FPS * step / sequence.fps)
-    reconstruct = reconstructor_for(
-        device, sequence.rig, grid, sequence.background, reconstruction
-    )
+    reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
     tracker = tracker_for(device, body, sequence.rig, grid, scaled)
     tracker.start(pose)
     frames: list[int] = []

@@ -63,7 +63,11 @@ def register(commands: argparse._SubParsersAction) -> None:
     for name, (flag, what) in _SETTINGS.items():
         default = settings[name].default
         group.add_argument(
-            flag, dest=name, type=type(default), default=default, help=f"{what} (default: {default})"
+            flag,
+            dest=name,
+            type=type(default),
+            default=default,
+            help=f"{what} (default: {default})",
         )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)
@@ -127,6 +131,4 @@ def write_track(
     if overlay:
         with progress_bar() as bar:
             task = bar.add_task("overlay", total=len(track))
-            write_overlay(
-                folder / "overlay.mp4", sequence, track, body, lambda: bar.advance(task)
-            )
+            write_overlay(folder / "overlay.mp4", sequence, track, body, lambda: bar.advance(task))

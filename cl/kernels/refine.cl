@@ -94,6 +94,7 @@ void refine(int n_points, float scale, float strength, __global const float4 *po
     }
     float least = INFINITY;
 
+    // The last round's step is taken in vain: PoCL 3 miscompiles a loop left between barriers.
     for (int step = 0; step <= N_STEPS; ++step) {
         barrier(CLK_GLOBAL_MEM_FENCE);
         if (lane == 0) {
@@ -119,8 +120,6 @@ void refine(int n_points, float scale, float strength, __global const float4 *po
             least = cost;
             for (int dof = lane; dof < N_DOF; dof += GROUP) shift[dof] = pose[dof] - result[dof];
         }
-        if (step == N_STEPS) break;
-
         barrier(CLK_GLOBAL_MEM_FENCE);
         for (int e = lane; e < N_DOF * N_DOF; e += GROUP) {
             const int i = e / N_DOF, j = e % N_DOF;
