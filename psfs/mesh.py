@@ -82,7 +82,9 @@ class Mesher:
     """`mesher(index)`: the mesh of a frame of a finished run.
 
     The clouds on disk hold surface voxels only, so the probability is computed again, from the
-    frame's pictures, in the box that the cloud occupies.
+    frame's pictures, in the box that the cloud occupies. It says where between two voxels the
+    surface passes; which voxels it contains, the cloud says: silhouettes that learn from earlier
+    frames may come out a little different for a frame alone.
     """
 
     def __init__(
@@ -100,15 +102,9 @@ class Mesher:
         cloud = self.run.cloud(index)
         if not len(cloud):
             raise UserError(f"{self.run.out}: the cloud of frame {index} is empty")
-        box = occupied_box(cloud)
-        return surface_mesh(
-            self._probability(index, box),
-            box,
-            self.run.config.occupancy.threshold,
-            self.smoothing,
-            self.run.summary.get("debris_share", DEBRIS_SHARE),
-            cloud,
-        )
+        box, threshold = occupied_box(cloud), self.run.config.occupancy.threshold
+        probability = agreeing(self._probability(index, box), cloud_solid(cloud, box), threshold)
+        return surface_mesh(probability, box, threshold, self.smoothing, 0.0, cloud)
 
     def _probability(self, index: int, box: VoxelGrid) -> np.ndarray:
         """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
@@ -142,6 +138,24 @@ def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
     nx, ny, nz = np.minimum(ijk.max(1) + 2, cloud.grid.shape) - low
     origin = cloud.grid.origin + low * cloud.grid.voxel_size
     return VoxelGrid(origin, cloud.grid.voxel_size, (nx, ny, nz))
+
+
+def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
+    """(nx, ny, nz) bool: the voxels of `box` (see `occupied_box`) that the cloud's surface
+    encloses, itself included."""
+    low = np.rint((box.origin - cloud.grid.origin) / box.voxel_size).astype(int)
+    i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
+    surface = np.zeros(box.shape, bool)
+    surface[i - low[0], j - low[1], k - low[2]] = True
+    solid: np.ndarray = ndimage.binary_fill_holes(surface)
+    return solid
+
+
+def agreeing(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
+    """`probability` with the voxels on the wrong side of the threshold moved to the other one."""
+    agrees = (probability > threshold) == solid
+    moved = np.where(solid, np.float32((threshold + 1) / 2), np.float32(threshold / 2))
+    return np.where(agrees, probability, moved)
 
 
 def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
