@@ -95,6 +95,7 @@ class Mesher:
         smoothing: int = SMOOTHING,
     ) -> None:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
+        self._config = run.config
         self._reconstructor: Reconstructor | None = None
 
     def __call__(self, index: int) -> trimesh.Trimesh:
@@ -102,7 +103,7 @@ class Mesher:
         cloud = self.run.cloud(index)
         if not len(cloud):
             raise UserError(f"{self.run.out}: the cloud of frame {index} is empty")
-        box, threshold = occupied_box(cloud), self.run.config.occupancy.threshold
+        box, threshold = occupied_box(cloud), self._config.occupancy.threshold
         probability = agreeing(self._probability(index, box), cloud_solid(cloud, box), threshold)
         return surface_mesh(probability, box, threshold, self.smoothing, 0.0, cloud)
 
@@ -124,7 +125,7 @@ class Mesher:
         nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, room, strict=True))
         grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))
         reconstructor = reconstructor_for(
-            self.device, self.sequence.rig, grid, self.sequence.background, self.run.config
+            self.device, self.sequence.rig, grid, self.sequence.background, self._config
         )
         if isinstance(reconstructor, Reconstructor):  # the twin has nothing to build anew
             self._reconstructor = reconstructor

@@ -97,10 +97,17 @@ class Run:
 
     @property
     def config(self) -> ReconstructionConfig:
+        """Raises UserError if the parameters are those of another version."""
         config = self.summary["config"]
-        return ReconstructionConfig(
-            SilhouetteConfig(**config["silhouette"]), OccupancyConfig(**config["occupancy"])
-        )
+        try:
+            return ReconstructionConfig(
+                SilhouetteConfig(**config["silhouette"]), OccupancyConfig(**config["occupancy"])
+            )
+        except (KeyError, TypeError) as error:
+            raise UserError(
+                f"{self.out / SUMMARY}: not the parameters that this version knows ({error}); "
+                "run psfs reconstruct again"
+            ) from error
 
     @property
     def grid(self) -> VoxelGrid:

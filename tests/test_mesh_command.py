@@ -105,6 +105,16 @@ def test_the_voxels_are_the_clouds_whatever_comes_out_anew(
         assert mesh.is_watertight and mesh.volume == pytest.approx(whole.volume, rel=0.25)
 
 
+def test_parameters_of_another_version_are_said(
+    out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = json.loads((out / "summary.json").read_text())
+    summary["config"]["silhouette"]["magic"] = 1
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    assert main(["mesh", str(tmp_path)]) == 2
+    assert "'magic'" in capsys.readouterr().err
+
+
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:
     folder = shared_data("middlebury_dino")
     size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.0009"]

@@ -34,7 +34,10 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
     parser.add_argument(
-        "--frame", type=_frame, metavar="N|all", help="frame to mesh (default: the first)"
+        "--frame",
+        type=_frame,
+        metavar="N|all",
+        help="frame to mesh (default: the first that is not empty)",
     )
     parser.add_argument(
         "-o",

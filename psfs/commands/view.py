@@ -22,7 +22,12 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "view", _run, help=help)
     parser.description = f"{help}. In the window {KEYS}."
     parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-    parser.add_argument("--frame", type=int, metavar="N", help="frame to show (default: the first)")
+    parser.add_argument(
+        "--frame",
+        type=int,
+        metavar="N",
+        help="frame to show (default: the first that is not empty)",
+    )
     parser.add_argument("--mesh", action="store_true", help="show the surfaces of psfs mesh")
     parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no window")
     add_device_flag(parser)
