@@ -1,0 +1,32 @@
+#!/usr/bin/env python3
+"""Timings of this project against what else a user could pick, all in one run.
+
+    scripts/compare_timings.py psfs [--quick] [-o OUT]
+
+writes OUT/psfs.json, OUT/psfs.png and prints tables. Each subcommand is a module of `timings`
+with a function `register(commands)`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from timings import psfs_timings
+
+from psfs.commandline import run_command
+
+#: One module per subcommand.
+SUBCOMMANDS = (psfs_timings,)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="compare_timings.py", description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(required=True, metavar="WHAT")
+    for module in SUBCOMMANDS:
+        module.register(commands)
+    return run_command(parser)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

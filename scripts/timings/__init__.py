@@ -1,0 +1,1 @@
+"""What `compare_timings.py` measures, one module per subcommand."""

@@ -1,0 +1,82 @@
+"""The scene that the reconstruction is timed on: Song's setting, a person walking in a room."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import cv2
+import numpy as np
+
+from apf.synthetic.render import SyntheticScene
+from apf.synthetic.scene import SceneConfig
+from cl import Device
+from psfs.background import Background
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+from psfs.sequence import Frame
+
+#: Song et al.: 8 cameras of 640 x 480 pixels, 150 x 150 x 100 voxels.
+VIEWS, SHAPE = 8, (150, 150, 100)
+#: The room around the walk, m.
+_LOW, _SIZE = np.array([-1.5, -1.5, 0.0]), np.array([3.0, 3.0, 2.0])
+_PLATES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Pictures of pinhole cameras: what they saw through their lenses, undistorted, so that
+    programs that know no distortion compute the same. frames: pictures and true masks."""
+
+    rig: CameraRig
+    background: Background
+    frames: Sequence[Frame]
+
+    def part(self, views: int) -> Scene:
+        """With `views` of the cameras, spread around the room."""
+        picked = np.linspace(0, len(self.rig), views, endpoint=False).astype(int)
+        rig = CameraRig(tuple(self.rig[k] for k in picked))
+        background = Background(self.background.mean[picked], self.background.std[picked])
+        frames = [Frame(f.index, _at(f.images, picked), _at(f.masks, picked)) for f in self.frames]
+        return Scene(rig, background, frames)
+
+
+def playing(frames: Sequence[Frame]) -> Iterator[Frame]:
+    """The frames forth and back without end, numbered on: each follows the one before."""
+    there_and_back = [*frames, *frames[-2:0:-1]]
+    for index in count():
+        frame = there_and_back[index % len(there_and_back)]
+        yield Frame(index, frame.images, frame.masks)
+
+
+def _at(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
+    assert pictures is not None
+    return np.ascontiguousarray(pictures[picked])
+
+
+def make_scene(device: Device, frames: int) -> Scene:
+    """`frames` consecutive frames of a walk."""
+    scene = SyntheticScene(SceneConfig(cameras=VIEWS, frames=60), device)
+    lenses = scene.rig
+    rig = CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in lenses))
+
+    def undistorted(pictures: np.ndarray) -> np.ndarray:
+        pairs = zip(lenses, pictures, strict=True)
+        return np.stack([cv2.undistort(p, c.K, c.distortion) for c, p in pairs])
+
+    plates = np.stack([undistorted(scene.background_frame(i)) for i in range(_PLATES)])
+    background = Background(plates.mean(0, dtype=np.float32), plates.std(0, dtype=np.float32))
+    shown = []
+    for index in range(20, 20 + frames):
+        images, masks, _ = scene.frame(index)
+        masks = np.where(undistorted(masks) > 127, np.uint8(255), np.uint8(0))
+        shown.append(Frame(index, undistorted(images), masks))
+    return Scene(rig, background, shown)
+
+
+def grid_of(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:
+    """The room in `shape` voxels of the size that the longest side needs."""
+    voxel_size = float(np.max(_SIZE / shape))
+    middle = _LOW + _SIZE / 2
+    return VoxelGrid(middle - voxel_size * np.array(shape) / 2, voxel_size, shape)

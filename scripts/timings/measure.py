@@ -1,0 +1,175 @@
+"""Timing, statistics, devices, and the results' file: what all subcommands share."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl
+
+from cl import Device
+from cl.device import _ranked_devices
+from psfs.files import written_whole
+
+_FMA = """
+__kernel void fma_chain(__global float *x) {
+    const int i = get_global_id(0);
+    float16 a = x[i], b = a + 1, c = a + 2, d = a + 3, e = a + 4, f = a + 5;
+    for (int k = 0; k < 512; ++k) {
+        a = a * 0.999f + 0.1f; b = b * 0.999f + 0.1f; c = c * 0.999f + 0.1f;
+        d = d * 0.999f + 0.1f; e = e * 0.999f + 0.1f; f = f * 0.999f + 0.1f;
+    }
+    a += b + c + d + e + f;
+    x[i] = a.s0 + a.s1 + a.s2 + a.s3 + a.s4 + a.s5 + a.s6 + a.s7 +
+           a.s8 + a.s9 + a.sa + a.sb + a.sc + a.sd + a.se + a.sf;
+}
+__kernel void copy(__global const float4 *x, __global float4 *y) {
+    const int i = get_global_id(0);
+    y[i] = x[i];
+}
+"""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds of repeated runs: median, quartiles, least, and how many."""
+
+    median: float
+    low: float
+    high: float
+    least: float
+    runs: int
+
+    @classmethod
+    def of(cls, ms: list[float]) -> Timing:
+        low, median, high = (float(q) for q in np.percentile(ms, [25, 50, 75]))
+        return cls(median, low, high, float(min(ms)), len(ms))
+
+    def __str__(self) -> str:
+        digits = 3 if self.median < 1 else 2 if self.median < 10 else 1
+        return f"{self.median:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]"
+
+
+def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float = 20.0) -> Timing:
+    """Wall-clock time of `run()`, which waits for its own end; stops early after `seconds`."""
+    for _ in range(warm_up):
+        run()
+    ms: list[float] = []
+    began = time.perf_counter()
+    while len(ms) < runs and (not ms or time.perf_counter() - began < seconds):
+        started = time.perf_counter()
+        run()
+        ms.append(1e3 * (time.perf_counter() - started))
+    return Timing.of(ms)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a program runs: a device, or a part of a CPU's cores."""
+
+    label: str
+    handle: Any
+    cores: int | None  # of a CPU
+
+    def device(self, profile: bool = False) -> Device:
+        return Device(self.handle, profile=profile)
+
+
+def places() -> list[Place]:
+    """Every GPU, and every CPU device with one core, two, four, ... and all of them.
+
+    Parts of a CPU are OpenCL sub-devices: same program, same process.
+    """
+    found = []
+    for handle in _ranked_devices():
+        name = handle.name.strip()
+        if not handle.type & pyopencl.device_type.CPU:
+            found.append(Place(name, handle, None))
+            continue
+        units = handle.max_compute_units
+        counts = [2**k for k in range(units.bit_length()) if 2**k < units]
+        part: Any = pyopencl.device_partition_property
+        for count in counts:
+            sub = handle.create_sub_devices([part.BY_COUNTS, count, 0])[0]
+            found.append(Place(f"{name}, {count} core{'s' * (count > 1)}", sub, count))
+        found.append(Place(f"{name}, all {units} cores", handle, units))
+    return found
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a device can do at best, measured: bytes and floating-point operations per second."""
+
+    bytes: float
+    flops: float
+
+    def ms(self, nbytes: float, flops: float) -> float:
+        """Least time for work that moves and computes so much."""
+        return 1e3 * max(nbytes / self.bytes, flops / self.flops)
+
+
+def measured_limits(place: Place) -> Limits:
+    """By a copy of 256 MB and by 96 independent chains of multiply-add per work item."""
+    device = place.device(profile=True)
+    program: Any = pyopencl.Program(device.context, _FMA).build()
+    size = 2**25
+    x, y = device.zeros(size, np.float32), device.zeros(size, np.float32)
+    copy = device.launch(pyopencl.Kernel(program, "copy"), (size // 4,), (256,), x, y)
+    items = 2**20 if device.is_gpu else 2**14
+    chain = device.launch(pyopencl.Kernel(program, "fma_chain"), (items,), (256,), x)
+    for _ in range(5):
+        copy()
+        chain()
+    assert device.profiler is not None
+    ms = device.profiler.collect()
+    return Limits(
+        2 * 4 * size / (1e-3 * min(ms["copy"])),
+        items * 512 * 96 * 2 / (1e-3 * min(ms["fma_chain"])),
+    )
+
+
+def environment() -> dict[str, Any]:
+    """What the figures depend on."""
+    model = platform.processor()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((x.split(":")[1].strip() for x in lines if "model name" in x), model)
+    except OSError:
+        pass
+    return {
+        "cpu": model,
+        "cores": os.cpu_count(),
+        "load": os.getloadavg(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "devices": [
+            {"name": d.name.strip(), "platform": d.platform.name, "driver": d.driver_version}
+            for d in _ranked_devices()
+        ],
+    }
+
+
+def write_results(path: Path, results: dict[str, Any]) -> None:
+    """As JSON; dataclasses become mappings."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    return asdict(value)
+
+
+def resident_megabytes() -> float:
+    """Memory of this process that is in use now, MB (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -1,0 +1,271 @@
+"""`compare_timings.py psfs`: the reconstruction against its NumPy twin and Open3D's carving."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import NumpyDevice, UserError
+from psfs.commandline import add_command, stderr
+from psfs.raycast import load_open3d
+from psfs.reconstruct import Reconstructor
+from psfs.reference.occupancy import occupancy
+from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
+from psfs.sequence import Frame
+from psfs.uploads import pinned
+from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, make_scene, playing
+from timings.measure import (
+    Place,
+    Timing,
+    environment,
+    measured_limits,
+    places,
+    resident_megabytes,
+    timed,
+    write_results,
+)
+from timings.psfs_report import plot, print_report
+from timings.psfs_work import STAGES, stage_of, stage_work
+
+#: Frames of one streamed run.
+_STREAM = 16
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "psfs", _run, help="voxel reconstruction, stage by stage")
+    parser.add_argument("-o", "--out", type=Path, default=Path("timings"), metavar="OUT")
+    parser.add_argument("--quick", action="store_true", help="a minute: fewer runs, sizes, frames")
+
+
+def _run(args: argparse.Namespace) -> None:
+    if args.out.exists() and not args.out.is_dir():
+        raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
+    found = places()
+    if not found:
+        raise UserError("no OpenCL device; expected at least a CPU's")
+    runs = 10 if args.quick else 40
+    scene = make_scene(found[0].device(), 6 if args.quick else 16)
+    stderr.print(f"scene: {VIEWS} cameras, {SHAPE} voxels, {len(scene.frames)} frames")
+    results: dict[str, Any] = {"environment": environment(), "shape": SHAPE, "views": VIEWS}
+    steps: list[tuple[str, Callable[[], Any]]] = [
+        ("open3d", lambda: open3d_carving(scene, 3 if args.quick else 10)),
+        ("numpy", lambda: numpy_twin(scene, 1 if args.quick else 3)),
+        ("devices", lambda: [on_place(place, scene, runs) for place in found]),
+        ("growth", lambda: growth(whole_places(found), scene, args.quick)),
+        ("memory", lambda: memory(found[0], scene, 200 if args.quick else 1000)),
+    ]
+    for name, step in steps:
+        stderr.print(f"measuring: {name}")
+        results[name] = step()
+        write_results(args.out / "psfs.json", results)  # what there is survives an interruption
+    print_report(results)
+    plot(results, args.out / "psfs.png")
+
+
+def whole_places(found: list[Place]) -> list[Place]:
+    """Without the parts of CPUs."""
+    return [p for p in found if p.cores is None or p.cores == p.handle.max_compute_units]
+
+
+def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
+    """`VoxelGrid.carve_silhouette` with all cameras, on the same masks, grid and cameras.
+
+    The dense grid that it carves from is made outside of the time taken.
+    """
+    open3d, grid, frame = load_open3d(), grid_of(), scene.frames[0]
+    parameters, masks = [], []
+    assert frame.masks is not None
+    for camera, mask in zip(scene.rig, frame.masks, strict=True):
+        pinhole = open3d.camera.PinholeCameraParameters()
+        pinhole.intrinsic = open3d.camera.PinholeCameraIntrinsic(*camera.size, camera.K)
+        extrinsic = np.eye(4)
+        extrinsic[:3, :3], extrinsic[:3, 3] = camera.R, camera.t
+        pinhole.extrinsic = extrinsic
+        parameters.append(pinhole)
+        masks.append(open3d.geometry.Image((mask / 255).astype(np.float32)))  # uint8 would fail
+    left: list[int] = []
+    ms = []
+    for _ in range(runs + 1):
+        nx, ny, nz = grid.shape
+        sides = np.array(grid.shape) * grid.voxel_size
+        voxels = open3d.geometry.VoxelGrid.create_dense(
+            grid.origin, np.zeros(3), grid.voxel_size, *sides
+        )
+
+        def carve(voxels: Any = voxels) -> None:
+            for mask, pinhole in zip(masks, parameters, strict=True):
+                voxels.carve_silhouette(mask, pinhole, False)
+
+        ms.append(timed(carve, 1, warm_up=0).median)
+        left.append(len(voxels.get_voxels()))
+    counts = {"voxels_left": left[0], "voxels_of_ours": hull_size(scene), "grid": (nx, ny, nz)}
+    return {"carving": Timing.of(ms[1:]), "version": open3d.__version__, **counts}
+
+
+def hull_size(scene: Scene) -> int:
+    """Voxels whose centre all masks that see it contain: the test that ours is built on."""
+    frame, grid = scene.frames[0], grid_of()
+    assert frame.masks is not None
+    centres, inside = grid.centres(), np.ones(grid.size, bool)
+    for camera, mask in zip(scene.rig, frame.masks, strict=True):
+        pixels, _ = camera.project(centres)
+        column, row = np.rint(pixels).astype(int).T
+        seen = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
+        inside[seen] &= mask[row[seen], column[seen]] > 0
+    return int(inside.sum())
+
+
+def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
+    """The NumPy twin: whole, after a first frame, and its carving (occupancy) alone."""
+    grid, frame, frames = grid_of(), scene.frames[0], playing(scene.frames)
+    twin = NumpyReconstructor(NumpyDevice(), scene.rig, grid, scene.background)
+    config = twin.config
+    evidence = frame_evidence(frame, scene.rig, scene.background, config.silhouette)
+
+    def carve() -> None:
+        occupancy(scene.rig, grid, evidence, config.silhouette.step, config.occupancy)
+
+    return {
+        "whole": timed(lambda: twin(next(frames)), runs),
+        "occupancy": timed(carve, runs, warm_up=0),
+    }
+
+
+def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
+    """All about one device: limits, stages by events, whole frames by the clock."""
+    limits = measured_limits(place)
+    rows: dict[str, Any] = {"label": place.label, "cores": place.cores, "limits": limits}
+    for mode in ("dense", "sparse"):
+        sparse = mode == "sparse"
+        rows[mode] = {
+            "stages": stages(place, scene, sparse, runs),
+            **whole(place, scene, sparse, runs),
+        }
+        work = stage_work(scene, grid_of(), rows[mode]["surface_voxels"])
+        rows[mode]["limits_ms"] = {
+            stage: limits.ms(*work[stage]) for stage in rows[mode]["stages"] if stage in work
+        }
+        gc.collect()
+    return rows
+
+
+def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Timing]:
+    """Time by stage from the device's own events, after a warm-up; colours included."""
+    device = place.device(profile=True)
+    profiler = device.profiler
+    assert profiler is not None
+    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
+    sums: dict[str, list[float]] = {}
+    for run, frame in zip(range(runs + 3), playing(scene.frames), strict=False):
+        reconstructor(frame).colours()
+        ms = profiler.collect()
+        profiler.clear()
+        if run < 3:
+            continue
+        totals = dict.fromkeys(STAGES, 0.0)
+        for name, values in ms.items():
+            totals[stage_of(name)] += sum(values)
+        for stage, total in totals.items():
+            sums.setdefault(stage, []).append(total)
+    return {stage: Timing.of(values) for stage, values in sums.items() if max(values) > 0}
+
+
+def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]:
+    """Whole frames by the clock, from pictures on the host to the surface on the device."""
+    device = place.device()
+    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
+    frames = playing([_pinned(device, frame) for frame in scene.frames])
+    masked = Reconstructor(device, scene.rig, grid_of(), None, sparse=sparse)
+
+    def one(what: Callable[[Frame], object]) -> Callable[[], None]:
+        def run() -> None:
+            what(next(frames))
+            device.finish()
+
+        return run
+
+    def streamed() -> None:
+        for voxels in reconstructor.stream(islice(frames, _STREAM)):
+            voxels.colours()
+        device.finish()
+
+    result: dict[str, Any] = {
+        "whole": timed(one(reconstructor), runs, 3),
+        "whole_coloured": timed(one(lambda f: reconstructor(f).colours()), runs, 3),
+        "masks": timed(one(masked), runs, 3),
+        "cloud": timed(one(lambda f: reconstructor(f).cloud(colour=True)), runs, 3),
+    }
+    stream = timed(streamed, max(3, runs // 4))
+    result["stream_per_frame"] = Timing(
+        *(ms / _STREAM for ms in (stream.median, stream.low, stream.high, stream.least)),
+        stream.runs,
+    )
+    reconstructor(next(frames))
+    result["surface_voxels"] = int(reconstructor.voxels.count.get()[0])
+    return result
+
+
+def _pinned(device: Any, frame: Frame) -> Frame:
+    """The same frame in memory that uploads fast."""
+    assert frame.images is not None
+    images = pinned(device, frame.images.shape)
+    images[:] = frame.images
+    return Frame(frame.index, images, frame.masks)
+
+
+def growth(found: list[Place], scene: Scene, quick: bool) -> list[dict[str, Any]]:
+    """Whole frames against voxels (dense and sparse) and against cameras, and 512^3 sparse."""
+    runs = 5 if quick else 15
+    shapes = [(75, 75, 50), SHAPE, (300, 300, 200)]
+    if not quick:
+        shapes = [shapes[0], (110, 110, 74), SHAPE, (212, 212, 142), shapes[2]]
+    rows = []
+    for place in found:
+        for sparse in (False, True):
+            for shape in [*shapes, (512, 512, 512)] if sparse else shapes:
+                rows.append(_grown(place, scene, shape, sparse, runs))
+            for views in (2, 4, 6):
+                rows.append(_grown(place, scene.part(views), SHAPE, sparse, runs))
+    return rows
+
+
+def _grown(
+    place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool, runs: int
+) -> dict[str, Any]:
+    device = place.device()
+    grid = grid_of(shape)
+    reconstructor = Reconstructor(device, scene.rig, grid, scene.background, sparse=sparse)
+    frames = playing([_pinned(device, frame) for frame in scene.frames])
+
+    def run() -> None:
+        reconstructor(next(frames))
+        device.finish()
+
+    return {
+        "label": place.label,
+        "mode": "sparse" if sparse else "dense",
+        "voxels": grid.size,
+        "shape": shape,
+        "views": len(scene.rig),
+        "ms": timed(run, runs, 2),
+    }
+
+
+def memory(place: Place, scene: Scene, frames: int) -> dict[str, Any]:
+    """Resident memory after 50 streamed frames and after all, clouds and colours downloaded."""
+    device = place.device()
+    reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=True)
+    shown = islice(playing(scene.frames), frames)
+    after: dict[int, float] = {}
+    for done, voxels in enumerate(reconstructor.stream(shown), 1):
+        voxels.cloud(colour=True)
+        if done in (50, frames):
+            gc.collect()
+            after[done] = resident_megabytes()
+    return {"frames": frames, "after_50_mb": after[50], "after_all_mb": after[frames]}
