@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,3 +103,20 @@ def test_an_empty_frame_leaves_the_grid_where_it_is(device: Device) -> None:
     empty = scenes.Picture(masks=np.zeros((3, rig.height, rig.width), np.uint8))
     for _ in range(2):
         assert follows(empty).grid is grid
+
+
+def test_many_frames_take_no_more_memory_than_fifty() -> None:
+    statm = Path("/proc/self/statm")
+    if not statm.exists():
+        pytest.skip("asks Linux for this process's memory")
+    rig, grid = scenes.ring(3, (64, 48)), scenes.small_grid(0.1)
+    device = Device.best(profile=True)
+    picture, background = scenes.pictures_of(rig)
+    frames = (scenes.Picture(index, picture.images) for index in range(400))
+    resident = {}
+    for done, voxels in enumerate(
+        Reconstructor(device, rig, grid, background, sparse=True).stream(frames), 1
+    ):
+        voxels.cloud(colour=True)
+        resident[done] = int(statm.read_text().split()[1])
+    assert resident[400] <= 1.1 * resident[50]

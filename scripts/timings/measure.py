@@ -76,7 +76,8 @@ class Place:
 
     label: str
     handle: Any
-    cores: int | None  # of a CPU
+    cores: int | None = None  # of a CPU
+    part: bool = False  # not all of its cores
 
     def device(self, profile: bool = False) -> Device:
         return Device(self.handle, profile=profile)
@@ -91,14 +92,14 @@ def places() -> list[Place]:
     for handle in _ranked_devices():
         name = handle.name.strip()
         if not handle.type & pyopencl.device_type.CPU:
-            found.append(Place(name, handle, None))
+            found.append(Place(name, handle))
             continue
         units = handle.max_compute_units
         counts = [2**k for k in range(units.bit_length()) if 2**k < units]
         part: Any = pyopencl.device_partition_property
         for count in counts:
             sub = handle.create_sub_devices([part.BY_COUNTS, count, 0])[0]
-            found.append(Place(f"{name}, {count} core{'s' * (count > 1)}", sub, count))
+            found.append(Place(f"{name}, {count} core{'s' * (count > 1)}", sub, count, True))
         found.append(Place(f"{name}, all {units} cores", handle, units))
     return found
 

@@ -149,7 +149,7 @@ def _plot_comparison(axes: Any, results: dict[str, Any]) -> None:
     for y, median in enumerate(medians):
         axes.text(median * 1.1, y, f"{median:.3g} ms", va="center", fontsize=8)
     axes.set_xscale("log")
-    axes.set_xlim(right=max(medians) * 4)
+    axes.set_xlim(min(medians) / 3, max(medians) * 5)
     axes.tick_params(axis="y", labelsize=8)
     axes.set_xlabel("ms per frame (lower is better)")
     axes.set_title("One frame")

@@ -57,7 +57,7 @@ def _run(args: argparse.Namespace) -> None:
         ("open3d", lambda: open3d_carving(scene, 3 if args.quick else 10)),
         ("numpy", lambda: numpy_twin(scene, 1 if args.quick else 3)),
         ("devices", lambda: [on_place(place, scene, runs) for place in found]),
-        ("growth", lambda: growth(whole_places(found), scene, args.quick)),
+        ("growth", lambda: growth([p for p in found if not p.part], scene, args.quick)),
         ("memory", lambda: memory(found[0], scene, 200 if args.quick else 1000)),
     ]
     for name, step in steps:
@@ -66,11 +66,6 @@ def _run(args: argparse.Namespace) -> None:
         write_results(args.out / "psfs.json", results)  # what there is survives an interruption
     print_report(results)
     plot(results, args.out / "psfs.png")
-
-
-def whole_places(found: list[Place]) -> list[Place]:
-    """Without the parts of CPUs."""
-    return [p for p in found if p.cores is None or p.cores == p.handle.max_compute_units]
 
 
 def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
