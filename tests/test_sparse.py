@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scenes
@@ -15,6 +17,7 @@ from psfs.config import OccupancyConfig, ReconstructionConfig
 from psfs.grid import VoxelGrid
 from psfs.occupancy import Occupancy
 from psfs.reconstruct import Reconstructor, reconstructor_for
+from psfs.reference.occupancy import occupancy
 from psfs.sparse import SparseSurface
 from psfs.surface import Surface
 
@@ -160,3 +163,25 @@ def test_too_many_bricks_are_refused(device: Device, monkeypatch: pytest.MonkeyP
     surface()
     with pytest.raises(UserError, match="bricks"):
         surface.surface_probability(1)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        [-0.35, 0.1, 0.0, 0.0, 0.0],  # turns back within the picture's corners
+        [-0.9, 0.0, 0.0, 0.0, 0.0],  # turns back well inside
+        [0.5, 0.3, 0.01, -0.01, 0.0],
+        [-0.28, 0.0, 0.02, 0.015, -0.05],
+    ],
+)
+def test_strong_lenses(device: Device, lens: list[float]) -> None:
+    """Bricks whose evidence is taken for uniform have the twin's occupancy, whatever the lens."""
+    bent = [replace(camera, distortion=np.array(lens)) for camera in scenes.ring(4, (161, 120))]
+    rig, config = CameraRig(tuple(bent)), OccupancyConfig(min_cameras=1, prior=0.4)
+    grid = VoxelGrid.covering(np.array([-2.5, -2.5, -0.5]), np.array([2.5, 2.5, 3.0]), 0.07)
+    for block in (8, 40):
+        evidence = evidence_of(rig, block, block)
+        compare(device, rig, grid, evidence, config)
+        dense = Occupancy(device, rig, grid, device.to_device(evidence), STEP, config)().get()
+        expected = occupancy(rig, grid, evidence, STEP, config)
+        assert (np.abs(dense - expected) > 1e-5).mean() < 1e-3
