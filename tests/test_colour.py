@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 import scenes
+from conftest import shared_data
 
 from cl import Device, NumpyDevice, UserError
 from psfs.grid import VoxelGrid
+from psfs.recolour import peak_signal_to_noise, recoloured
 from psfs.reconstruct import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
+from psfs.sequence import Sequence
 
 
 def both(device: Device, rig, grid, frame, background=None) -> tuple[np.ndarray, np.ndarray]:
@@ -100,3 +104,22 @@ def test_masks_alone_have_no_colours(device: Device, twin: bool) -> None:
     voxels = kind(device, rig, scenes.small_grid(), None)(frame)
     with pytest.raises(UserError, match="no pictures"):
         voxels.cloud(colour=True)
+
+
+def test_recoloured_pictures_resemble_the_pictures(device: Device) -> None:
+    folder = shared_data("synth_walk_8cam")
+    sequence = Sequence.open(folder)
+    volume = (np.array([-2.5, -2.5, 0.0]), np.array([2.5, 2.5, 2.1]))
+    grid = VoxelGrid.covering(*volume, 0.02)
+    frame = sequence.read(40)
+    reconstructor = Reconstructor(device, sequence.rig, grid, sequence.background, sparse=True)
+    cloud = reconstructor(frame).cloud(colour=True)
+    ratios = []
+    for view, camera in enumerate(sequence.rig):
+        path = folder / "truth_masks" / f"{camera.name}_{frame.index:06d}.png"
+        truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
+        picture, covered = recoloured(cloud, camera)
+        assert covered[truth].mean() > 0.9
+        # What no voxel covers counts as black.
+        ratios.append(peak_signal_to_noise(frame.images[view], picture, truth))
+    assert np.mean(ratios) > 20

@@ -1,0 +1,37 @@
+"""What a coloured cloud looks like from a camera: to judge its colours by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.camera import Camera, CameraRig
+from psfs.footprints import footprints
+from psfs.grid import VoxelCloud
+
+
+def recoloured(cloud: VoxelCloud, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Picture (H, W, 3) uint8 BGR of a coloured cloud, and (H, W) bool where it shows a voxel.
+
+    Every voxel covers the bounding box of its projected cube, nearer ones hide others. Raises
+    ValueError if the cloud has no colours.
+    """
+    if cloud.colour is None:
+        raise ValueError("expected a cloud with colours")
+    width, height = camera.size
+    pixels, depth = camera.project(cloud.centres)
+    front = np.flatnonzero(depth > 0)
+    order = front[np.argsort(-depth[front], kind="stable")]
+    half = footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0] / depth[order, None]
+    low = np.clip(np.ceil(pixels[order] - half), 0, (width, height)).astype(int)
+    high = np.clip(np.floor(pixels[order] + half) + 1, 0, (width, height)).astype(int)
+    picture, covered = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), bool)
+    for voxel, (x0, y0), (x1, y1) in zip(order, low, high, strict=True):  # far to near
+        picture[y0:y1, x0:x1] = cloud.colour[voxel, ::-1]
+        covered[y0:y1, x0:x1] = True
+    return picture, covered
+
+
+def peak_signal_to_noise(picture: np.ndarray, recoloured: np.ndarray, inside: np.ndarray) -> float:
+    """PSNR, dB, of 8-bit pictures (H, W, 3) over the pixels `inside` (H, W) bool."""
+    error = picture[inside].astype(np.float64) - recoloured[inside]
+    return float(10 * np.log10(255**2 / np.maximum((error**2).mean(), 1e-12)))
