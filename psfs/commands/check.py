@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cl import UserError, select_device
+from psfs.agreement import Suspect, suspects
 from psfs.check import DEFINITION, Checker
 from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.runs import Run, write_json
@@ -28,7 +29,8 @@ def _run(args: argparse.Namespace) -> None:
     if not run.indices:
         raise UserError(f"{args.out}: holds no reconstructed frame; expected at least one")
     sequence = run.sequence()
-    checker = Checker(select_device(args.device), sequence, run.grid, run.config.silhouette)
+    device, config = select_device(args.device), run.config.silhouette
+    checker = Checker(device, sequence, run.grid, config)
     scores = []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
@@ -36,10 +38,11 @@ def _run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
-    _report(args.out, run, sequence.rig.names, np.array(scores))
+    bad = suspects(sequence, config, device)
+    _report(args.out, run, sequence.rig.names, np.array(scores), bad)
 
 
-def _report(out: Path, run: Run, names: list[str], scores: np.ndarray) -> None:
+def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:
     """scores: (frames, V) IoU, NaN where there was nothing to compare."""
     masked = np.ma.masked_invalid(scores)
     means = masked.mean(0).filled(0.0)
@@ -53,6 +56,8 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray) -> None:
     table.add_section()
     table.add_row("all", f"{overall:.3f}", f"{worst.min():.3f}")
     stdout.print(table)
+    for suspect in bad:
+        stdout.print(f"[yellow]warning:[/] {escape(str(suspect))}", soft_wrap=True)
     report = {
         "definition": DEFINITION,
         "mean_iou": overall,
@@ -60,6 +65,7 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray) -> None:
             name: {"mean_iou": float(mean), "worst_iou": float(low)}
             for name, mean, low in zip(names, means, worst, strict=True)
         },
+        "disagreeing": {suspect.camera: str(suspect) for suspect in bad},
         "frames": {
             str(index): [None if np.isnan(score) else round(float(score), 5) for score in row]
             for index, row in zip(run.indices, scores, strict=True)

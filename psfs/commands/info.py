@@ -8,6 +8,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from psfs.agreement import suspects
 from psfs.commandline import add_command, stdout
 from psfs.commands.sequence_flags import add_sequence_flags, open_sequence
 from psfs.info import SequenceInfo, sequence_info
@@ -17,6 +18,12 @@ from psfs.sequence import Sequence
 def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "info", _run, help="cameras, frames and warnings of a sequence")
     add_sequence_flags(parser, frames=False)
+    parser.add_argument(
+        "--no-pictures",
+        dest="pictures",
+        action="store_false",
+        help="do not compare the cameras' silhouettes with each other, which takes seconds",
+    )
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -26,7 +33,8 @@ def _run(args: argparse.Namespace) -> None:
     stdout.print(_facts(sequence, info))
     for note in info.notes:
         stdout.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
-    for warning in info.warnings:
+    disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
+    for warning in [*info.warnings, *disagreeing]:
         stdout.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
 
 
