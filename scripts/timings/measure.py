@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import platform
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -72,36 +76,45 @@ def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float
 
 @dataclass(frozen=True)
 class Place:
-    """Where a program runs: a device, or a part of a CPU's cores."""
+    """A device to measure on; `cores` of a CPU."""
 
     label: str
     handle: Any
-    cores: int | None = None  # of a CPU
-    part: bool = False  # not all of its cores
+    cores: int | None = None
 
     def device(self, profile: bool = False) -> Device:
         return Device(self.handle, profile=profile)
 
 
 def places() -> list[Place]:
-    """Every GPU, and every CPU device with one core, two, four, ... and all of them.
-
-    Parts of a CPU are OpenCL sub-devices: same program, same process.
-    """
+    """Every OpenCL device of this process, GPUs first."""
     found = []
     for handle in _ranked_devices():
-        name = handle.name.strip()
-        if not handle.type & pyopencl.device_type.CPU:
+        name, units = handle.name.strip(), handle.max_compute_units
+        if handle.type & pyopencl.device_type.CPU:
+            label = f"{name}, {units} core{'s' * (units > 1)}"
+            found.append(Place(label, handle, units))
+        else:
             found.append(Place(name, handle))
-            continue
-        units = handle.max_compute_units
-        counts = [2**k for k in range(units.bit_length()) if 2**k < units]
-        part: Any = pyopencl.device_partition_property
-        for count in counts:
-            sub = handle.create_sub_devices([part.BY_COUNTS, count, 0])[0]
-            found.append(Place(f"{name}, {count} core{'s' * (count > 1)}", sub, count, True))
-        found.append(Place(f"{name}, all {units} cores", handle, units))
     return found
+
+
+def fewer_cores(place: Place) -> list[int]:
+    """1, 2, 4, ... below the cores of a CPU run by PoCL, which can be told to use fewer."""
+    if place.cores is None or "Portable" not in place.handle.platform.name:
+        return []
+    return [2**k for k in range(place.cores.bit_length()) if 2**k < place.cores]
+
+
+def on_cores(cores: int, command: list[str]) -> Any:
+    """What a Python program pickles to the file whose name follows `command`, run in a process of
+    its own in which PoCL has `cores` cores: its sub-devices use all of them nevertheless."""
+    limit = {"POCL_MAX_PTHREAD_COUNT": str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "result"
+        program = [sys.executable, *command, str(path)]
+        subprocess.run(program, check=True, env={**os.environ, **limit})
+        return pickle.loads(path.read_bytes())
 
 
 @dataclass(frozen=True)

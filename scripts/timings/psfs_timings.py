@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import gc
+import pickle
+import sys
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
@@ -24,7 +26,9 @@ from timings.measure import (
     Place,
     Timing,
     environment,
+    fewer_cores,
     measured_limits,
+    on_cores,
     places,
     resident_megabytes,
     timed,
@@ -40,7 +44,9 @@ _STREAM = 16
 def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "psfs", _run, help="voxel reconstruction, stage by stage")
     parser.add_argument("-o", "--out", type=Path, default=Path("timings"), metavar="OUT")
-    parser.add_argument("--quick", action="store_true", help="a minute: fewer runs, sizes, frames")
+    parser.add_argument("--quick", action="store_true", help="fewer runs, sizes and frames")
+    # What the processes with fewer cores are asked for.
+    parser.add_argument("--cpu-only", type=Path, help=argparse.SUPPRESS)
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -50,14 +56,19 @@ def _run(args: argparse.Namespace) -> None:
     if not found:
         raise UserError("no OpenCL device; expected at least a CPU's")
     runs = 10 if args.quick else 40
+    if args.cpu_only:
+        place = next(p for p in found if p.cores)
+        scene = make_scene(place.device(), 6 if args.quick else 16)
+        args.cpu_only.write_bytes(pickle.dumps(on_place(place, scene, runs)))
+        return
     scene = make_scene(found[0].device(), 6 if args.quick else 16)
     stderr.print(f"scene: {VIEWS} cameras, {SHAPE} voxels, {len(scene.frames)} frames")
     results: dict[str, Any] = {"environment": environment(), "shape": SHAPE, "views": VIEWS}
     steps: list[tuple[str, Callable[[], Any]]] = [
         ("open3d", lambda: open3d_carving(scene, 3 if args.quick else 10)),
         ("numpy", lambda: numpy_twin(scene, 1 if args.quick else 3)),
-        ("devices", lambda: [on_place(place, scene, runs) for place in found]),
-        ("growth", lambda: growth([p for p in found if not p.part], scene, args.quick)),
+        ("devices", lambda: [x for p in found for x in on_device(p, scene, runs, args.quick)]),
+        ("growth", lambda: growth(found, scene, args.quick)),
         ("memory", lambda: memory(found[0], scene, 200 if args.quick else 1000)),
     ]
     for name, step in steps:
@@ -130,6 +141,13 @@ def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
         "whole": timed(lambda: twin(next(frames)), runs),
         "occupancy": timed(carve, runs, warm_up=0),
     }
+
+
+def on_device(place: Place, scene: Scene, runs: int, quick: bool) -> list[dict[str, Any]]:
+    """`on_place` of a device, with fewer cores first if it is a CPU."""
+    command = [sys.argv[0], "psfs", *["--quick"] * quick, "--cpu-only"]
+    rows = [on_cores(cores, command) for cores in fewer_cores(place)]
+    return [*rows, on_place(place, scene, runs)]
 
 
 def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
