@@ -24,9 +24,9 @@ from psfs.sequence import Sequence
 from psfs.silhouette import Silhouette
 
 #: A camera is named when its IoU is below this share of the others' median.
-LOW_SHARE = 0.75
+LOW_SHARE = 0.7
 #: Voxels of the coarse shapes, at most.
-_VOXELS = 400_000
+_VOXELS = 250_000
 #: Silhouettes that fill more of the picture are no person.
 _FULL = 0.5
 #: Lags tried, frames, and by how much the IoU must rise for one to be believed.
@@ -89,11 +89,22 @@ class _Judge:
         samples: int,
     ) -> None:
         self.sequence, self.rig, self.config = sequence, sequence.rig, config
-        self.grid = _coarse_grid(sequence)
         last = len(sequence) - 1
         picks = np.linspace(0.1 * last, 0.9 * last, samples).round().astype(int)
         self.frames = [int(i) for i in np.unique(picks)]
-        centres = self.grid.centres()
+        self._silhouette = (
+            Silhouette(device, self.rig, sequence.background, config)
+            if isinstance(device, Device)
+            else None
+        )
+        self._evidence = {i: self._read(i) for i in self.frames}
+        self._take(_coarse_grid(sequence))
+        self._take(self._around_person())
+
+    def _take(self, grid: VoxelGrid) -> None:
+        """Work on `grid`: where its voxels project to."""
+        self.grid = grid
+        centres = grid.centres()
         self._at = []
         for camera in self.rig:
             column, row = np.rint(camera.project(centres)[0]).T
@@ -101,13 +112,21 @@ class _Judge:
             inside &= (column < camera.size[0]) & (row < camera.size[1])
             pixels = row[inside].astype(np.int32), column[inside].astype(np.int32)
             self._at.append((np.flatnonzero(inside), pixels))
-        self._extents = footprints(self.rig, self.grid.voxel_size)
-        self._silhouette = (
-            Silhouette(device, self.rig, sequence.background, config)
-            if isinstance(device, Device)
-            else None
-        )
-        self._evidence = {i: self._read(i) for i in self.frames}
+        self._extents = footprints(self.rig, grid.voxel_size)
+
+    def _around_person(self) -> VoxelGrid:
+        """A grid around what is occupied even if one camera says it is not."""
+        views = list(range(len(self.rig)))
+        needed = OccupancyConfig().seeing_cameras(len(views))
+        veto = -int(self.config.counts(np.zeros(1))[0])
+        occupied = np.zeros(self.grid.size, bool)
+        for index in self.frames:
+            votes = self._votes(index, views)
+            occupied |= (votes[0] + veto > 0) & (votes[1] >= needed)
+        if not occupied.any():
+            return self.grid
+        centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
+        return _grid_of(centres.min(0) - margin, centres.max(0) + margin)
 
     def _read(self, index: int) -> np.ndarray:
         frame, background = self.sequence.read(index), self.sequence.background
@@ -117,23 +136,37 @@ class _Judge:
 
     def scores(self, views: list[int]) -> np.ndarray:
         """(len(views),) mean IoU of each camera's silhouette with the shape of the others."""
-        scores = [
-            [self._iou(view, self._shape(i, views, view), self._evidence[i]) for view in views]
-            for i in self.frames
-        ]
+        scores = []
+        for index in self.frames:
+            votes, evidence = self._votes(index, views), self._evidence[index]
+            shapes = [self._shape(index, votes, len(views), view) for view in views]
+            scores.append(
+                [
+                    self._iou(view, shape, evidence)
+                    for view, shape in zip(views, shapes, strict=True)
+                ]
+            )
         empty = np.isnan(scores).all(axis=0)
         return np.where(empty, np.nan, np.nanmean(np.where(empty, 0, scores), axis=0))
 
-    def _shape(self, index: int, views: list[int], without: int) -> np.ndarray:
-        """Surface voxels (N,) that the other `views` see in a frame."""
-        total, seeing = np.zeros(self.grid.size, np.int32), np.zeros(self.grid.size, np.int8)
+    def _votes(self, index: int, views: list[int]) -> np.ndarray:
+        """(2, voxels) int32: sum of the evidence of `views` in a frame, and how many see them."""
+        votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
-            if view != without:
-                voxels, pixels = self._at[view]
-                total[voxels] += self._evidence[index][view][pixels]
-                seeing[voxels] += 1
-        needed = OccupancyConfig().seeing_cameras(len(views) - 1)
-        return surface_voxels(((total > 0) & (seeing >= needed)).reshape(self.grid.shape))
+            voxels, pixels = self._at[view]
+            votes[0, voxels] += self._evidence[index][view][pixels]
+            votes[1, voxels] += 1
+        return votes
+
+    def _shape(self, index: int, votes: np.ndarray, n_views: int, without: int) -> np.ndarray:
+        """Surface voxels (N,) by the votes of `n_views` cameras less those of one."""
+        others = votes.copy()
+        voxels, pixels = self._at[without]
+        others[0, voxels] -= self._evidence[index][without][pixels]
+        others[1, voxels] -= 1
+        needed = OccupancyConfig().seeing_cameras(n_views - 1)
+        occupied = (others[0] > 0) & (others[1] >= needed)
+        return surface_voxels(occupied.reshape(self.grid.shape))
 
     def _iou(self, view: int, shape: np.ndarray, evidence: np.ndarray) -> float:
         """NaN where neither shows anything."""
@@ -167,7 +200,8 @@ class _Judge:
     def _lag(self, view: int, others: list[int]) -> int:
         """By how many frames its pictures come late (or early, if negative); 0 if neither."""
         middle = self.frames[len(self.frames) // 2]
-        shape = self._shape(middle, others, view)
+        votes = self._votes(middle, [view, *others])
+        shape = self._shape(middle, votes, len(others) + 1, view)
         scores = {0: self._iou(view, shape, self._evidence[middle])}
         for lag in _LAGS:
             if 0 <= middle + lag < len(self.sequence):
@@ -180,7 +214,10 @@ def _coarse_grid(sequence: Sequence) -> VoxelGrid:
     volume = sequence.volume or seen_box(sequence.rig, _needed(sequence.rig))
     if volume is None:
         volume = seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
-    low, high = (np.asarray(corner, np.float64) for corner in volume)
+    return _grid_of(*(np.asarray(corner, np.float64) for corner in volume))
+
+
+def _grid_of(low: np.ndarray, high: np.ndarray) -> VoxelGrid:
     return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
 
 

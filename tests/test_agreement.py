@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
+import footage
 import numpy as np
 import pytest
+import scenes
 from conftest import shared_data
 
 from psfs.agreement import suspects
+from psfs.cli import main
 from psfs.sequence import Frame, Sequence
 
 
@@ -61,3 +67,53 @@ def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str
 @pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated"])
 def test_good_cameras_are_not_named(device, name: str) -> None:
     assert suspects(Sequence.open(shared_data(name)), device=device) == []
+
+
+def test_a_late_camera_is_left_out_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of eight masks stands 10 frames behind; `info` and `check` name it too."""
+    folder = late_walk(tmp_path / "walk")
+    assert main(["info", str(folder)]) == 0
+    assert "camera c2 disagrees" in capsys.readouterr().out
+    volumes = {}
+    for flag in ("--no-colour", "--all-cameras"):
+        out = tmp_path / flag
+        assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05", flag]) == 0
+        summary = json.loads((out / "summary.json").read_text())
+        volumes[flag] = summary["frames"][0]["volume_m3"]
+        assert len(summary["sequence"]["cameras"]) == (8 if flag == "--all-cameras" else 7)
+        capsys.readouterr()
+        assert main(["check", str(out)]) == 0
+        assert "camera c2 disagrees" in capsys.readouterr().out
+        assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
+    assert volumes["--no-colour"] > volumes["--all-cameras"]
+
+
+def late_walk(folder: Path) -> Path:
+    """Masks of a block that walks past eight cameras, c2 ten frames late."""
+    rig = scenes.ring(8, size=(160, 120))
+    tables = {
+        camera.name: {
+            "name": camera.name,
+            "size": [float(n) for n in camera.size],
+            "matrix": camera.K.tolist(),
+            "distortions": camera.distortion[:4].tolist(),
+            "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
+            "translation": camera.t.tolist(),
+            "fisheye": False,
+        }
+        for camera in rig
+    }
+    footage.write_toml(folder / "calibration.toml", tables)
+    corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    for camera in rig:
+        target = folder / "masks" / camera.name
+        target.mkdir(parents=True)
+        for frame in range(30):
+            time = max(0, frame - 10) if camera.name == "c2" else frame
+            pixels, _ = camera.project(corners + np.array([0.03 * (time - 15), 0, 0]))
+            mask = np.zeros(camera.size[::-1], np.uint8)
+            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(pixels).astype(np.int32)), 255)
+            assert cv2.imwrite(str(target / f"{frame:04d}.png"), mask)
+    return folder

@@ -56,8 +56,10 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list
     table.add_section()
     table.add_row("all", f"{overall:.3f}", f"{worst.min():.3f}")
     stdout.print(table)
-    for suspect in bad:
-        stdout.print(f"[yellow]warning:[/] {escape(str(suspect))}", soft_wrap=True)
+    left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
+    disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
+    for reason in disagreeing.values():
+        stdout.print(f"[yellow]warning:[/] {escape(reason)}", soft_wrap=True)
     report = {
         "definition": DEFINITION,
         "mean_iou": overall,
@@ -65,7 +67,7 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list
             name: {"mean_iou": float(mean), "worst_iou": float(low)}
             for name, mean, low in zip(names, means, worst, strict=True)
         },
-        "disagreeing": {suspect.camera: str(suspect) for suspect in bad},
+        "disagreeing": disagreeing,
         "frames": {
             str(index): [None if np.isnan(score) else round(float(score), 5) for score in row]
             for index, row in zip(run.indices, scores, strict=True)
