@@ -1,1 +1,1 @@
-"""Probabilistic shape from silhouette: calibrated views in, a coloured voxel cloud per frame out."""
+"""Probabilistic shape from silhouette: calibrated views in, coloured voxel clouds out."""
