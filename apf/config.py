@@ -43,6 +43,7 @@ class FilterConfig:
     sample_spacing: float = 0.04
     refine_steps: int = 5
     refine_scale: float = 0.03
+    refine_reach: float = 0.06
     refine_strength: float = 1350.0
     refine_width: float = 4.0
     seed: int = 0
@@ -64,7 +65,7 @@ class FilterConfig:
                 )
         positive = (
             "noise", "noise_decay", "surface_scale", "sample_spacing",
-            "refine_scale", "refine_strength", "refine_width",
+            "refine_scale", "refine_reach", "refine_strength", "refine_width",
         )  # fmt: skip
         weights = ("edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
         negative = [name for name in positive if not getattr(self, name) > 0]
@@ -81,6 +82,12 @@ class FilterConfig:
             [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
             np.float32,
         )
+
+    @property
+    def refine_shrink(self) -> float:
+        """Factor from step to step that takes `refine_reach` to `refine_scale`."""
+        ratio = self.refine_scale / self.refine_reach
+        return float(min(1.0, ratio ** (1 / max(1, self.refine_steps - 1))))
 
     @property
     def survival_rates(self) -> np.ndarray:

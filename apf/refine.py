@@ -56,6 +56,8 @@ class Refinement:
                 (_GROUP,),
                 np.int32(self.config.n_points),
                 np.float32(self.config.refine_scale),
+                np.float32(self.config.refine_reach),
+                np.float32(self.config.refine_shrink),
                 np.float32(self.config.refine_strength),
                 points,
                 *self._body,

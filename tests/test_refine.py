@@ -16,7 +16,9 @@ from apf.refine import Refinement
 from cl import Device
 
 #: Without a prior that is worth mentioning.
-CONFIG = FilterConfig(refine_steps=8, refine_scale=0.05, refine_width=100.0, n_points=300)
+CONFIG = FilterConfig(
+    refine_steps=8, refine_scale=0.05, refine_reach=0.05, refine_width=100.0, n_points=300
+)
 
 
 def on_surface(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
@@ -85,6 +87,23 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     assert np.abs(found - pose).max() < 0.02
 
 
+def test_far_voxels_pull_first() -> None:
+    """A hanging arm finds the voxels of one raised by 1.2 rad, beyond the final scale."""
+    body = load_body("song31")
+    raised = body.rest_pose.copy()
+    raised[body.dof_names.index("l_upper_arm.rx")] = 1.2
+    points = on_surface(body, raised, 600)
+    wrist = body.joint_names.index("l_wrist")
+
+    def miss(reach: float) -> float:
+        config = replace(CONFIG, refine_scale=0.02, refine_reach=reach)
+        found = refined(body, body.rest_pose, points, config)
+        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
+        return float(np.linalg.norm(reached - wanted))
+
+    assert miss(0.2) < 0.04 < 0.1 < miss(0.02)
+
+
 def test_never_worse_than_the_mean() -> None:
     body = load_body("song31")
     mean = bodies.random_poses(body, 1)[0]
@@ -103,7 +122,7 @@ def test_never_worse_than_the_mean() -> None:
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     body = bodies.named(name)
-    config = replace(CONFIG, refine_steps=3, refine_width=4.0, n_points=n_points)
+    config = replace(CONFIG, refine_steps=3, refine_reach=0.1, refine_width=4.0, n_points=n_points)
     pose = bodies.random_poses(body, 1)[0]
     random = np.random.default_rng(n_points)
     points = on_surface(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))

@@ -68,22 +68,27 @@ def refined(
     body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
 ) -> np.ndarray:
     """The pose (D,) that minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance
-    from `mean` in prior deviations: the best of the poses met in `refine_steps` steps."""
+    from `mean` in prior deviations: the best of the poses met in `refine_steps` steps.
+
+    The steps weigh voxels by a scale that shrinks from `refine_reach` to `refine_scale`, so that
+    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).
+    """
     if config.refine_steps == 0 or len(points) == 0:
         return mean
     prior = prior_deviation(body, config) ** -2
-    strength = config.refine_strength / len(points)
-    pose, best, least = mean, mean, np.inf
+    weight = config.refine_strength / (len(points) * config.refine_scale**2)
+    pose, best, least, reach = mean, mean, np.inf, config.refine_reach
     for step in range(config.refine_steps + 1):
         distance, rows = distance_rows(body, pose, points)
-        width = config.refine_scale**2 + distance**2
-        cost = strength * np.sum(distance**2 / width) + np.sum(prior * (pose - mean) ** 2)
+        unexplained = np.mean(distance**2 / (distance**2 + config.refine_scale**2))
+        cost = config.refine_strength * unexplained + np.sum(prior * (pose - mean) ** 2)
         if cost < least:
             best, least = pose, cost
         if step == config.refine_steps:
             break
-        weighted = rows * (strength * config.refine_scale**2 / width**2)[:, None]
+        weighted = rows * (weight / (1 + distance**2 / reach**2) ** 2)[:, None]
         matrix = weighted.T @ rows + np.diag(prior)
         vector = weighted.T @ distance + prior * (pose - mean)
         pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
+        reach = max(config.refine_scale, reach * config.refine_shrink)
     return best

@@ -19,8 +19,9 @@ inline float group_total(__local float *scratch, float value)
 }
 
 // One row of the linear system: derivatives of the distance of `point` to its nearest cone by the
-// degrees of freedom, the distance, and its weight (Geman & McClure 1987).
-inline void distance_row(float4 point, float scale, __global const float *posed,
+// degrees of freedom, the distance, and its weight (Geman & McClure 1987), which is 1 for no
+// distance.
+inline void distance_row(float4 point, float reach, __global const float *posed,
                          __global const float *hinges, __global const uchar *moves,
                          __global float *row)
 {
@@ -40,9 +41,9 @@ inline void distance_row(float4 point, float scale, __global const float *posed,
         const float3 arm = point.xyz - vload3(0, hinges + 6 * dof + 3);
         row[dof] = kind == 0 ? 0.0f : -dot(normal, kind == 1 ? axis : cross(axis, arm));
     }
-    const float width = scale * scale + distance * distance;
+    const float share = 1.0f + distance * distance / (reach * reach);
     row[N_DOF] = distance;
-    row[N_DOF + 1] = point.w > 0.0f ? scale * scale / (width * width) : 0.0f;
+    row[N_DOF + 1] = point.w > 0.0f ? 1.0f / (share * share) : 0.0f;
 }
 
 // Solves matrix x = vector by Cholesky's method; the lower triangle of `matrix` is overwritten,
@@ -76,9 +77,12 @@ inline void solve(__local float *matrix, __local float *vector)
 
 // Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2)
 // over the pose, d the distance of a surface voxel to the nearest cone, from the mean in
-// `result`, which the best pose met replaces; shift: by how much. One work-group.
+// `result`, which the best pose met replaces; shift: by how much. The steps weigh voxels by a
+// scale that shrinks from `reach` to `scale`, so that those far from any cone pull first
+// (graduated non-convexity, Blake & Zisserman 1987). One work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine(int n_points, float scale, float strength, __global const float4 *points,
+void refine(int n_points, float scale, float reach, float shrink, float strength,
+            __global const float4 *points,
             __global const int4 *bones, __global const float *bone_fixed,
             __global const int4 *axes, __global const float *cones,
             __global const uchar *moves, __global const float *sigma,
@@ -92,6 +96,7 @@ void refine(int n_points, float scale, float strength, __global const float4 *po
         pose[dof] = result[dof];
         shift[dof] = 0.0f;
     }
+    const float weight = strength / (n_points * scale * scale);
     float least = INFINITY;
 
     // The last round's step is taken in vain: PoCL 3 miscompiles a loop left between barriers.
@@ -107,7 +112,7 @@ void refine(int n_points, float scale, float strength, __global const float4 *po
         float cost = 0.0f;
         for (int k = lane; k < n_points; k += GROUP) {
             __global float *row = rows + k * ROW;
-            distance_row(points[k], scale, posed, hinges, moves, row);
+            distance_row(points[k], reach, posed, hinges, moves, row);
             const float d2 = row[N_DOF] * row[N_DOF];
             cost += strength / n_points * (points[k].w > 0.0f ? d2 / (d2 + scale * scale) : 1.0f);
         }
@@ -132,14 +137,15 @@ void refine(int n_points, float scale, float strength, __global const float4 *po
                 sum += weighted * row[j];
                 right += weighted * row[N_DOF];
             }
-            matrix[e] = strength / n_points * sum + (i == j ? prior : 0.0f);
+            matrix[e] = weight * sum + (i == j ? prior : 0.0f);
             if (i == j)
-                vector[i] = strength / n_points * right + prior * (pose[i] - result[i]);
+                vector[i] = weight * right + prior * (pose[i] - result[i]);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
         solve(matrix, vector);
         for (int dof = lane; dof < N_DOF; dof += GROUP)
             pose[dof] = clamp(pose[dof] - vector[dof], limits[dof].x, limits[dof].y);
+        reach = fmax(scale, reach * shrink);
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
     for (int dof = lane; dof < N_DOF; dof += GROUP) result[dof] += shift[dof];
