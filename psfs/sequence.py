@@ -18,6 +18,7 @@ from psfs.background import Background, background_from_frames, background_from_
 from psfs.camera import CameraRig
 from psfs.layouts import Footage, recognised
 from psfs.media import Decoder, Media
+from psfs.mixture import Mixture
 from psfs.prefetch import prefetched
 from psfs.settings import Settings
 from psfs.units import turned_rig, z_up_from
@@ -112,6 +113,12 @@ class Sequence:
             return background_from_frames(self.rig, self.footage.images)
         return None
 
+    @cached_property
+    def _mixture(self) -> Mixture:
+        plates = self.footage.background
+        assert self.footage.images is not None
+        return Mixture(plates or self.footage.images, empty=bool(plates))
+
     @property
     def _views(self) -> tuple[Media, ...]:
         """All pictures that a frame is made of."""
@@ -127,6 +134,7 @@ class Sequence:
             "gaussian": (footage.background, "pictures of the empty scene in background/"),
             "threshold": (footage.images and self.settings.threshold, "images and `threshold`"),
             "frames": (footage.images, "images"),
+            "mog": (footage.images, "images"),
         }
         there, what = needs[kind]
         if not there:
@@ -170,6 +178,9 @@ class Sequence:
         elif self.background_kind == "threshold":
             assert images is not None
             masks = list(pool.map(self._thresholded, images))
+        elif self.background_kind == "mog":
+            assert images is not None
+            masks = list(pool.map(self._mixture, range(views), images))
         return Frame(
             index,
             None if images is None else self._padded(images),

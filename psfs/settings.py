@@ -17,8 +17,9 @@ from psfs.units import Unit, metres_per_unit, z_up_from
 
 #: How silhouettes are told from the background. "gaussian": empty plate (`background/`);
 #: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
-#: brighter than `threshold` (0..1), then dilated and eroded.
-BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold")
+#: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
+#: from the empty plate or, without one, from the sequence's own frames.
+BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog")
 
 
 @dataclass(frozen=True)
