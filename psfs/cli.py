@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from psfs.commandline import run_command
 from psfs.commands import check, devices, info, mesh, reconstruct, view
@@ -16,3 +17,7 @@ def main(argv: list[str] | None = None) -> int:
     for command in (info, reconstruct, check, mesh, view, devices):
         command.register(commands)
     return run_command(parser, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
