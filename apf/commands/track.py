@@ -81,11 +81,19 @@ def run(args: argparse.Namespace) -> None:
     body, pose = first_pose(sequence, frames[0], args.body, args.init, args.convention)
     selection = slice(frames.start, frames.stop, frames.step)
     grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
-    with progress_bar() as bar:
-        task = bar.add_task("tracking", total=len(frames))
+    bar = progress_bar()
+    task = bar.add_task("tracking", total=len(frames))
+
+    def advance() -> None:
+        bar.start()  # not before the first frame: an error must stay a single line
+        bar.advance(task)
+
+    try:
         track = track_sequence(
-            device, sequence, grid, body, pose, config, None, selection, lambda: bar.advance(task)
+            device, sequence, grid, body, pose, config, selection=selection, progress=advance
         )
+    finally:
+        bar.stop()
     write_track(args.output, sequence, track, body, overlay=not args.no_overlay)
     if len(track) < len(frames):
         stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
