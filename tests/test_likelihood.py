@@ -91,7 +91,7 @@ def point_sampler(
     surface.set(padded)
     count = device.to_device(np.array([len(indices)], np.int32))
     likelihood.surface_launch(grid, surface, count)()
-    return likelihood, likelihood._points.get()
+    return likelihood, likelihood.points.get()
 
 
 def card(corners: list, width: float) -> np.ndarray:
