@@ -93,7 +93,8 @@ def run(args: argparse.Namespace) -> None:
             device, sequence, grid, body, pose, config, selection=selection, progress=advance
         )
     finally:
-        bar.stop()
+        if bar.live.is_started:  # stopping prints a line
+            bar.stop()
     write_track(args.output, sequence, track, body, overlay=not args.no_overlay)
     if len(track) < len(frames):
         stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
