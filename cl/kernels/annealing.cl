@@ -1,25 +1,12 @@
 // One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean. Twin:
 // reference/annealing.py. Define: GROUP, N_DOF.
 #include "philox.h"
+#include "reduction.h"
 
 #define WHOLE_SET 0xFFFFFFFFu
 #define BISECTIONS 40
 // Exponents are searched between 2^-LOG2_BETA_LIMIT and 2^LOG2_BETA_LIMIT.
 #define LOG2_BETA_LIMIT 20.0f
-
-inline float group_sum(__local float *scratch, float value)
-{
-    const int lane = get_local_id(0);
-    scratch[lane] = value;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) scratch[lane] += scratch[lane + half_size];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    const float sum = scratch[0];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    return sum;
-}
 
 inline float group_min(__local float *scratch, float value)
 {

@@ -1,22 +1,9 @@
 // Gauss-Newton steps of the estimate against the surface voxels; twin: reference/refine.py.
 // Defines: GROUP, N_STEPS and those of kinematics.h.
 #include "kinematics.h"
+#include "reduction.h"
 
 #define ROW (N_DOF + 2)
-
-inline float group_total(__local float *scratch, float value)
-{
-    const int lane = get_local_id(0);
-    scratch[lane] = value;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) scratch[lane] += scratch[lane + half_size];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    const float total = scratch[0];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    return total;
-}
 
 // One row of the linear system: derivatives of the distance of `point` to its nearest cone by the
 // degrees of freedom, the distance, and its weight (Geman & McClure 1987), which is 1 for no
@@ -120,7 +107,7 @@ void refine(int n_points, float scale, float reach, float shrink, float strength
             const float away = (pose[dof] - result[dof]) / sigma[dof];
             cost += away * away;
         }
-        cost = group_total(scratch, cost);
+        cost = group_sum(scratch, cost);
         if (cost < least) {
             least = cost;
             for (int dof = lane; dof < N_DOF; dof += GROUP) shift[dof] = pose[dof] - result[dof];
