@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -27,7 +28,8 @@ class Track:
     body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence.
     frames: (F,) int, frame indices of the sequence. poses: (F, D) radians and metres.
     joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw.
-    diagnostics: arrays (F, n_layers), such as ess, beta, best_log_weight.
+    diagnostics: arrays (F, ...), such as ess, beta, best_log_weight (F, n_layers) and what
+    `lost`, `confidence` and `covariance` say.
     config: JSON text of what made it (settings, seed, device, versions, sequence path).
     Raises ValueError where shapes disagree.
     """
@@ -81,6 +83,31 @@ class Track:
     def times(self) -> np.ndarray:
         """(F,) s since the sequence's first frame."""
         return self.frames / self.fps
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(F,) bool, frames in which the tracker had lost the person; none where it never said."""
+        return self._told("lost", np.zeros(len(self), bool)).astype(bool)
+
+    @property
+    def confidence(self) -> np.ndarray:
+        """(F,) in [0, 1], how far the tracker trusts each frame; NaN where it never said."""
+        return self._told("confidence", np.full(len(self), np.nan))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(F, J, 3, 3) m^2, uncertainty of each joint's place; NaN where it was never said."""
+        shape = (len(self), len(self.joint_names), 3, 3)
+        return self._told("covariance", np.full(shape, np.nan))
+
+    def _told(self, name: str, default: np.ndarray) -> np.ndarray:
+        return self.diagnostics.get(name, default)
+
+    @property
+    def smoothing(self) -> dict[str, Any] | None:
+        """How `apf smooth` made it, None for a track as it was tracked."""
+        smoothing: dict[str, Any] | None = json.loads(self.config).get("smoothing")
+        return smoothing
 
     @property
     def series(self) -> JointSeries:

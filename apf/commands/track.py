@@ -132,12 +132,17 @@ def first_pose(
 def write_track(
     folder: Path, sequence: Sequence, track: Track, body: BodyModel, overlay: bool = True
 ) -> None:
-    """track.npz, joints.trc, joints.csv, body.toml and overlay.mp4 into `folder`."""
-    track.save(folder / "track.npz")
-    track.write_trc(folder / "joints.trc")
-    track.write_csv(folder / "joints.csv")
-    save_body(folder / "body.toml", body)
+    """The files of `write_files`, and overlay.mp4, into `folder`."""
+    write_files(folder, track, body)
     if overlay:
         with progress_bar() as bar:
             task = bar.add_task("overlay", total=len(track))
             write_overlay(folder / "overlay.mp4", sequence, track, body, lambda: bar.advance(task))
+
+
+def write_files(folder: Path, track: Track, body: BodyModel) -> None:
+    """track.npz, joints.trc, joints.csv and body.toml into `folder`."""
+    track.save(folder / "track.npz")
+    track.write_trc(folder / "joints.trc")
+    track.write_csv(folder / "joints.csv")
+    save_body(folder / "body.toml", body)
