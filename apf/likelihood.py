@@ -6,11 +6,16 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
+from apf.kinematics import Kinematics
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
+from psfs.reconstruct import Voxels
+from psfs.reprojection import Reprojection
 
 _GROUP = 64
+#: Place of the grid's position among the arguments of `sample_surface`.
+_PLACE = 5
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
@@ -23,19 +28,28 @@ def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
     return sampling
 
 
-class Likelihood:
-    """Scores posed cones against reprojected voxels (maps) and surface voxels.
+class VoxelLikelihood:
+    """A `Scorer` of poses of `body` by the voxels of `grid`: by their reprojection into the
+    cameras of `rig`, and by the surface voxels themselves.
 
-    `errors` is the device array (N,) float32 that the launches of `launcher` fill: -log weight
-    at exponent 1, Song et al. eq. (16) with the sign put right. `rig` is that of the maps.
+    `errors` is Song et al. eq. (16) with the sign put right, and more terms (see `FilterConfig`).
     """
 
     def __init__(
-        self, device: Device, body: BodyModel, rig: CameraRig, config: FilterConfig
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        config: FilterConfig,
     ) -> None:
         self.device = device
         self.rig = rig
         self.config = config
+        self._grid: VoxelGrid | None = None
+        self._voxels: Voxels | None = None
+        self._reprojection = Reprojection(device, rig, grid)
+        self._kinematics = Kinematics(device, body, config.n_particles)
         self.n_cones = len(body.cones)
         n, v = config.n_particles, len(rig)
         sampling = cone_sampling(body, config.sample_spacing)
@@ -49,24 +63,39 @@ class Likelihood:
         self._surface_errors = device.zeros((n,), np.float32, "the surface errors")
         self.errors = device.empty((n,), np.float32, "the errors")
 
-    def surface_launch(self, grid: VoxelGrid, surface: Array, count: Array) -> Launch:
-        """Picks the surface voxels of the frame to look at; once per frame."""
-        origin_size = np.array([*grid.origin, grid.voxel_size], np.float32)
+    def observe(self, voxels: Voxels) -> None:
+        """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
+        self._reprojection(voxels)
+        if voxels is not self._voxels:
+            self._voxels, self._grid = voxels, None
+            self._sample_surface = self._surface_launch(voxels)
+        if voxels.grid is not self._grid:
+            self._grid = voxels.grid
+            place = np.array([*voxels.grid.origin, voxels.grid.voxel_size], np.float32)
+            self._sample_surface.set_arg(_PLACE, place)
+        self._sample_surface()
+
+    def launcher(self, poses: Array) -> list[Launch]:
+        """The launches that score `poses` (N, D) float32 into `errors`, arguments set."""
+        cones = self._kinematics.cones
+        return [*self._kinematics.launcher(poses), *self._launches(cones, self._reprojection.maps)]
+
+    def _surface_launch(self, voxels: Voxels) -> Launch:
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.n_points,),
             (_GROUP,),
             np.int32(self.config.n_points),
-            count,
-            surface,
-            np.int32(grid.shape[1]),
-            np.int32(grid.shape[2]),
-            origin_size,
+            voxels.count,
+            voxels.surface,
+            np.int32(voxels.grid.shape[1]),
+            np.int32(voxels.grid.shape[2]),
+            np.zeros(4, np.float32),
             self.points,
         )
 
-    def launcher(self, cones: Array, maps: Array) -> list[Launch]:
-        """The launches that score `cones` (N, C, 16) against `maps` (V, H, W, 2) uint8."""
+    def _launches(self, cones: Array, maps: Array) -> list[Launch]:
+        """Score `cones` (N, C, 16) against `maps` (V, H, W, 2) uint8."""
         n, v = np.int32(self.config.n_particles), np.int32(len(self.rig))
         launches = [
             self.device.launch(

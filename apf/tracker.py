@@ -10,14 +10,12 @@ import numpy as np
 from apf.annealing import ParticleSet
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.kinematics import Kinematics
-from apf.likelihood import Likelihood
+from apf.likelihood import VoxelLikelihood
 from apf.refine import Refinement
-from cl import Device, Launch, NumpyDevice, UserError
+from apf.scorer import Scorer
+from cl import Array, Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
-from psfs.reconstruct import Voxels
-from psfs.reprojection import Reprojection
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +39,8 @@ class AnnealedParticleFilter:
 
     `start(pose)` once, then `step(voxels)` per frame. A frame's layers are enqueued without
     waiting for the host; only the estimate comes back. Twin: reference/tracker.py.
+
+    With a `scorer` of its own it tracks through whatever that observes, frames of pictures say.
     """
 
     def __init__(
@@ -50,15 +50,14 @@ class AnnealedParticleFilter:
         rig: CameraRig,
         grid: VoxelGrid,
         config: FilterConfig | None = None,
+        *,
+        scorer: Scorer | None = None,
     ) -> None:
         config = config or FilterConfig()
         self.device = device
         self.body = body
         self.config = config
-        self.grid = grid
-        self._reprojection = Reprojection(device, rig, grid)
-        self._kinematics = Kinematics(device, body, config.n_particles)
-        self._likelihood = Likelihood(device, body, rig, config)
+        self.scorer = scorer or VoxelLikelihood(device, body, rig, grid, config)
         self._particles = ParticleSet(device, body, config)
         self._refinement = Refinement(device, body, config)
         # With an odd number of layers, frames end in alternating sets.
@@ -70,10 +69,9 @@ class AnnealedParticleFilter:
         self._particles.start(checked_pose(self.body, pose))
         self._n_frames = 0
 
-    def step(self, voxels: Voxels) -> Estimate:
-        """Track one frame further."""
-        self._reprojection(voxels)
-        self._likelihood.surface_launch(self.grid, voxels.surface, voxels.count)()
+    def step(self, observation: Any) -> Estimate:
+        """Track one frame further: Voxels, or what else the scorer observes."""
+        self.scorer.observe(observation)
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
@@ -84,12 +82,13 @@ class AnnealedParticleFilter:
         for layer in range(self.config.n_layers):
             launches.append(self._particles.diffuse(layer, source))
             source = 1 - source
-            launches += self._kinematics.launcher(self._particles.sets[source])
-            launches += self._likelihood.launcher(self._kinematics.cones, self._reprojection.maps)
-            launches.append(self._particles.anneal(layer, self._likelihood.errors))
+            launches += self.scorer.launcher(self._particles.sets[source])
+            launches.append(self._particles.anneal(layer, self.scorer.errors))
             if self.config.spread > 0 or layer == self.config.n_layers - 1:
                 launches.append(self._particles.estimate(source))
-        launches += self._refinement.launcher(self._likelihood.points, self._particles.result)
+        points: Array | None = getattr(self.scorer, "points", None)
+        if points is not None:
+            launches += self._refinement.launcher(points, self._particles.result)
         launches.append(self._particles.settle(self._refinement.shift))
         return launches
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import bodies
 import numpy as np
@@ -12,7 +14,7 @@ from scipy import ndimage
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.likelihood import Likelihood, cone_sampling
+from apf.likelihood import VoxelLikelihood, cone_sampling
 from apf.reference.cones import distances
 from apf.reference.kinematics import CONE_FLOATS, posed_cones
 from apf.reference.likelihood import (
@@ -51,8 +53,13 @@ def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
     return np.clip(poses, body.lower, body.upper)
 
 
+def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
+    """As much of `Voxels` as a likelihood needs."""
+    return SimpleNamespace(grid=grid, surface=surface, count=count)
+
+
 class Setup:
-    """A `Likelihood` with `cones` and `maps` on the device."""
+    """A `VoxelLikelihood` with `cones` and `maps` on the device."""
 
     def __init__(
         self,
@@ -64,10 +71,10 @@ class Setup:
         config: FilterConfig,
     ) -> None:
         self.config = replace(config, n_particles=len(cones), first_survival=0.9, last_survival=0.6)
-        self.likelihood = Likelihood(device, body, rig, self.config)
+        self.likelihood = VoxelLikelihood(device, body, rig, scenes.small_grid(0.1), self.config)
         self.cones = device.to_device(cones.astype(np.float32))
         self.maps = device.to_device(maps)
-        self.launches = self.likelihood.launcher(self.cones, self.maps)
+        self.launches = self.likelihood._launches(self.cones, self.maps)
 
     def sums(self) -> np.ndarray:
         self.launches[0]()
@@ -81,16 +88,16 @@ class Setup:
 
 def point_sampler(
     device: Device, body: BodyModel, grid: VoxelGrid, indices: np.ndarray, n_points: int
-) -> tuple[Likelihood, np.ndarray]:
-    """A `Likelihood` that has sampled the surface voxels `indices`; its points (n_points, 4)."""
+) -> tuple[VoxelLikelihood, np.ndarray]:
+    """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
     config = replace(CONFIG, n_points=n_points)
-    likelihood = Likelihood(device, body, scenes.ring(1), config)
+    likelihood = VoxelLikelihood(device, body, scenes.ring(1), grid, config)
     surface: Array = device.empty(grid.size, np.int32)
     padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
     padded[: len(indices)] = indices
     surface.set(padded)
     count = device.to_device(np.array([len(indices)], np.int32))
-    likelihood.surface_launch(grid, surface, count)()
+    likelihood.observe(cloud(grid, surface, count))
     return likelihood, likelihood.points.get()
 
 
@@ -341,7 +348,7 @@ def test_surface_kernel_agrees_with_the_twin(
     cones = posed_cones(body, bodies.random_poses(body, 37, wild=True)).astype(np.float32)
     rig = scenes.ring(1)
     maps = device.zeros((1, rig.height, rig.width, 2), np.uint8)
-    likelihood.launcher(device.to_device(cones), maps)[1]()
+    likelihood._launches(device.to_device(cones), maps)[1]()
     points = sampled_surface(grid.centres(indices), n_points)
     expected = surface_errors(points, cones, CONFIG.surface_scale)
     np.testing.assert_allclose(likelihood._surface_errors.get(), expected, atol=1e-4)
@@ -360,7 +367,7 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
     maps = smooth_maps(rig)
     setup = Setup(device, body, rig, cones, maps, config)
     count = device.to_device(np.array([len(indices)], np.int32))
-    setup.likelihood.surface_launch(grid, device.to_device(indices), count)()
+    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
     found = setup.errors()
     points = sampled_surface(grid.centres(indices), config.n_points)
     sampling = cone_sampling(body, config.sample_spacing)

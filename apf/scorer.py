@@ -1,0 +1,25 @@
+"""What a tracker searches with."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from cl import Array, Launch
+
+
+class Scorer(Protocol):
+    """Scores poses against what was observed; all on the device, without waiting.
+
+    errors: (N,) float32, -log weight at exponent 1 of each pose: smaller is better. A scorer that
+    has an attribute `points`, (K, 4) float32 surface points with a fourth value of 0 where there
+    is none, has the tracker's estimate refined on them.
+    """
+
+    @property
+    def errors(self) -> Array: ...
+
+    def observe(self, observation: Any) -> None:
+        """Enqueue the preparation of a frame."""
+
+    def launcher(self, poses: Array) -> list[Launch]:
+        """The launches that score `poses` (N, D) float32 into `errors`, arguments set."""
