@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from typing import Any
@@ -44,42 +44,10 @@ def track_sequence(
     """
     config = config or FilterConfig()
     step = (selection.step or 1) if selection else 1
-    scaled = replace(config, noise=config.noise * _SIGMA_FPS * step / sequence.fps)
     reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
-    tracker = tracker_for(device, body, sequence.rig, grid, scaled)
-    tracker.start(pose)
-    frames: list[int] = []
-    estimates: list[Estimate] = []
-    try:
-        for frame in sequence.frames(selection):
-            estimate = tracker.step(reconstruct(frame))
-            frames.append(frame.index)
-            estimates.append(estimate)
-            if progress is not None:
-                progress()
-    except KeyboardInterrupt:
-        if not estimates:
-            raise
-        frames = frames[: len(estimates)]
-    return _track(device, sequence, body, grid, config, frames, estimates)
-
-
-def _track(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    body: BodyModel,
-    grid: VoxelGrid,
-    config: FilterConfig,
-    frames: list[int],
-    estimates: list[Estimate],
-) -> Track:
-    poses = np.stack([estimate.pose for estimate in estimates])
-    diagnostics: dict[str, Any] = {
-        name: np.stack([getattr(estimate, name) for estimate in estimates])
-        for name in ("ess", "beta", "deviation")
-    }
-    # The log weight of the best particle at exponent 1, Song et al. eq. (16).
-    diagnostics["best_log_weight"] = -np.stack([estimate.least_error for estimate in estimates])
+    tracker = tracker_for(device, body, sequence.rig, grid, at_rate(config, sequence.fps / step))
+    voxels = ((frame.index, reconstruct(frame)) for frame in sequence.frames(selection))
+    frames, estimates = track_voxels(tracker, pose, voxels, progress)
     made_by = {
         "sequence": str(sequence.folder),
         "device": device.name,
@@ -91,11 +59,62 @@ def _track(
             "shape": list(grid.shape),
         },
     }
+    return track_of(body, sequence.fps, frames, estimates, made_by)
+
+
+def at_rate(config: FilterConfig, fps: float) -> FilterConfig:
+    """`config` with the noise that `fps` frames per second need."""
+    return replace(config, noise=config.noise * _SIGMA_FPS / fps)
+
+
+def track_voxels(
+    tracker: Any,
+    pose: np.ndarray,
+    voxels: Iterable[tuple[int, Any]],
+    progress: Callable[[], object] | None = None,
+) -> tuple[list[int], list[Estimate]]:
+    """Frame numbers and estimates of a tracker that starts at `pose` (D,) and is shown `voxels`.
+
+    A KeyboardInterrupt ends the track after the last whole frame; it is raised again if there is
+    none.
+    """
+    tracker.start(pose)
+    frames: list[int] = []
+    estimates: list[Estimate] = []
+    try:
+        for index, shown in voxels:
+            estimate = tracker.step(shown)
+            frames.append(index)
+            estimates.append(estimate)
+            if progress is not None:
+                progress()
+    except KeyboardInterrupt:
+        if not estimates:
+            raise
+        frames = frames[: len(estimates)]
+    return frames, estimates
+
+
+def track_of(
+    body: BodyModel,
+    fps: float,
+    frames: list[int],
+    estimates: list[Estimate],
+    made_by: dict[str, Any],
+) -> Track:
+    """The track of these estimates, one per frame; made_by: what its `config` tells as JSON."""
+    poses = np.stack([estimate.pose for estimate in estimates])
+    diagnostics: dict[str, Any] = {
+        name: np.stack([getattr(estimate, name) for estimate in estimates])
+        for name in ("ess", "beta", "deviation")
+    }
+    # The log weight of the best particle at exponent 1, Song et al. eq. (16).
+    diagnostics["best_log_weight"] = -np.stack([estimate.least_error for estimate in estimates])
     return Track(
         body_name=body.name,
         dof_names=body.dof_names,
         joint_names=tuple(body.joint_names),
-        fps=sequence.fps,
+        fps=fps,
         frames=np.array(frames),
         poses=poses,
         joints=posed_joints(body, poses),
