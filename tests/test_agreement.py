@@ -13,6 +13,8 @@ import pytest
 import scenes
 from conftest import shared_data
 
+import apf.cli
+from apf.body import load_body
 from psfs.agreement import suspects
 from psfs.cli import main
 from psfs.sequence import Frame, Sequence
@@ -88,6 +90,19 @@ def test_a_late_camera_is_left_out_and_named(
         assert "camera c2 disagrees" in capsys.readouterr().out
         assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
     assert volumes["--no-colour"] > volumes["--all-cameras"]
+
+
+@pytest.mark.parametrize("flags", [(), ("--all-cameras",)])
+def test_tracking_leaves_a_late_camera_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]
+) -> None:
+    folder, pose = late_walk(tmp_path / "walk"), tmp_path / "pose.txt"
+    np.savetxt(pose, load_body("song31").rest_pose)
+    small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--voxel-size", "0.05"]
+    command = ["track", str(folder), "-o", str(tmp_path / "out"), "--init", str(pose)]
+    assert apf.cli.main([*command, *small, "--no-overlay", *flags]) == 0
+    warned = "left out: camera c2 disagrees" in capsys.readouterr().err
+    assert warned == (not flags)
 
 
 def late_walk(folder: Path) -> Path:

@@ -20,7 +20,12 @@ from apf.track import Track
 from apf.trc import CONVENTIONS
 from cl import UserError, select_device
 from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
-from psfs.commands.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.commands.sequence_flags import (
+    add_all_cameras_flag,
+    add_sequence_flags,
+    open_trusted,
+    selected_frames,
+)
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
 
@@ -58,6 +63,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC given to --init"
     )
     parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    add_all_cameras_flag(parser)
     settings = {field.name: field for field in fields(FilterConfig)}
     group = parser.add_argument_group("filter")
     for name, (flag, what) in _SETTINGS.items():
@@ -76,7 +82,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     config = FilterConfig(**{name: getattr(args, name) for name in _SETTINGS})
     device = select_device(args.device)
-    sequence = open_sequence(args)
+    sequence, _ = open_trusted(args, device)
     frames = selected_frames(args, sequence)
     body, pose = first_pose(sequence, frames[0], args.body, args.init, args.convention)
     selection = slice(frames.start, frames.stop, frames.step)

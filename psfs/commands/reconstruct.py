@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
 
 from cl import Device, NumpyDevice, UserError, select_device
 from psfs import runs
-from psfs.agreement import Suspect, suspects
+from psfs.agreement import Suspect
 from psfs.clouds import DEBRIS_SHARE, without_debris, write_cloud
-from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
+from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.commands.sequence_flags import (
+    add_all_cameras_flag,
     add_sequence_flags,
-    open_sequence,
+    open_trusted,
     selected_frames,
     stated,
 )
@@ -57,12 +57,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
     )
-    parser.add_argument(
-        "--all-cameras",
-        action="store_true",
-        help="keep cameras whose silhouettes disagree with the others' (default: left out, with a "
-        "warning; --cameras states which to take)",
-    )
+    add_all_cameras_flag(parser)
     add_device_flag(parser)
 
 
@@ -80,7 +75,7 @@ def _run(args: argparse.Namespace) -> None:
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f"{args.output} is a file; expected a folder, or a name for a new one")
     device = select_device(args.device, profile=True)
-    sequence, left_out = _trusted(args, open_sequence(args), device)
+    sequence, left_out = open_trusted(args, device)
     frames = selected_frames(args, sequence)
     grid = _grid(args, sequence, frames, device)
     job = _Job(args, sequence, grid, device, left_out)
@@ -99,22 +94,6 @@ def _run(args: argparse.Namespace) -> None:
             f"{grid.low.round(3)} to {grid.high.round(3)} m; expected a person"
         )
     job.report()
-
-
-def _trusted(
-    args: argparse.Namespace, sequence: Sequence, device: Device | NumpyDevice
-) -> tuple[Sequence, list[Suspect]]:
-    """The sequence without the cameras that disagree with the others, and those."""
-    if args.all_cameras or args.cameras is not None:
-        return sequence, []
-    bad = suspects(sequence, device=device)
-    if not bad:
-        return sequence, []
-    for suspect in bad:
-        stderr.print(f"[yellow]warning:[/] left out: {escape(str(suspect))}", soft_wrap=True)
-    named = {suspect.camera for suspect in bad}
-    args.cameras = [name for name in sequence.rig.names if name not in named]
-    return open_sequence(args), bad
 
 
 def _grid(

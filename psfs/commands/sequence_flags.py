@@ -7,8 +7,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from cl import UserError
-from psfs.commandline import frame_range
+from rich.markup import escape
+
+from cl import Device, NumpyDevice, UserError
+from psfs.agreement import Suspect, suspects
+from psfs.commandline import frame_range, stderr
 from psfs.sequence import Sequence
 from psfs.settings import BACKGROUND_KINDS
 
@@ -52,6 +55,16 @@ def add_sequence_flags(parser: argparse.ArgumentParser, frames: bool = True) -> 
         )
 
 
+def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
+    """--all-cameras, for commands that `open_trusted` sequences."""
+    parser.add_argument(
+        "--all-cameras",
+        action="store_true",
+        help="keep cameras whose silhouettes disagree with the others' (default: left out, with a "
+        "warning; --cameras states which to take)",
+    )
+
+
 def volume_box(text: str) -> list[list[float]]:
     """`x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
     try:
@@ -74,6 +87,24 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
 def open_sequence(args: argparse.Namespace) -> Sequence:
     """The sequence that the flags describe."""
     return Sequence.open(args.folder, **stated(args))
+
+
+def open_trusted(
+    args: argparse.Namespace, device: Device | NumpyDevice
+) -> tuple[Sequence, list[Suspect]]:
+    """The sequence without the cameras that disagree with the others, and those, which are warned
+    of. Flags that state the cameras, or ask for all, are obeyed."""
+    sequence = open_sequence(args)
+    if args.all_cameras or args.cameras is not None:
+        return sequence, []
+    bad = suspects(sequence, device=device)
+    if not bad:
+        return sequence, []
+    for suspect in bad:
+        stderr.print(f"[yellow]warning:[/] left out: {escape(str(suspect))}", soft_wrap=True)
+    named = {suspect.camera for suspect in bad}
+    args.cameras = [name for name in sequence.rig.names if name not in named]
+    return open_sequence(args), bad
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
