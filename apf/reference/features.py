@@ -1,0 +1,121 @@
+"""Image features in NumPy and OpenCV. Twin of apf/features.py, features.cl and distance.cl."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from apf.features import CELL, FILLED, FeatureConfig, canny_edges, edge_pictures
+from cl import NumpyDevice
+from psfs.camera import CameraRig
+from psfs.config import SilhouetteConfig
+from psfs.reconstruct import frame_input
+from psfs.reference.reprojection import boundary
+from psfs.reference.silhouette import mask_evidence, silhouette_evidence
+
+if TYPE_CHECKING:
+    from psfs.background import Background
+    from psfs.sequence import Frame
+
+#: Gaussian 3x3 and then Sobel along one axis: a derivative there, smoothing across.
+_DERIVATIVE = np.array([-1, -2, 0, 2, 1]) / 4
+_SMOOTHING = np.array([1, 4, 6, 4, 1]) / 4
+
+
+def region(silhouette: np.ndarray, margin: int) -> np.ndarray:
+    """(4,) x0, y0, x1, y1 of a silhouette (h, w) bool, the ends excluded, 0 where there is none.
+
+    Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of CELL px
+    square with at least FILLED px of silhouette count, so that no speck does.
+    """
+    height, width = silhouette.shape
+    rows, columns = np.nonzero(silhouette)
+    counts = np.zeros((-(-height // CELL), -(-width // CELL)), int)
+    np.add.at(counts, (rows // CELL, columns // CELL), 1)
+    y, x = np.nonzero(counts >= FILLED)
+    if not y.size:
+        return np.zeros(4, np.int32)
+    low = np.array([x.min(), y.min()]) * CELL
+    high = np.minimum((np.array([x.max(), y.max()]) + 1) * CELL, (width, height))
+    return np.concatenate(
+        [np.maximum(low - margin, 0), np.minimum(high + margin, (width, height))]
+    ).astype(np.int32)
+
+
+def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
+    """(h, w) bool: the gradient's magnitude (Rymut 2016 eq. 2.8) of a picture (h, w, 3) uint8,
+    after a Gaussian of 3x3 pixels, reaches the threshold. The grey picture is in whole numbers."""
+    blue, green, red = np.moveaxis(image.astype(int), -1, 0)
+    grey = ((29 * blue + 150 * green + 77 * red + 128) >> 8).astype(np.float64)
+    border = cv2.BORDER_REPLICATE
+    gx = cv2.sepFilter2D(grey, cv2.CV_64F, _DERIVATIVE, _SMOOTHING, borderType=border)
+    gy = cv2.sepFilter2D(grey, cv2.CV_64F, _SMOOTHING, _DERIVATIVE, borderType=border)
+    edges: np.ndarray = gx**2 + gy**2 >= config.threshold2 / 16**2
+    return edges
+
+
+def proximity(edges: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """(h, w) uint8: the table's entry at the squared distance to the nearest of `edges` (h, w)."""
+    if not edges.any():
+        return np.full(edges.shape, table[-1])
+    away = np.where(edges, np.uint8(0), np.uint8(255))
+    distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    squared = np.rint(distance.astype(np.float64) ** 2).astype(int)
+    return table[np.minimum(squared, len(table) - 1)]
+
+
+class NumpyFeatures:
+    """Same signature and results as `Features`; `maps` and `roi` are NumPy arrays."""
+
+    def __init__(
+        self,
+        device: NumpyDevice,
+        rig: CameraRig,
+        background: Background | None,
+        config: FeatureConfig | None = None,
+    ) -> None:
+        self.device, self.rig, self.config = device, rig, config or FeatureConfig()
+        self._background = background
+        self.maps = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
+        self.roi = np.zeros((len(rig), 4), np.int32)
+
+    def __call__(self, frame: Frame) -> np.ndarray:
+        silhouettes = self._silhouettes(frame)
+        edges = self._edges(frame, silhouettes)
+        table = self.config.proximity_table(self.rig)
+        margin = self.config.pixels(self.config.margin, self.rig)
+        self.maps = np.zeros_like(self.maps)
+        for view, (width, height) in enumerate(camera.size for camera in self.rig):
+            self.roi[view] = region(silhouettes[view, :height, :width], margin)
+            x0, y0, x1, y1 = self.roi[view]
+            inside = (view, slice(y0, y1), slice(x0, x1))
+            if x1 > x0:
+                channels = (255 * silhouettes[inside], proximity(edges[inside], table))
+                self.maps[inside] = np.stack(channels, -1)
+        return self.maps
+
+    def _silhouettes(self, frame: Frame) -> np.ndarray:
+        """(V, H, W) bool."""
+        pictures, config = frame_input(frame, self._background), SilhouetteConfig(learn=False)
+        if self._background is None:
+            return mask_evidence(pictures, self.rig, config) > 0
+        return silhouette_evidence(pictures, self.rig, self._background, config) > 0
+
+    def _edges(self, frame: Frame, silhouettes: np.ndarray) -> np.ndarray:
+        """(V, H, W) bool."""
+        if self.config.edges == "outline":
+            pairs = zip(silhouettes, self.rig, strict=True)
+            return np.stack([boundary(silhouette, camera.size) for silhouette, camera in pairs])
+        images, edges = edge_pictures(frame), np.zeros(silhouettes.shape, bool)
+        if self.config.edges == "canny":
+            edges = canny_edges(images, self.rig, self.config) > 0
+        else:
+            for view, (width, height) in enumerate(camera.size for camera in self.rig):
+                picture = images[view, :height, :width]
+                edges[view, :height, :width] = sobel_edges(picture, self.config)
+        radius = self.config.pixels(self.config.dilation, self.rig)
+        square = np.ones((1, 2 * radius + 1, 2 * radius + 1), bool)
+        return edges & ndimage.binary_dilation(silhouettes, square)
