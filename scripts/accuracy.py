@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+"""Tracking errors against the truth, over cameras, frame rates, particles, layers, objectives.
+
+    scripts/accuracy.py [FOLDER ...] [--tables cameras step particles:layers] [-o OUT]
+
+writes OUT/results.json (all runs), runs.csv, tables.csv and accuracy.png, and prints tables.
+Without folders it films walks of its own. A second call with the same OUT goes on where the first
+stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import asdict
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from accuracy.recordings import Recording, record
+from accuracy.report import plot, print_joints, print_tables, write_summary
+from accuracy.runs import METHODS, OBJECTIVES, Results, run
+from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
+
+from apf.config import FilterConfig
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device, UserError, select_device
+from psfs.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
+from psfs.sequence import Sequence
+
+#: The walks that are filmed when no folder is given: seed and stature, m.
+_WALKS = ((1, 1.76), (2, 1.62))
+_WALK_CAMERAS, _WALK_FRAMES, _WALK_FPS = 8, 120, 60.0
+
+
+def numbers(text: str) -> list[int]:
+    """`8,4,3` as [8, 4, 3] (argparse type)."""
+    try:
+        values = [int(part) for part in text.split(",")]
+        if min(values) < 1:
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected numbers from 1 on, a,b,c") from None
+    return list(dict.fromkeys(values))
+
+
+def names(text: str) -> list[str]:
+    """`a,b` as ["a", "b"] (argparse type)."""
+    return list(dict.fromkeys(text.split(",")))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="accuracy.py", description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER", help="with truth.npz")
+    parser.add_argument("-o", "--out", type=Path, default=Path("accuracy"), metavar="OUT")
+    parser.add_argument(
+        "--tables",
+        nargs="+",
+        default=list(DEFAULT_TABLES),
+        metavar="A:B",
+        help=f"dimensions varied together, the last in columns, out of {', '.join(DIMENSIONS)}",
+    )
+    group = parser.add_argument_group("values", "the first one holds where it is not varied")
+    group.add_argument("--cameras", type=numbers, default=[8, 4, 3, 2])
+    group.add_argument("--step", type=numbers, default=[1, 2, 4], help="every n-th frame")
+    group.add_argument("--particles", type=numbers, default=[200, 50, 100, 400])
+    group.add_argument("--layers", type=numbers, default=[10, 5])
+    group.add_argument("--method", type=names, default=["apf"], help=", ".join(METHODS))
+    group.add_argument("--objective", type=names, default=list(OBJECTIVES))
+    parser.add_argument("--seeds", type=int, default=10, metavar="N")
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    add_device_flag(parser)
+    parser.set_defaults(run=_run)
+    return run_command(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    if args.seeds < 1:
+        raise UserError(f"--seeds {args.seeds}; expected at least 1")
+    device = select_device(args.device)
+    if not isinstance(device, Device):
+        raise UserError("--device numpy would take days; expected an OpenCL device")
+    tables = [Table.named(text) for text in args.tables]
+    folders = [folder.resolve() for folder in args.folders] or _own_walks(args.out, device)
+    plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
+    conditions = {
+        "version": version("psfs-apf"),
+        "device": device.name,
+        "filter": asdict(FilterConfig()),
+        "folders": {folder.name: str(folder) for folder in folders},
+    }
+    results = Results.resumed(args.out / "results.json", conditions)
+    by_name = {folder.name: folder for folder in folders}
+    try:
+        _do_runs(device, by_name, plan, results, args.seeds, args.out)
+    finally:  # what there is, also when interrupted
+        if results.runs:
+            results.write_csv(args.out / "runs.csv")
+            write_summary(args.out / "tables.csv", plan, results)
+            plot(args.out / "accuracy.png", plan, results)
+            print_tables(plan, results, args.seeds)
+            for setting in dict.fromkeys(_first_settings(plan)):
+                print_joints(setting, results.of(setting))
+            stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
+
+
+def _own_walks(out: Path, device: Device) -> list[Path]:
+    """Sequences of this script's own, filmed unless they are there already."""
+    folders = []
+    for seed, height in _WALKS:
+        folder = out.resolve() / "scenes" / f"walk{seed}"
+        if not folder.exists():
+            stderr.print(f"filming {folder}", soft_wrap=True)
+            size = {"cameras": _WALK_CAMERAS, "frames": _WALK_FRAMES, "fps": _WALK_FPS}
+            generate(folder, SceneConfig(seed=seed, height=height, **size), device)  # type: ignore[arg-type]
+        folders.append(folder)
+    return folders
+
+
+def _plan(
+    folders: list[Path], tables: list[Table], values: dict[str, list[Any]]
+) -> dict[Table, list[Setting]]:
+    """The settings of each table. Sequences leave out numbers of cameras that they lack."""
+    if len({folder.name for folder in folders}) < len(folders):
+        raise UserError("two folders have the same name; expected different ones")
+    plan: dict[Table, list[Setting]] = {table: [] for table in tables}
+    for folder in folders:
+        n_cameras = len(Sequence.open(folder).rig)
+        fitting = [count for count in values["cameras"] if count <= n_cameras]
+        if not fitting:
+            raise UserError(f"{folder}: has {n_cameras} cameras; expected {values['cameras']}")
+        for table in tables:
+            plan[table] += table.settings(folder.name, {**values, "cameras": fitting})
+    return plan
+
+
+def _first_settings(plan: dict[Table, list[Setting]]) -> list[Setting]:
+    """Each sequence's setting with all dimensions at their first value."""
+    first: dict[str, Setting] = {}
+    for settings in plan.values():
+        for setting in settings:
+            first.setdefault(setting.sequence, setting)
+    return list(first.values())
+
+
+def _do_runs(
+    device: Device,
+    folders: dict[str, Path],
+    plan: dict[Table, list[Setting]],
+    results: Results,
+    seeds: int,
+    out: Path,
+) -> None:
+    """All runs that the results lack, those of one recording together."""
+    settings = dict.fromkeys(setting for part in plan.values() for setting in part)
+    ordered = sorted(settings, key=lambda s: (s.sequence, -s.cameras, s.step))
+    todo = [(s, seed) for s in ordered for seed in range(seeds) if results.lacks(s, seed)]
+    if not todo:
+        return
+    with progress_bar() as bar:
+        task = bar.add_task("runs", total=len(todo))
+        shown: tuple[str, int, int] | None = None
+        recording: Recording | None = None
+        for setting, seed in todo:
+            wanted = (setting.sequence, setting.cameras, setting.step)
+            if recording is None or wanted != shown:
+                name = f"{setting.sequence}_{setting.cameras}cam_step{setting.step}.npz"
+                bar.update(task, description=f"voxels of {name.removesuffix('.npz')}")
+                folder, cache = folders[setting.sequence], out / "clouds" / name
+                frames = bar.add_task("frames")
+                recording = record(device, folder, *wanted[1:], cache, partial(bar.advance, frames))
+                bar.remove_task(frames)
+                shown = wanted
+            bar.update(task, description=_described(setting, seed))
+            results.add(run(device, recording, setting, seed))
+            bar.advance(task)
+
+
+def _described(setting: Setting, seed: int) -> str:
+    return (
+        f"{setting.sequence}, {setting.cameras} cameras, 1/{setting.step} frames, "
+        f"{setting.method} {setting.objective} {setting.particles} x {setting.layers}, seed {seed}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

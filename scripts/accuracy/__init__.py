@@ -1,0 +1,1 @@
+"""What `accuracy.py` measures: settings, recorded clouds, runs and their report."""

@@ -1,0 +1,132 @@
+"""Surface voxels of whole sequences, made once and shown to as many trackers as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel, load_body
+from apf.evaluate import load_truth
+from apf.initial import fit_to_joints
+from apf.joint_names import match_joints
+from apf.trc import JointSeries
+from cl import Device, UserError
+from psfs.camera import CameraRig
+from psfs.files import written_whole
+from psfs.grid import VoxelGrid
+from psfs.reconstruct import Reconstructor
+from psfs.sequence import Sequence
+from psfs.volume import automatic_grid
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The surface voxels of every frame, seen by `rig`: flat indices in `grid`, ascending.
+
+    truth: the sequence's true joints. fps: of the whole sequence.
+    """
+
+    rig: CameraRig
+    grid: VoxelGrid
+    fps: float
+    frames: list[int]
+    surfaces: list[np.ndarray]
+    truth: JointSeries
+
+    @cached_property
+    def first_pose(self) -> tuple[BodyModel, np.ndarray]:
+        """A body and its pose (D,) fitted to the true joints of the first frame."""
+        row = int(np.flatnonzero(self.truth.frames == self.frames[0])[0])
+        places = match_joints(self.truth.joint_names)
+        joints = {name: self.truth.joints[row, place] for name, place in places.items()}
+        body, pose, _ = fit_to_joints(load_body("song31"), joints)
+        return body, pose
+
+
+class Replay:
+    """A recording's frames on a device, as a reconstructor leaves them there.
+
+    grid, surface, count: as of psfs.reconstruct.Voxels.
+    """
+
+    def __init__(self, device: Device, recording: Recording) -> None:
+        self.grid = recording.grid
+        self._recording = recording
+        room = max(1, *(len(surface) for surface in recording.surfaces))
+        self.surface = device.zeros(room, np.int32, "the surface voxels")
+        self.count = device.zeros(1, np.int32)
+
+    def __iter__(self) -> Iterator[tuple[int, Replay]]:
+        """Frame numbers, and this with the frame's voxels."""
+        for index, surface in zip(self._recording.frames, self._recording.surfaces, strict=True):
+            padded = np.zeros(self.surface.size, np.int32)
+            padded[: len(surface)] = surface
+            self.surface.set(padded)
+            self.count.set(np.array([len(surface)], np.int32))
+            yield index, self
+
+
+def record(
+    device: Device,
+    folder: Path,
+    cameras: int,
+    step: int,
+    cache: Path,
+    progress: Callable[[], object],
+) -> Recording:
+    """The recording of a sequence's folder with some of its cameras and every `step`-th frame.
+
+    Kept in the file `cache`, from which it is read if it is there. Raises UserError without truth.
+    """
+    sequence = Sequence.open(folder)
+    sequence = Sequence.open(folder, cameras=spread_cameras(sequence.rig, cameras))
+    truth = load_truth(folder / "truth.npz")
+    if cache.exists():
+        with np.load(cache) as kept:
+            grid = VoxelGrid(kept["origin"], float(kept["voxel_size"]), tuple(kept["shape"]))
+            frames, surfaces = kept["frames"].tolist(), _split(kept["voxels"], kept["counts"])
+        return Recording(sequence.rig, grid, sequence.fps, frames, surfaces, truth)
+    selection = slice(None, None, step)
+    grid = automatic_grid(sequence, selection, device=device)
+    reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
+    frames, surfaces = [], []
+    for frame in sequence.frames(selection):
+        surfaces.append(reconstruct(frame).cloud().indices)
+        frames.append(frame.index)
+        progress()
+    arrays: dict[str, Any] = {
+        "origin": grid.origin,
+        "voxel_size": grid.voxel_size,
+        "shape": np.array(grid.shape),
+        "frames": np.array(frames),
+        "counts": np.array([len(surface) for surface in surfaces]),
+        "voxels": np.concatenate(surfaces),
+    }
+    with written_whole(cache) as temporary:
+        np.savez_compressed(temporary, **arrays)
+    return Recording(sequence.rig, grid, sequence.fps, frames, surfaces, truth)
+
+
+def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+    return np.split(voxels, np.cumsum(counts)[:-1])
+
+
+def spread_cameras(rig: CameraRig, count: int) -> list[str]:
+    """Names of `count` cameras, evenly spread around what they look at; two stand as near to a
+    right angle as they can, since opposite ones see the same outline. Raises UserError."""
+    if not 1 <= count <= len(rig):
+        raise UserError(f"{count} cameras of {', '.join(rig.names)}; expected 1 to {len(rig)}")
+    away = rig.centres - rig.centres.mean(0)
+    bearings = np.arctan2(away[:, 1], away[:, 0])
+    if count == 2:
+        bend = np.abs(np.cos(bearings[:, None] - bearings))
+        picked = np.unravel_index(np.argmin(bend), bend.shape)
+    else:
+        order = np.argsort(bearings)
+        picked = order[np.linspace(0, len(rig), count, endpoint=False).astype(int)]
+    return [rig[int(k)].name for k in sorted(picked)]

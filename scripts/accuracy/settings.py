@@ -1,0 +1,90 @@
+"""What is varied: the dimensions, the values they take, and the tables over them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
+
+from cl import UserError
+
+
+@dataclass(frozen=True)
+class Setting:
+    """All that distinguishes runs but their seed. step: every so many frames are used."""
+
+    sequence: str
+    cameras: int
+    step: int
+    method: str
+    objective: str
+    particles: int
+    layers: int
+
+
+#: What a table can be over, with its heading.
+DIMENSIONS = {
+    "cameras": "cameras",
+    "step": "every n-th frame",
+    "method": "method",
+    "objective": "objective",
+    "particles": "particles",
+    "layers": "layers",
+}
+#: Tables by default: dimensions joined by colons, the last one in columns.
+DEFAULT_TABLES = ("cameras", "step", "particles:layers", "method:objective")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Runs in which `dimensions` vary while the others stay at their first value."""
+
+    dimensions: tuple[str, ...]
+
+    @classmethod
+    def named(cls, text: str) -> Table:
+        """From dimensions joined by colons. Raises UserError for unknown ones."""
+        dimensions = tuple(text.split(":"))
+        unknown = [name for name in dimensions if name not in DIMENSIONS]
+        if unknown or len(set(dimensions)) < len(dimensions):
+            raise UserError(
+                f"--tables {text}; expected different ones of {', '.join(DIMENSIONS)}, "
+                "joined by colons"
+            )
+        return cls(dimensions)
+
+    @property
+    def name(self) -> str:
+        return ":".join(self.dimensions)
+
+    @property
+    def title(self) -> str:
+        return ", ".join(DIMENSIONS[name] for name in self.dimensions)
+
+    def settings(self, sequence: str, values: Mapping[str, list[Any]]) -> Iterator[Setting]:
+        """Every combination, the last dimension fastest."""
+        base = base_setting(sequence, values)
+        for combination in product(*(values[name] for name in self.dimensions)):
+            yield replace(base, **dict(zip(self.dimensions, combination, strict=True)))
+
+    def rows(self, settings: Iterable[Setting]) -> list[tuple[Any, ...]]:
+        """The different rows: sequence, then values of all dimensions but the last."""
+        return list(dict.fromkeys(self.row_of(setting) for setting in settings))
+
+    def columns(self, settings: Iterable[Setting]) -> list[Any]:
+        """The different columns, numbers ascending."""
+        found = list(dict.fromkeys(self.column_of(setting) for setting in settings))
+        return sorted(found) if all(isinstance(column, int) for column in found) else found
+
+    def row_of(self, setting: Setting) -> tuple[Any, ...]:
+        values = asdict(setting)
+        return (setting.sequence, *(values[name] for name in self.dimensions[:-1]))
+
+    def column_of(self, setting: Setting) -> Any:
+        return asdict(setting)[self.dimensions[-1]]
+
+
+def base_setting(sequence: str, values: Mapping[str, list[Any]]) -> Setting:
+    """The first value of every dimension."""
+    return Setting(sequence, **{name: values[name][0] for name in DIMENSIONS})

@@ -1,0 +1,85 @@
+"""scripts/accuracy.py: what is run, and the file that runs are kept in."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from apf.synthetic.scene import SceneConfig, make_rig
+from cl import UserError
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+from accuracy.recordings import spread_cameras
+from accuracy.report import Summary, print_tables, write_summary
+from accuracy.runs import Results, Run
+from accuracy.settings import Setting, Table
+
+VALUES = {
+    "cameras": [8, 4], "step": [1, 4], "method": ["apf"], "objective": ["default", "song"],
+    "particles": [200, 50], "layers": [10],
+}  # fmt: skip
+BASE = Setting("walk", 8, 1, "apf", "default", 200, 10)
+
+
+def a_run(setting: Setting, seed: int, mean: float, *lost: str) -> Run:
+    joints = {"pelvis": [mean, 1.0, 2.0]}
+    return Run(setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, list(lost), 0.0, 1.5, joints)
+
+
+def test_tables_vary_their_dimensions_alone() -> None:
+    settings = list(Table.named("particles:objective").settings("walk", VALUES))
+    assert settings[0] == BASE and len(settings) == 4
+    assert {(s.particles, s.objective) for s in settings} == {
+        (200, "default"), (200, "song"), (50, "default"), (50, "song"),
+    }  # fmt: skip
+    assert {(s.cameras, s.step, s.layers) for s in settings} == {(8, 1, 10)}
+    table = Table.named("cameras")
+    assert table.columns(table.settings("walk", VALUES)) == [4, 8]
+    for wrong in ("colour", "layers:layers", ""):
+        with pytest.raises(UserError, match="expected"):
+            Table.named(wrong)
+
+
+def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out" / "results.json"
+    results = Results.resumed(path, {"filter": {"noise": 0.5}})
+    results.add(a_run(BASE, 0, 40.0))
+    results.add(a_run(BASE, 1, 44.0, "left arm"))
+    again = Results.resumed(path, {"filter": {"noise": 0.5}})
+    assert again.runs == results.runs
+    assert again.lacks(BASE, 2) and not again.lacks(BASE, 1)
+    summary = Summary.of(again.of(BASE))
+    assert summary is not None and str(summary) == f"42.0 ± {np.sqrt(8):.1f}, 1 lost"
+    table = Table.named("cameras")
+    plan = {table: list(table.settings("walk", VALUES))}
+    print_tables(plan, again, 10)
+    assert "42.0 ± 2.8, 1 lost" in capsys.readouterr().out
+    write_summary(tmp_path / "tables.csv", plan, again)
+    again.write_csv(tmp_path / "runs.csv")
+    assert (
+        "cameras,walk,8,1,apf,default,200,10,42.00,2.83," in (tmp_path / "tables.csv").read_text()
+    )
+    assert "44,44,99,3,10,20,left arm" in (tmp_path / "runs.csv").read_text()
+    with pytest.raises(UserError, match=r"other conditions \(filter\)"):
+        Results.resumed(path, {"filter": {"noise": 0.6}})
+    path.write_text("[]")
+    with pytest.raises(UserError, match=r"not the results of accuracy\.py"):
+        Results.resumed(path, {})
+
+
+def test_cameras_stand_around() -> None:
+    rig = make_rig(SceneConfig(cameras=8))
+    bearings = {c.name: np.degrees(np.arctan2(*c.centre[1::-1])) for c in rig}
+    for count, apart in ((4, 90), (3, 90), (2, 90)):
+        names = spread_cameras(rig, count)
+        assert len(set(names)) == count
+        angles = np.sort([bearings[name] for name in names])
+        gaps = np.diff(np.append(angles, angles[0] + 360))
+        assert gaps.min() == pytest.approx(apart, abs=15)
+    assert spread_cameras(rig, 8) == list(rig.names)
+    with pytest.raises(UserError, match="expected 1 to 8"):
+        spread_cameras(rig, 9)
