@@ -3,8 +3,9 @@
 
     scripts/compare_timings.py psfs [--quick] [-o OUT]
 
-writes OUT/psfs.json, OUT/psfs.png and prints tables. Each subcommand is a module of `timings`
-with a function `register(commands)`.
+writes OUT/psfs.json and prints tables; `report_timings.py` makes pages and plots of such files.
+Each subcommand is a module of `timings` with a function `register(commands)`; see
+`timings.results` for what they share.
 """
 
 from __future__ import annotations

@@ -1,26 +1,23 @@
-"""Timing, statistics, devices, and the results' file: what all subcommands share."""
+"""Timing, statistics and devices: what all subcommands share."""
 
 from __future__ import annotations
 
-import json
 import os
-import pickle
 import platform
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyopencl
 
-from cl import Device
+from cl import Device, UserError, list_devices
 from cl.device import _ranked_devices
-from psfs.files import written_whole
 
 _FMA = """
 __kernel void fma_chain(__global float *x) {
@@ -43,18 +40,32 @@ __kernel void copy(__global const float4 *x, __global float4 *y) {
 
 @dataclass(frozen=True)
 class Timing:
-    """Milliseconds of repeated runs: median, quartiles, least, and how many."""
+    """Milliseconds of repeated runs, in their order: median, quartiles, least, mean."""
 
-    median: float
-    low: float
-    high: float
-    least: float
-    runs: int
+    samples: tuple[float, ...]
 
-    @classmethod
-    def of(cls, ms: list[float]) -> Timing:
-        low, median, high = (float(q) for q in np.percentile(ms, [25, 50, 75]))
-        return cls(median, low, high, float(min(ms)), len(ms))
+    @property
+    def median(self) -> float:
+        return self._percentile(50)
+
+    @property
+    def low(self) -> float:
+        return self._percentile(25)
+
+    @property
+    def high(self) -> float:
+        return self._percentile(75)
+
+    @property
+    def least(self) -> float:
+        return min(self.samples)
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean(self.samples))
+
+    def _percentile(self, share: float) -> float:
+        return float(np.percentile(self.samples, share))
 
     def __str__(self) -> str:
         digits = 3 if self.median < 1 else 2 if self.median < 10 else 1
@@ -71,7 +82,7 @@ def timed(run: Callable[[], object], runs: int, warm_up: int = 1, seconds: float
         started = time.perf_counter()
         run()
         ms.append(1e3 * (time.perf_counter() - started))
-    return Timing.of(ms)
+    return Timing(tuple(ms))
 
 
 @dataclass(frozen=True)
@@ -106,27 +117,44 @@ def fewer_cores(place: Place) -> list[int]:
     return [2**k for k in range(place.cores.bit_length()) if 2**k < place.cores]
 
 
-def on_cores(cores: int, command: list[str]) -> Any:
-    """What a Python program pickles to the file whose name follows `command`, run in a process of
-    its own in which PoCL has `cores` cores: its sub-devices use all of them nevertheless."""
-    limit = {"POCL_MAX_PTHREAD_COUNT": str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "result"
-        program = [sys.executable, *command, str(path)]
-        subprocess.run(program, check=True, env={**os.environ, **limit})
-        return pickle.loads(path.read_bytes())
+def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) -> Any:
+    """`function(*args)` of a module in a fresh process with `environ` added to its environment."""
+    before = {name: os.environ.get(name) for name in environ}
+    os.environ.update(environ)
+    try:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            return pool.submit(function, *args).result()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def only_cores(cores: int) -> dict[str, str]:
+    """The environment in which PoCL has `cores` cores: its sub-devices use all nevertheless."""
+    return {"POCL_MAX_PTHREAD_COUNT": str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
+
+
+def cpu_place() -> Place:
+    """The CPU of this process. Raises UserError if OpenCL has none."""
+    for place in places():
+        if place.cores:
+            return place
+    raise UserError("no OpenCL device that is a CPU; expected PoCL's")
 
 
 @dataclass(frozen=True)
 class Limits:
     """What a device can do at best, measured: bytes and floating-point operations per second."""
 
-    bytes: float
-    flops: float
+    bytes_per_s: float
+    flops_per_s: float
 
     def ms(self, nbytes: float, flops: float) -> float:
         """Least time for work that moves and computes so much."""
-        return 1e3 * max(nbytes / self.bytes, flops / self.flops)
+        return 1e3 * max(nbytes / self.bytes_per_s, flops / self.flops_per_s)
 
 
 def measured_limits(place: Place) -> Limits:
@@ -149,38 +177,39 @@ def measured_limits(place: Place) -> Limits:
     )
 
 
+#: Whose versions are told; those that are absent are told as such.
+_PACKAGES = (
+    *("psfs-apf", "numpy", "scipy", "opencv-python-headless", "pyopencl"),
+    *("pocl-binary-distribution", "open3d", "trimesh", "matplotlib"),
+)
+
+
 def environment() -> dict[str, Any]:
     """What the figures depend on."""
-    model = platform.processor()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((x.split(":")[1].strip() for x in lines if "model name" in x), model)
-    except OSError:
-        pass
     return {
-        "cpu": model,
-        "cores": os.cpu_count(),
-        "load": os.getloadavg(),
+        "cpu": _cpu_name(),
+        "cores": len(os.sched_getaffinity(0)),
+        "load": os.getloadavg()[0],
+        "system": platform.platform(),
         "python": platform.python_version(),
-        "numpy": np.__version__,
-        "devices": [
-            {"name": d.name.strip(), "platform": d.platform.name, "driver": d.driver_version}
-            for d in _ranked_devices()
-        ],
+        "packages": {name: _version(name) for name in _PACKAGES},
+        "devices": [asdict(info) for info in list_devices()],
     }
 
 
-def write_results(path: Path, results: dict[str, Any]) -> None:
-    """As JSON; dataclasses become mappings."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(x.split(":")[1].strip() for x in lines if "model name" in x)
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    return asdict(value)
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def resident_megabytes() -> float:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import argparse
 import gc
-import pickle
-import sys
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cl import NumpyDevice, UserError
-from psfs.commandline import add_command, stderr
+from psfs.commandline import add_command
 from psfs.raycast import load_open3d
 from psfs.reconstruct import Reconstructor
 from psfs.reference.occupancy import occupancy
@@ -25,17 +23,18 @@ from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, make_scene, playin
 from timings.measure import (
     Place,
     Timing,
-    environment,
+    apart,
+    cpu_place,
     fewer_cores,
     measured_limits,
-    on_cores,
+    only_cores,
     places,
     resident_megabytes,
     timed,
-    write_results,
 )
-from timings.psfs_report import plot, print_report
+from timings.psfs_report import print_report
 from timings.psfs_work import STAGES, stage_of, stage_work
+from timings.results import Results, add_timing_flags
 
 #: Frames of one streamed run.
 _STREAM = 16
@@ -43,40 +42,27 @@ _STREAM = 16
 
 def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "psfs", _run, help="voxel reconstruction, stage by stage")
-    parser.add_argument("-o", "--out", type=Path, default=Path("timings"), metavar="OUT")
-    parser.add_argument("--quick", action="store_true", help="fewer runs, sizes and frames")
-    # What the processes with fewer cores are asked for.
-    parser.add_argument("--cpu-only", type=Path, help=argparse.SUPPRESS)
+    add_timing_flags(parser)
 
 
 def _run(args: argparse.Namespace) -> None:
-    if args.out.exists() and not args.out.is_dir():
-        raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
-    found = places()
+    found, quick = places(), args.quick
     if not found:
         raise UserError("no OpenCL device; expected at least a CPU's")
-    runs = 10 if args.quick else 40
-    if args.cpu_only:
-        place = next(p for p in found if p.cores)
-        scene = make_scene(place.device(), 6 if args.quick else 16)
-        args.cpu_only.write_bytes(pickle.dumps(on_place(place, scene, runs)))
-        return
-    scene = make_scene(found[0].device(), 6 if args.quick else 16)
-    stderr.print(f"scene: {VIEWS} cameras, {SHAPE} voxels, {len(scene.frames)} frames")
-    results: dict[str, Any] = {"environment": environment(), "shape": SHAPE, "views": VIEWS}
-    steps: list[tuple[str, Callable[[], Any]]] = [
-        ("open3d", lambda: open3d_carving(scene, 3 if args.quick else 10)),
-        ("numpy", lambda: numpy_twin(scene, 1 if args.quick else 3)),
-        ("devices", lambda: [x for p in found for x in on_device(p, scene, runs, args.quick)]),
-        ("growth", lambda: growth(found, scene, args.quick)),
-        ("memory", lambda: memory(found[0], scene, 200 if args.quick else 1000)),
-    ]
-    for name, step in steps:
-        stderr.print(f"measuring: {name}")
-        results[name] = step()
-        write_results(args.out / "psfs.json", results)  # what there is survives an interruption
+    runs, n_frames = (10, 6) if quick else (40, 16)
+    results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
+    scene = make_scene(found[0].device(), n_frames)
+    results.section("numpy", lambda: numpy_twin(scene, 1 if quick else 3))
+    results.section("open3d", lambda: open3d_carving(scene, 3 if quick else 10))
+    for place in found:
+        for cores in fewer_cores(place):
+            name = f"device {place.label}, {cores} used"
+            results.section(name, partial(on_cores, cores, scene, runs))
+        results.section(f"device {place.label}", partial(on_place, place, scene, runs))
+    for place in found:
+        results.section(f"growth {place.label}", partial(growth, place, scene, quick))
+    results.section("memory", lambda: memory(found[0], scene, 200 if quick else 1000))
     print_report(results)
-    plot(results, args.out / "psfs.png")
 
 
 def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
@@ -111,7 +97,7 @@ def open3d_carving(scene: Scene, runs: int) -> dict[str, Any]:
         ms.append(timed(carve, 1, warm_up=0).median)
         left.append(len(voxels.get_voxels()))
     counts = {"voxels_left": left[0], "voxels_of_ours": hull_size(scene), "grid": (nx, ny, nz)}
-    return {"carving": Timing.of(ms[1:]), "version": open3d.__version__, **counts}
+    return {"carving": Timing(tuple(ms[1:])), "version": open3d.__version__, **counts}
 
 
 def hull_size(scene: Scene) -> int:
@@ -143,11 +129,13 @@ def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
     }
 
 
-def on_device(place: Place, scene: Scene, runs: int, quick: bool) -> list[dict[str, Any]]:
-    """`on_place` of a device, with fewer cores first if it is a CPU."""
-    command = [sys.argv[0], "psfs", *["--quick"] * quick, "--cpu-only"]
-    rows = [on_cores(cores, command) for cores in fewer_cores(place)]
-    return [*rows, on_place(place, scene, runs)]
+def on_cores(cores: int, scene: Scene, runs: int) -> dict[str, Any]:
+    """`on_place` of this machine's CPU with some of its cores, in a process of its own."""
+    return apart(only_cores(cores), _on_cpu, scene, runs)
+
+
+def _on_cpu(scene: Scene, runs: int) -> dict[str, Any]:
+    return on_place(cpu_place(), scene, runs)
 
 
 def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
@@ -186,7 +174,7 @@ def stages(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Tim
             totals[stage_of(name)] += sum(values)
         for stage, total in totals.items():
             sums.setdefault(stage, []).append(total)
-    return {stage: Timing.of(values) for stage, values in sums.items() if max(values) > 0}
+    return {stage: Timing(tuple(values)) for stage, values in sums.items() if max(values) > 0}
 
 
 def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]:
@@ -215,10 +203,7 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
         "cloud": timed(one(lambda f: reconstructor(f).cloud(colour=True)), runs, 3),
     }
     stream = timed(streamed, max(3, runs // 4))
-    result["stream_per_frame"] = Timing(
-        *(ms / _STREAM for ms in (stream.median, stream.low, stream.high, stream.least)),
-        stream.runs,
-    )
+    result["stream_per_frame"] = Timing(tuple(ms / _STREAM for ms in stream.samples))
     reconstructor(next(frames))
     result["surface_voxels"] = int(reconstructor.voxels.count.get()[0])
     return result
@@ -232,19 +217,18 @@ def _pinned(device: Any, frame: Frame) -> Frame:
     return Frame(frame.index, images, frame.masks)
 
 
-def growth(found: list[Place], scene: Scene, quick: bool) -> list[dict[str, Any]]:
+def growth(place: Place, scene: Scene, quick: bool) -> list[dict[str, Any]]:
     """Whole frames against voxels (dense and sparse) and against cameras, and 512^3 sparse."""
     runs = 5 if quick else 15
     shapes = [(75, 75, 50), SHAPE, (300, 300, 200)]
     if not quick:
         shapes = [shapes[0], (110, 110, 74), SHAPE, (212, 212, 142), shapes[2]]
     rows = []
-    for place in found:
-        for sparse in (False, True):
-            for shape in [*shapes, (512, 512, 512)] if sparse else shapes:
-                rows.append(_grown(place, scene, shape, sparse, runs))
-            for views in (2, 4, 6):
-                rows.append(_grown(place, scene.part(views), SHAPE, sparse, runs))
+    for sparse in (False, True):
+        for shape in [*shapes, (512, 512, 512)] if sparse else shapes:
+            rows.append(_grown(place, scene, shape, sparse, runs))
+        for views in (2, 4, 6):
+            rows.append(_grown(place, scene.part(views), SHAPE, sparse, runs))
     return rows
 
 

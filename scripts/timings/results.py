@@ -1,0 +1,186 @@
+"""The results' files: one envelope for all comparisons, written section by section.
+
+    results = Results.begin("psfs", args, {"views": 8})
+    rows = results.section("growth", lambda: growth(...))   # None where it was left out
+
+OUT/psfs.json then holds what was measured where, with what and by which command; a section that
+has no time left (`--seconds`), or that lacks something optional, is named under `left_out` with the
+reason, and `--resume` measures what a file still lacks. Times are `Timing`s with all raw samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, is_dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import UserError
+from psfs.commandline import stderr
+from psfs.files import written_whole
+from timings.measure import Limits, Timing, environment
+
+#: Raised by one when a reader of older files would misunderstand newer ones.
+SCHEMA = 1
+_ENVELOPE = (
+    *("schema", "comparison", "made", "command", "commit", "environment", "settings"),
+    *("sections", "seconds", "left_out"),
+)
+
+
+def add_timing_flags(parser: argparse.ArgumentParser) -> None:
+    """The flags that all comparisons have."""
+    parser.add_argument(
+        *("-o", "--out"), type=Path, default=Path("timings"), metavar="OUT",
+        help="folder of the results (default: timings)",
+    )  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="fewer runs, sizes and frames")
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", help="start nothing more after so many seconds"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="keep what OUT holds; measure only what it lacks"
+    )
+    parser.add_argument("--commit", help="the commit, where there is no git to ask")
+
+
+@dataclass
+class Results:
+    """One comparison's results. sections: what `section` measured, by name. seconds: what each
+    took. left_out: name -> reason. `path` None: kept in memory only."""
+
+    comparison: str
+    settings: dict[str, Any]
+    path: Path | None = None
+    environment: dict[str, Any] = field(default_factory=environment)
+    made: str = ""
+    command: str = ""
+    commit: str | None = None
+    schema: int = SCHEMA
+    sections: dict[str, Any] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+    deadline: float = float("inf")
+
+    @classmethod
+    def begin(
+        cls, comparison: str, args: argparse.Namespace, settings: Mapping[str, Any]
+    ) -> Results:
+        """The file OUT/<comparison>.json, which `--resume` takes up where it ended.
+
+        Raises UserError where OUT is no folder, or holds results of other settings to resume.
+        """
+        if args.out.exists() and not args.out.is_dir():
+            raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
+        path = args.out / f"{comparison}.json"
+        settings = _round_trip({**settings, "quick": args.quick})
+        results = cls(
+            comparison, settings, path, commit=_commit() or args.commit,
+            made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        )  # fmt: skip
+        if args.resume and path.is_file():
+            before = read_results(path)
+            same = ("schema", "comparison", "settings", "commit")
+            for name in same:
+                if getattr(before, name) != getattr(results, name):
+                    raise UserError(
+                        f"{path}: {name} is {getattr(before, name)}; expected "
+                        f"{getattr(results, name)} to resume, or no --resume"
+                    )
+            results.sections, results.seconds = before.sections, before.seconds
+        if args.seconds is not None:
+            results.deadline = time.monotonic() + args.seconds
+        return results
+
+    @property
+    def seconds_left(self) -> float:
+        return self.deadline - time.monotonic()
+
+    def section(self, name: str, measure: Callable[[], Any]) -> Any:
+        """What `measure()` returns, as read back from the file; None if it is left out.
+
+        A UserError or a missing module leaves the section out: nothing optional is an error.
+        """
+        if name in self.sections:
+            return self.sections[name]
+        started = time.monotonic()
+        try:
+            if self.seconds_left <= 0:
+                raise UserError("no time left; --resume measures it")
+            stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)
+            self.sections[name] = _round_trip(measure())
+            self.seconds[name] = round(time.monotonic() - started, 2)
+        except (UserError, ImportError) as error:
+            self.left_out[name] = str(error).splitlines()[0]
+            stderr.print(f"left out: {name}: {self.left_out[name]}", soft_wrap=True)
+        self.write()
+        return self.sections.get(name)
+
+    def starting(self, prefix: str) -> list[Any]:
+        """The sections whose names start so, in their order."""
+        return [value for name, value in self.sections.items() if name.startswith(prefix)]
+
+    def write(self) -> None:
+        if self.path is not None:
+            text = json.dumps({k: getattr(self, k) for k in _ENVELOPE}, indent=1, default=_plain)
+            with written_whole(self.path) as temporary:
+                temporary.write_text(text + "\n")
+
+
+def read_results(path: Path) -> Results:
+    """A file that `Results` wrote. Raises UserError if it is none, or of another version."""
+    try:
+        data = json.loads(path.read_text(), object_hook=_revived)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise UserError(f"{path}: no JSON; expected results of compare_timings.py") from None
+    if not isinstance(data, dict) or set(data) != set(_ENVELOPE):
+        raise UserError(f"{path}: expected results of compare_timings.py ({', '.join(_ENVELOPE)})")
+    if data["schema"] != SCHEMA:
+        raise UserError(f"{path}: schema {data['schema']}; expected {SCHEMA}")
+    return Results(path=path, **data)
+
+
+def _round_trip(value: Any) -> Any:
+    return json.loads(json.dumps(value, default=_plain), object_hook=_revived)
+
+
+def _plain(value: Any) -> Any:
+    """JSON's own types for NumPy's, for timings (with what they say in short) and dataclasses."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if isinstance(value, Timing):
+        short = {name: round(getattr(value, name), 5) for name in ("median", "low", "high")}
+        return {"samples_ms": [round(ms, 5) for ms in value.samples], **short}
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+def _revived(value: dict[str, Any]) -> Any:
+    if "samples_ms" in value:
+        return Timing(tuple(value["samples_ms"]))
+    if set(value) == {"bytes_per_s", "flops_per_s"}:
+        return Limits(**value)
+    return value
+
+
+def _commit() -> str | None:
+    """Of the checkout that this file lies in; "-dirty" if it was changed since."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True)
+    except OSError:
+        return None
+    return done.stdout.strip() or None
