@@ -66,8 +66,10 @@ class ParticleSet:
             self.sets[1 - source],
         )
 
-    def anneal(self, layer: int, errors: Array) -> Launch:
-        """Weights from `errors` (N,) at the layer's survival rate, and the next parents."""
+    def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
+        """Weights from `errors` (N,) at the layer's survival rate, and the next parents.
+
+        A positive `beta` is the exponent whatever the survival."""
         return self.device.launch(
             self._kernel("anneal"),
             (_GROUP,),
@@ -76,6 +78,7 @@ class ParticleSet:
             np.int32(layer),
             np.int32(layer == self.config.n_layers - 1),
             np.float32(self.config.survival_rates[layer]),
+            np.float32(beta),
             self._seed,
             self._frame,
             errors,

@@ -34,31 +34,26 @@ class Estimate:
     least_error: np.ndarray
 
 
-class AnnealedParticleFilter:
-    """Tracks `body` through voxel clouds of `grid`, seen by `rig`.
+class Tracker:
+    """What all searches share: a particle set that a scorer judges, several times per frame.
 
-    `start(pose)` once, then `step(voxels)` per frame. A frame's layers are enqueued without
-    waiting for the host; only the estimate comes back. Twin: reference/tracker.py.
-
-    With a `scorer` of its own it tracks through whatever that observes, frames of pictures say.
+    `start(pose)` once, then `step(observation)` per frame. A frame is enqueued without waiting for
+    the host; only the estimate comes back.
     """
 
     def __init__(
         self,
         device: Device,
         body: BodyModel,
-        rig: CameraRig,
-        grid: VoxelGrid,
-        config: FilterConfig | None = None,
-        *,
-        scorer: Scorer | None = None,
+        scorer: Scorer,
+        particles: ParticleSet,
+        config: FilterConfig,
     ) -> None:
-        config = config or FilterConfig()
         self.device = device
         self.body = body
         self.config = config
-        self.scorer = scorer or VoxelLikelihood(device, body, rig, grid, config)
-        self._particles = ParticleSet(device, body, config)
+        self.scorer = scorer
+        self._particles = particles
         self._refinement = Refinement(device, body, config)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
@@ -78,6 +73,41 @@ class AnnealedParticleFilter:
         return unpacked(self._particles.result.get(), self.body.n_dof)
 
     def _frame_launches(self, source: int) -> list[Launch]:
+        """A frame that starts from the particles in set `source`."""
+        points: Array | None = getattr(self.scorer, "points", None)
+        launches = self._search(source)
+        if points is not None:
+            launches += self._refinement.launcher(points, self._particles.result)
+        return [*launches, self._particles.settle(self._refinement.shift)]
+
+    def _search(self, source: int) -> list[Launch]:
+        raise NotImplementedError
+
+
+class AnnealedParticleFilter(Tracker):
+    """Tracks `body` through voxel clouds of `grid`, seen by `rig`. Twin: reference/tracker.py.
+
+    With a `scorer` of its own it tracks through whatever that observes, image features say, and
+    needs no grid.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        grid: VoxelGrid | None,
+        config: FilterConfig | None = None,
+        *,
+        scorer: Scorer | None = None,
+    ) -> None:
+        config = config or FilterConfig()
+        if scorer is None:
+            assert grid is not None, "voxels have a grid"
+            scorer = VoxelLikelihood(device, body, rig, grid, config)
+        super().__init__(device, body, scorer, ParticleSet(device, body, config), config)
+
+    def _search(self, source: int) -> list[Launch]:
         launches: list[Launch] = []
         for layer in range(self.config.n_layers):
             launches.append(self._particles.diffuse(layer, source))
@@ -86,10 +116,6 @@ class AnnealedParticleFilter:
             launches.append(self._particles.anneal(layer, self.scorer.errors))
             if self.config.spread > 0 or layer == self.config.n_layers - 1:
                 launches.append(self._particles.estimate(source))
-        points: Array | None = getattr(self.scorer, "points", None)
-        if points is not None:
-            launches += self._refinement.launcher(points, self._particles.result)
-        launches.append(self._particles.settle(self._refinement.shift))
         return launches
 
 

@@ -38,13 +38,13 @@ inline float effective_size(__local float *scratch, int n, __global const float 
 }
 
 // Finds beta whose effective sample size is survival_rate * n (by bisection of its logarithm),
-// then weights, normalised, and the parents of systematic resampling; the last layer of a frame
-// counts it. One work-group.
+// unless a positive one is given, then weights, normalised, and the parents of systematic
+// resampling; the last layer of a frame counts it. One work-group.
 // result: mean (N_DOF), deviation (N_DOF), then per layer effective sample size, beta, least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void anneal(int n, int layer, int last, float survival_rate, uint2 seed, __global uint *frame,
-            __global const float *errors, __global float *weights, __global float *cumulative,
-            __global int *parents, __global float *result)
+void anneal(int n, int layer, int last, float survival_rate, float given_beta, uint2 seed,
+            __global uint *frame, __global const float *errors, __global float *weights,
+            __global float *cumulative, __global int *parents, __global float *result)
 {
     __local float scratch[GROUP];
     const int lane = get_local_id(0);
@@ -54,13 +54,14 @@ void anneal(int n, int layer, int last, float survival_rate, uint2 seed, __globa
     least = group_min(scratch, least);
 
     float low = -LOG2_BETA_LIMIT, high = LOG2_BETA_LIMIT;
-    for (int step = 0; step < BISECTIONS; ++step) {
+    const int steps = given_beta > 0.0f ? 0 : BISECTIONS;
+    for (int step = 0; step < steps; ++step) {
         const float middle = 0.5f * (low + high);
         const float size = effective_size(scratch, n, errors, least, exp2(middle));
         if (size > survival_rate * n) low = middle;
         else high = middle;
     }
-    const float beta = exp2(0.5f * (low + high));
+    const float beta = given_beta > 0.0f ? given_beta : exp2(0.5f * (low + high));
     const float size = effective_size(scratch, n, errors, least, beta);
 
     // Each lane owns a contiguous run of particles, so that the running sum is one scan.
