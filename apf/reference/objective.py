@@ -1,0 +1,109 @@
+"""Objective functions over image features. Twin of objective.cl."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.objective import FeatureMaps, ObjectiveConfig
+from apf.reference.kinematics import posed_cones
+from apf.reference.render import flat_body
+from cl import NumpyDevice
+from psfs.camera import CameraRig
+
+
+def count_pixels(
+    rig: CameraRig,
+    body: BodyModel,
+    cones: np.ndarray,
+    maps: np.ndarray,
+    roi: np.ndarray,
+    segments: np.ndarray,
+    labels: np.ndarray,
+) -> np.ndarray:
+    """(V, N, 2 + 2 L) of cones (N, C, 16): edge pixels, the sum of the edge proximity 0..255
+    there, then per label area and overlap (Rymut 2016 eq. 4.30-4.34, 4.37-4.40), within `roi`.
+
+    segments: (V, H, W) label of each pixel of the silhouettes, from 1. labels: (C,) from 0.
+    """
+    n_labels = int(labels.max()) + 1
+    counts = np.zeros((len(rig), len(cones), 2 + 2 * n_labels))
+    edged = np.array([cone.in_images for cone in body.cones])
+    segment_of = np.concatenate([[0], labels + 1])
+    for v, camera in enumerate(rig):
+        x0, y0, x1, y1 = roi[v]
+        region = np.s_[y0:y1, x0:x1]
+        near_edge, image = maps[v, ..., 1][region].astype(np.float64), segments[v][region]
+        for i, posed in enumerate(cones):
+            parts, edges = flat_body(camera, posed, edged)
+            model, edge = segment_of[parts[region]], edges[region]
+            counts[v, i, :2] = edge.sum(), near_edge[edge].sum()
+            for label in range(1, n_labels + 1):
+                area = model == label
+                counts[v, i, 2 * label] = area.sum()
+                counts[v, i, 2 * label + 1] = (area & (image == label)).sum()
+    return counts
+
+
+def objective_values(counts: np.ndarray, areas: np.ndarray, config: ObjectiveConfig) -> np.ndarray:
+    """(N,) f in [0, 1], Rymut 2016 eq. (4.41)-(4.50), of `counts` (V, N, 2 + 2 L) and the image's
+    areas (V, L). A ratio with nothing to divide by is 0."""
+    w1, w2 = config.silhouette_weight, config.edge_weight
+    if config.kind in ("ws", "sp"):
+        counts, areas = counts.sum(0, keepdims=True), areas.sum(0, keepdims=True)
+    f2 = _ratio(counts[..., 1] / 255, counts[..., 0])
+    model, overlap = counts[..., 2::2], counts[..., 3::2]
+    image = np.broadcast_to(areas[:, None], overlap.shape)
+    share = config.balance
+    by_label = share * _ratio(overlap, image) + (1 - share) * _ratio(overlap, model)
+    f1 = by_label @ config.shares
+    if config.kind in ("ws", "aows"):
+        return np.mean(w1 * f1 + w2 * f2, axis=0)
+    if config.kind == "posp":
+        return np.prod(f1**w1 * f2**w2, axis=0)
+    return np.mean(f1**w1 * f2**w2, axis=0)
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.where(whole > 0, part / np.maximum(whole, 1), 0.0)
+
+
+class NumpyImageObjective:
+    """The same as `ImageObjective`, in float64: `observe(features)`, then `objective(poses)`."""
+
+    def __init__(
+        self,
+        device: NumpyDevice,
+        body: BodyModel,
+        rig: CameraRig,
+        n_hypotheses: int,
+        config: ObjectiveConfig | None = None,
+    ) -> None:
+        self.body, self.rig, self.config = body, rig, config or ObjectiveConfig()
+        self._labels = self.config.cone_labels(body)
+
+    def observe(self, observation: FeatureMaps) -> None:
+        """Take the features of a frame, NumPy arrays."""
+        self._maps, self._roi = observation.maps, observation.roi
+        if self.config.labels:
+            self._segments = observation.labels  # type: ignore[attr-defined]
+        else:
+            self._segments = (self._maps[..., 0] > 127).astype(np.uint8)
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
+        cones = posed_cones(self.body, poses)
+        counts = count_pixels(
+            self.rig, self.body, cones, self._maps, self._roi, self._segments, self._labels
+        )
+        return 1 - objective_values(counts, self._image_areas(), self.config)
+
+    def _image_areas(self) -> np.ndarray:
+        """(V, L) pixels of each segment in the region of interest, eq. (4.29)."""
+        areas = np.zeros((len(self.rig), self.config.n_labels))
+        for v, (x0, y0, x1, y1) in enumerate(self._roi):
+            numbers = np.bincount(
+                self._segments[v, y0:y1, x0:x1].ravel(), minlength=self.config.n_labels + 1
+            )
+            areas[v] = numbers[1 : self.config.n_labels + 1]
+        return areas

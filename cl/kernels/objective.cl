@@ -1,0 +1,108 @@
+// From counted pixels to the objective functions of Rymut 2016, 4.6; twin:
+// reference/objective.py. Defines: N_LABELS, WIDTH of the pictures, GROUP, and KIND, one of
+// 0 WS, 1 SP, 2 AoWS, 3 AoSP, 4 PoSP.
+#define WORDS ((WIDTH + 31) / 32)
+#define N_COUNTS (2 + 2 * N_LABELS)
+
+// Of feature maps (V, height, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
+// rendered parts: silhouettes (V, N_LABELS, height, WORDS) as bits and the proximity alone, within
+// the regions of interest roi (V, 4), ends excluded, which are copied to regions. parts: (V, height, WIDTH) the label of each
+// pixel, from 1; with a single label the silhouette's own channel is taken.
+__kernel void pack_maps(int height, __global const uchar2 *maps, __global const uchar *parts,
+                        __global const int4 *roi, __global int4 *regions,
+                        __global uint *silhouettes, __global uchar *proximity)
+{
+    const int word = get_global_id(0), row = get_global_id(1), view = get_global_id(2);
+    if (word >= WORDS || row >= height) return;
+    const int4 region = roi[view];
+    if (word == 0 && row == 0) regions[view] = region;
+    const size_t at = ((size_t)view * height + row) * WIDTH;
+    uint bits[N_LABELS];
+    for (int l = 0; l < N_LABELS; ++l) bits[l] = 0;
+    const int first = max(32 * word, region.x), last = min(32 * word + 32, region.z);
+    if (row >= region.y && row < region.w)
+        for (int x = first; x < last; ++x) {
+            const uchar2 value = maps[at + x];
+            proximity[at + x] = value.y;
+#if N_LABELS == 1
+            bits[0] |= (uint)(value.x > 127) << (x - 32 * word);
+#else
+            const int part = parts[at + x];
+            for (int l = 0; l < N_LABELS; ++l)
+                bits[l] |= (uint)(part == l + 1) << (x - 32 * word);
+#endif
+        }
+    for (int l = 0; l < N_LABELS; ++l)
+        silhouettes[(((size_t)view * N_LABELS + l) * height + row) * WORDS + word] = bits[l];
+}
+
+// areas (V * N_LABELS,): set bits of each silhouette (V * N_LABELS, n_words). Eq. (4.29), (4.36).
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void silhouette_areas(int n_words, __global const uint *silhouettes, __global int *areas)
+{
+    const int lane = get_local_id(0);
+    __global const uint *words = silhouettes + (size_t)get_group_id(0) * n_words;
+    __local int total;
+    if (lane == 0) total = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    int sum = 0;
+    for (int i = lane; i < n_words; i += GROUP) sum += popcount(words[i]);
+    atomic_add(&total, sum);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane == 0) areas[get_group_id(0)] = total;
+}
+
+inline float ratio(float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; }
+
+// Eq. (4.46)-(4.50) for one camera or, with sums over the cameras, for all. weights: b, w1, w2.
+inline float joined(float f1, float f2, float4 weights)
+{
+#if KIND == 0 || KIND == 2
+    return weights.y * f1 + weights.z * f2;
+#else
+    return pow(f1, weights.y) * pow(f2, weights.z);
+#endif
+}
+
+// errors (N,): 1 - f, from counts (V, N, N_COUNTS) of count_pixels and the silhouettes' areas
+// (V, N_LABELS). weights: b, w1, w2. label_weights: (N_LABELS,), their sum is 1, eq. (4.43).
+__kernel void score_counts(int n_particles, int n_views, float4 weights,
+                           __global const float *label_weights, __global const int *areas,
+                           __global const int *counts, __global float *errors)
+{
+    const int particle = get_global_id(0);
+    if (particle >= n_particles) return;
+#if KIND < 2
+    const int n_parts = 1, n_together = n_views;
+#else
+    const int n_parts = n_views, n_together = 1;
+#endif
+    float f = KIND == 4 ? 1.0f : 0.0f;
+    for (int i = 0; i < n_parts; ++i) {
+        float edge = 0.0f, near_edge = 0.0f, f1 = 0.0f;
+        for (int v = i; v < i + n_together; ++v) {
+            __global const int *count = counts + ((size_t)v * n_particles + particle) * N_COUNTS;
+            edge += count[0];
+            near_edge += count[1] / 255.0f;
+        }
+        for (int l = 0; l < N_LABELS; ++l) {
+            float image = 0.0f, model = 0.0f, overlap = 0.0f;
+            for (int v = i; v < i + n_together; ++v) {
+                __global const int *count =
+                    counts + ((size_t)v * n_particles + particle) * N_COUNTS + 2 + 2 * l;
+                image += areas[v * N_LABELS + l];
+                model += count[0];
+                overlap += count[1];
+            }
+            f1 += label_weights[l] * (weights.x * ratio(overlap, image) +
+                                      (1.0f - weights.x) * ratio(overlap, model));
+        }
+        const float value = joined(f1, ratio(near_edge, edge), weights);
+#if KIND == 4
+        f *= value;
+#else
+        f += value / n_parts;
+#endif
+    }
+    errors[particle] = 1.0f - f;
+}

@@ -1,0 +1,270 @@
+"""Rendered bodies and image objectives: known answers, and the kernels against their twins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bodies
+import cv2
+import numpy as np
+import pytest
+import scenes
+from conftest import shared_data
+from scipy import ndimage
+
+from apf.body import BodyModel, load_body
+from apf.evaluate import load_truth
+from apf.initial import fit_to_joints
+from apf.joint_names import match_joints
+from apf.objective import KINDS, ImageObjective, ObjectiveConfig, objective_for
+from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from apf.reference.objective import objective_values
+from apf.reference.render import flat_body
+from apf.rendering import draw_hypotheses, whole_pictures
+from cl import Device, NumpyDevice, UserError
+from psfs.camera import Camera, CameraRig
+from psfs.sequence import Sequence
+
+#: Looks along -x at the z axis, 1 px per cm at the origin.
+FRONT = Camera(
+    "front",
+    np.array([[200.0, 0, 50.25], [0, 200, 60.25], [0, 0, 1]]),
+    np.zeros(5),
+    np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    np.array([0.0, 0, 2]),
+    (101, 121),
+)
+
+
+def cone(start: list[float], end: list[float], radius: float) -> np.ndarray:
+    """A posed round cone (CONE_FLOATS,)."""
+    axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    side = np.cross(axis, [0.3, 0.2, 0.9] if abs(axis[2]) < 0.9 else [1.0, 0, 0])
+    side /= np.linalg.norm(side)
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[3], row[4:7], row[7] = start, radius, end, radius
+    row[8:11], row[12:15] = side, np.cross(axis, side)
+    return row
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What an objective observes."""
+
+    maps: Any
+    roi: Any
+    labels: Any = None
+
+    def on(self, device: Device) -> Maps:
+        arrays = (self.maps, self.roi, self.labels)
+        return Maps(*(None if a is None else device.to_device(a) for a in arrays))
+
+
+def random_maps(rig: CameraRig, n_labels: int = 1, seed: int = 0) -> Maps:
+    """Blobs for silhouettes, smooth edge proximity, regions that cut some of both off."""
+    random = np.random.default_rng(seed)
+    shape = (len(rig), rig.height, rig.width)
+    smooth = ndimage.gaussian_filter(random.normal(size=(2, *shape)), (0, 0, 5, 5))
+    blobs = np.where(smooth[0] > 0, 255, 0)
+    nearness = 255 * (smooth[1] - smooth[1].min()) / np.ptp(smooth[1])
+    roi = whole_pictures(rig)
+    roi[0] += [3, 5, -40, -11]
+    roi[-1] += [33, 0, -1, -2]
+    segments = ndimage.gaussian_filter(random.normal(size=(n_labels + 1, *shape)), (0, 0, 4, 4))
+    maps = np.rint(np.stack([blobs, nearness], -1)).astype(np.uint8)
+    return Maps(maps, roi, segments.argmax(0).astype(np.uint8))
+
+
+def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
+    """Poses in front of the cameras, at their sides, around and behind them."""
+    poses = bodies.random_poses(body, n, wild=True)
+    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
+    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
+    poses[: n // 2, places] *= 0.1
+    return np.clip(poses, body.lower, body.upper).astype(np.float32)
+
+
+def errors_of(device: Device, objective: ImageObjective, poses: np.ndarray) -> np.ndarray:
+    for launch in objective.launcher(device.to_device(poses.astype(np.float32))):
+        launch()
+    return objective.errors.get()
+
+
+def edged(body: BodyModel) -> np.ndarray:
+    return np.array([cone.in_images for cone in body.cones])
+
+
+def test_a_cone_is_a_rectangle_with_two_edges() -> None:
+    parts, edges = flat_body(FRONT, cone([0, 0, -0.3], [0, 0, 0.3], 0.1)[None], np.ones(1, bool))
+    rows, columns = np.nonzero(parts)
+    assert (columns.min(), columns.max(), rows.min(), rows.max()) == (41, 60, 31, 90)
+    assert (np.unique(np.nonzero(edges)[1]) == [41, 60]).all()
+    assert edges.sum() == 2 * 60
+    assert not flat_body(FRONT, cone([0, 0, -0.3], [0, 0, 0.3], 0.1)[None], np.zeros(1, bool))[
+        1
+    ].any()
+
+
+def test_near_parts_hide_far_ones_and_their_edges() -> None:
+    upright, across = cone([0, 0, -0.3], [0, 0, 0.3], 0.1), cone([0.2, -0.3, 0], [0.2, 0.3, 0], 0.1)
+    for order in ([0, 1], [1, 0]):
+        cones = np.stack([upright, across])[order]
+        parts, edges = flat_body(FRONT, cones, np.ones(2, bool))
+        assert parts[60, 50] == 1 + order.index(1)
+        assert parts[40, 50] == 1 + order.index(0)
+        assert edges[40, 41]
+        assert not edges[60, 41]
+
+
+def test_a_cone_seen_along_its_axis_is_a_disc() -> None:
+    parts, edges = flat_body(FRONT, cone([0, 0, 0], [0.1, 0, 0], 0.1)[None], np.ones(1, bool))
+    radius = 0.1 * 200 / 1.9  # of the nearer end
+    assert parts.sum() == pytest.approx(np.pi * radius**2, rel=0.05)
+    assert edges.sum() > 20
+    assert not edges[60, 50]
+
+
+def test_cones_behind_the_camera_are_not_drawn() -> None:
+    parts, edges = flat_body(FRONT, cone([1, 0, 0], [3, 0, 0], 0.1)[None], np.ones(1, bool))
+    assert not parts.any()
+    assert not edges.any()
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("size", [(64, 51), (333, 240)])
+def test_pictures_equal_the_twins(device: Device, name: str, size: tuple[int, int]) -> None:
+    body, rig = bodies.named(name), scenes.ring(3, size)
+    poses = scattered_poses(body, 8)
+    drawn = draw_hypotheses(device, body, rig, poses)
+    cones = posed_cones(body, poses)
+    differing = painted = 0
+    for i in range(len(poses)):
+        for v, camera in enumerate(rig):
+            parts, edges = flat_body(camera, cones[i], edged(body))
+            picture = drawn[i, v, : camera.size[1], : camera.size[0]]
+            wrong = (parts != picture[..., 0]) | (edges != (picture[..., 1] > 0))
+            differing += np.count_nonzero(wrong)
+            painted += np.count_nonzero(parts)
+            assert np.count_nonzero(drawn[i, v]) == np.count_nonzero(picture)  # no padding
+    assert painted > 500
+    # The boundary band: pixels on a part's outline, where rounding decides.
+    assert differing <= 2 + 1e-3 * painted
+
+
+@pytest.mark.parametrize("n_labels", [1, 3])
+def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
+    body, rig = load_body("song31"), scenes.ring(3, (161, 123))
+    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
+    observed = random_maps(rig, n_labels)
+    poses = scattered_poses(body, 7)
+    objective = ImageObjective(device, body, rig, 7, ObjectiveConfig(labels=labels))
+    objective.observe(observed.on(device))
+    errors_of(device, objective, poses)
+    counts = objective._renderer.counts.get()
+    pictures = draw_hypotheses(device, body, rig, poses)
+    for v, (x0, y0, x1, y1) in enumerate(observed.roi):
+        parts, edges = np.moveaxis(pictures[:, v, y0:y1, x0:x1], -1, 0)
+        maps, segments = observed.maps[v, y0:y1, x0:x1], observed.labels[v, y0:y1, x0:x1]
+        near_edge = (edges > 0) * maps[..., 1].astype(int)
+        assert (counts[v, :, 0] == (edges > 0).sum((1, 2))).all()
+        assert (counts[v, :, 1] == near_edge.sum((1, 2))).all()
+        label_of = np.array([0, *(labels or [1] * len(body.cones))])
+        for label in range(1, n_labels + 1):
+            model = label_of[parts] == label
+            image = segments == label if labels else maps[..., 0] > 127
+            assert (counts[v, :, 2 * label] == model.sum((1, 2))).all()
+            assert (counts[v, :, 2 * label + 1] == (model & image).sum((1, 2))).all()
+    assert counts[..., 1].max() > 0
+    assert counts[..., 3].max() > 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "n_labels"), [*((kind, 1) for kind in KINDS), ("ws", 4), ("posp", 4)]
+)
+def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> None:
+    body, rig = load_body("song31"), scenes.ring(3 if n_labels == 1 else 1, (161, 123))
+    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
+    weights = (1.0, 2.0, 0.5, 0.0) if labels else ()
+    config = ObjectiveConfig(kind, 0.7, 0.3, 0.4, labels, weights)
+    observed = random_maps(rig, n_labels)
+    poses = scattered_poses(body, 9)
+    objective = ImageObjective(device, body, rig, 9, config)
+    twin = objective_for(NumpyDevice(), body, rig, 9, config)
+    twin.observe(observed)
+    expected = twin(poses)
+    for _ in range(2):  # what is left of a frame does not reach the next
+        objective.observe(random_maps(rig, n_labels, seed=1).on(device))
+        objective.observe(observed.on(device))
+        np.testing.assert_allclose(errors_of(device, objective, poses), expected, atol=2e-3)
+    assert np.ptp(expected) > 0.01
+
+
+def test_nothing_seen_is_the_worst() -> None:
+    """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
+    counts, areas = np.zeros((2, 1, 4)), np.zeros((2, 1))
+    for kind in KINDS:
+        config = ObjectiveConfig(kind)
+        assert objective_values(counts, areas, config) == 0
+        assert objective_values(counts, areas + 5, config) == 0
+
+
+def test_the_five_functions_by_hand() -> None:
+    """Two cameras: f1 = 0.5 and 1, f2 = 0.25 and 1."""
+    counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
+    areas = np.array([[10], [6]], float)
+    values = {
+        kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0] for kind in KINDS
+    }
+    first, second = 11 / 16, 6 / 12
+    assert values["ws"] == pytest.approx(0.6 * first + 0.4 * second)
+    assert values["sp"] == pytest.approx(first**0.6 * second**0.4)
+    assert values["aows"] == pytest.approx((0.6 * 0.5 + 0.4 * 0.25 + 1) / 2)
+    assert values["aosp"] == pytest.approx((0.5**0.6 * 0.25**0.4 + 1) / 2)
+    assert values["posp"] == pytest.approx(0.5**0.6 * 0.25**0.4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "psp"}, "'psp'; expected"),
+        ({"kind": "ws", "silhouette_weight": 0.9}, "expected a sum of 1"),
+        ({"edge_weight": -1.0}, "expected numbers from 0"),
+        ({"balance": 1.5}, "expected 0 to 1"),
+        ({"labels": (1, 3)}, "expected all of 1 to 3"),
+        ({"labels": (1, 2), "label_weights": (1.0,)}, "expected 2 numbers"),
+    ],
+)
+def test_wrong_settings_are_named(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        ObjectiveConfig(**settings)
+
+
+def test_labels_are_one_per_cone() -> None:
+    with pytest.raises(UserError, match=r"2 labels for the 13 cones of song31"):
+        ObjectiveConfig(labels=(1, 2)).cone_labels(load_body("song31"))
+
+
+@pytest.fixture(scope="module")
+def walker() -> tuple[CameraRig, BodyModel, np.ndarray, np.ndarray]:
+    """Cameras, body, true pose (D,) and true silhouettes (V, H, W) of the walk's first frame."""
+    folder = shared_data("synth_walk_4cam")
+    rig, truth = Sequence.open(folder).rig, load_truth(folder / "truth.npz", "y-up")
+    places = match_joints(truth.joint_names)
+    joints = {name: truth.joints[0, place] for name, place in places.items()}
+    body, pose, _ = fit_to_joints(load_body("song31"), joints)
+    files = [folder / "truth_masks" / f"{camera.name}_000000.png" for camera in rig]
+    return rig, body, pose, np.stack([cv2.imread(str(f), 0) for f in files])
+
+
+def test_the_walkers_true_pose_covers_its_silhouette(device: Device, walker: Any) -> None:
+    """f1 >= 0.85; a step away it is much less."""
+    rig, body, pose, masks = walker
+    away = pose.copy()
+    away[body.dof_names.index("pelvis.tx")] += 0.5
+    objective = ImageObjective(device, body, rig, 2, ObjectiveConfig("ws", 1.0, 0.0))
+    maps = np.stack([masks, np.zeros_like(masks)], -1)
+    objective.observe(Maps(maps, whole_pictures(rig)).on(device))
+    right, wrong = 1 - errors_of(device, objective, np.stack([pose, away]))
+    assert right >= 0.85
+    assert wrong < 0.4
