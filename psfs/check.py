@@ -7,52 +7,44 @@ import numpy as np
 
 from cl import Device, NumpyDevice
 from psfs.camera import Camera, CameraRig
-from psfs.config import SilhouetteConfig
+from psfs.footprints import footprints
 from psfs.grid import VoxelCloud, VoxelGrid
-from psfs.reconstruct import frame_input
-from psfs.reference.reconstruct import frame_evidence
+from psfs.reconstruct import reconstructor_for
 from psfs.reference.reprojection import voxel_silhouette
-from psfs.reprojection import footprints
+from psfs.runs import Run
 from psfs.sequence import Frame, Sequence
-from psfs.silhouette import Silhouette
 
 #: Parts of a silhouette smaller than this share of its largest part are speckle.
 SPECKLE_SHARE = 0.02
 
 DEFINITION = (
-    "IoU of the reprojected surface voxels with the frame's own silhouette: the pixels whose "
-    "silhouette likelihood is above 0.5, within the projection of the reconstruction volume, "
+    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
+    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume, "
     f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
 )
 
 
 class Checker:
     """`checker(frame, cloud)`: (V,) IoU per camera as `DEFINITION` says; NaN where the frame
-    shows nothing and the cloud reprojects to nothing."""
+    shows nothing and the cloud reprojects to nothing.
 
-    def __init__(
-        self,
-        device: Device | NumpyDevice,
-        sequence: Sequence,
-        grid: VoxelGrid,
-        config: SilhouetteConfig,
-    ) -> None:
-        self.rig, self.background, self.config = sequence.rig, sequence.background, config
-        self.volume = volume_region(self.rig, grid)
-        self._extents = footprints(self.rig, grid.voxel_size)
-        self._silhouette = (
-            Silhouette(device, self.rig, self.background, config)
-            if isinstance(device, Device)
-            else None
+    The silhouettes are the run's: its reconstruction is done again with the same parameters, so
+    what was learnt from the frames before is learnt again. Give the frames in the run's order; a
+    frame for itself learns from itself.
+    """
+
+    def __init__(self, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> None:
+        self.rig = sequence.rig
+        self._reconstruct = reconstructor_for(
+            device, self.rig, run.grid, sequence.background, run.config, sparse=True
         )
+        self._volume = volume_region(self.rig, run.grid)
+        self._extents = footprints(self.rig, run.grid.voxel_size)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
-        """(V, H, W) bool: the frame's own silhouettes within the volume, less speckle."""
-        if self._silhouette is None:
-            evidence = frame_evidence(frame, self.rig, self.background, self.config)
-        else:
-            evidence = self._silhouette(frame_input(frame, self.background)).get()
-        shown = (evidence > 0) & self.volume
+        """(V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
+        self._reconstruct(frame)
+        shown = (self._reconstruct.evidence() > 0) & self._volume
         return np.stack([without_speckle(view) for view in shown])
 
     def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:

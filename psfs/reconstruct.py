@@ -145,6 +145,11 @@ class Reconstructor:
     def grid(self) -> VoxelGrid:
         return self.voxels.grid
 
+    def evidence(self) -> np.ndarray:
+        """(V, H, W) int8: the silhouettes that the latest frame was carved with, downloaded;
+        above 0 is foreground."""
+        return self.silhouette.evidence.get()
+
     def place(self, grid: VoxelGrid) -> None:
         """Move to a grid of the same shape, from the next frame on. Raises UserError otherwise."""
         if grid.shape != self.grid.shape:

@@ -29,8 +29,8 @@ def _run(args: argparse.Namespace) -> None:
     if not run.indices:
         raise UserError(f"{args.out}: holds no reconstructed frame; expected at least one")
     sequence = run.sequence()
-    device, config = select_device(args.device), run.config.silhouette
-    checker = Checker(device, sequence, run.grid, config)
+    device = select_device(args.device)
+    checker = Checker(device, sequence, run)
     scores = []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
@@ -38,7 +38,7 @@ def _run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
-    bad = suspects(sequence, config, device)
+    bad = suspects(sequence, run.config.silhouette, device)
     _report(args.out, run, sequence.rig.names, np.array(scores), bad)
 
 

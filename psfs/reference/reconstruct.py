@@ -68,6 +68,7 @@ class NumpyReconstructor:
         learning = background is not None and silhouette.learn
         self.foreground = NumpyForeground(rig, silhouette) if learning else None
         self._before: int | None = None
+        self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
         check_size(grid)
         needed, there = _BYTES_PER_VOXEL * grid.size, physical_memory()
         if needed > there:
@@ -75,6 +76,10 @@ class NumpyReconstructor:
                 f"a grid of {grid.size:,} voxels needs {needed / 2**20:,.0f} MiB, but this "
                 f"machine has {there / 2**20:,.0f} MiB"
             )
+
+    def evidence(self) -> np.ndarray:
+        """(V, H, W) int8: the silhouettes that the latest frame was carved with."""
+        return self._latest
 
     def __call__(self, frame: Frame) -> NumpyVoxels:
         new = self._before is None or not follows(self._before, frame.index)
@@ -98,6 +103,7 @@ class NumpyReconstructor:
         return frame_evidence(frame, self.rig, self.background, config, self.foreground)
 
     def _carved(self, frame: Frame, evidence: np.ndarray) -> NumpyVoxels:
+        self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.step
         probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
         occupied = probability > config.threshold
