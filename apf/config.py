@@ -22,7 +22,8 @@ class FilterConfig:
     eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
     unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
     stay apart meet, likewise; both are 0 for Song's likelihood alone. surface_scale: distance, m,
-    at which a voxel is half unexplained; n_points: surface voxels that are looked at.
+    at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
+    refinement at all of them, by each layer at every `point_turns`-th, in turn.
     sample_spacing: distance, m, between samples on a cone.
     """
 
@@ -40,6 +41,7 @@ class FilterConfig:
     overlap_weight: float = 1.0
     surface_scale: float = 0.05
     n_points: int = 1024
+    point_turns: int = 4
     sample_spacing: float = 0.04
     refine_steps: int = 5
     refine_scale: float = 0.03
@@ -49,10 +51,11 @@ class FilterConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.n_particles < 2 or self.n_layers < 1 or self.n_points < 1:
+        counts = (self.n_particles, self.n_layers, self.n_points, self.point_turns)
+        if any(count < least for count, least in zip(counts, (2, 1, 1, 1), strict=True)):
             raise UserError(
-                f"{self.n_particles} particles, {self.n_layers} layers, {self.n_points} points; "
-                "expected at least 2, 1 and 1"
+                "{} particles, {} layers, {} points in {} turns; expected at least 2, 1, 1 "
+                "and 1".format(*counts)
             )
         if not 0 <= self.seed < 2**64:
             raise UserError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")

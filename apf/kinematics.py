@@ -10,6 +10,9 @@ from cl import Array, Device, Launch
 
 #: Place in a cone's row where the kernel finds the number of its bone.
 _BONE_PLACE = 11
+_GROUP = 64
+#: Particles that a CPU's work-item works on at once.
+_CPU_PACK = 8
 
 
 class Kinematics:
@@ -28,18 +31,12 @@ class Kinematics:
 
     def launcher(self, poses: Array) -> list[Launch]:
         """The launches that pose all cones of `poses` (N, D) float32, arguments set."""
-        kernel = self.device.kernel(
-            "kinematics",
-            "pose_cones",
-            N_DOF=self.body.n_dof,
-            N_BONES=len(self.body.bones),
-            N_CONES=len(self.body.cones),
-        )
+        defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
         return [
             self.device.launch(
-                kernel,
-                (self.n_particles,),
-                (16,),
+                self.device.kernel("kinematics", "pose_cones", **defines),
+                pack_size(self.n_particles, defines),
+                (defines["GROUP"],),
                 np.int32(self.n_particles),
                 poses,
                 *self._tables,
@@ -48,12 +45,41 @@ class Kinematics:
         ]
 
 
+def pack_defines(device: Device, group: int) -> dict[str, int]:
+    """PACK and GROUP of pack.h: GPUs take `group` items for each particle, CPUs one item for
+    several, in vectors."""
+    return {"PACK": 1, "GROUP": group} if device.is_gpu else {"PACK": _CPU_PACK, "GROUP": 1}
+
+
+def pack_size(n: int, defines: dict[str, int]) -> tuple[int]:
+    """The global size for `n` particles: a work-group for every pack of them."""
+    return (-(-n // defines["PACK"]) * defines["GROUP"],)
+
+
+def body_defines(body: BodyModel) -> dict[str, int]:
+    """The defines of kinematics.h."""
+    return {
+        "N_DOF": body.n_dof,
+        "N_BONES": len(body.bones),
+        "N_LEVELS": max(bone_levels(body)) + 1,
+        "N_CONES": len(body.cones),
+    }
+
+
+def bone_levels(body: BodyModel) -> list[int]:
+    """How deep each bone lies in the tree; 0 for a root."""
+    levels: list[int] = []
+    for bone in body.bones:
+        levels.append(levels[bone.parent] + 1 if bone.parent >= 0 else 0)
+    return levels
+
+
 def pack_body(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The tables of kinematics.cl: bones, their fixed parts, free axes, cones."""
     bones, fixed = [], []
     axes: list[tuple[int, int, int, int]] = []
-    for bone in body.bones:
-        bones.append((bone.parent, len(axes), len(bone.axes), 0))
+    for bone, level in zip(body.bones, bone_levels(body), strict=True):
+        bones.append((bone.parent, len(axes), len(bone.axes), level))
         fixed.append(np.concatenate([bone.rest.ravel(), bone.offset]))
         axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
     cones = np.zeros((len(body.cones), CONE_FLOATS), np.float32)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.kinematics import Kinematics
-from cl import Array, Device, Launch
+from apf.kinematics import body_defines, pack_body, pack_defines, pack_size
+from cl import Array, Device, Launch, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
 from psfs.reconstruct import Voxels
 from psfs.reprojection import Reprojection
 
-_GROUP = 64
+_GROUP = 256
 #: Place of the grid's position among the arguments of `sample_surface`.
 _PLACE = 5
 
@@ -26,6 +28,17 @@ def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
     sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), (4, 3)).astype(np.int32)
     sampling[[not cone.in_images for cone in body.cones]] = 0
     return sampling
+
+
+def sample_rows(sampling: np.ndarray) -> np.ndarray:
+    """(R, 4) float32 for rows, columns (C, 2) of every cone: cone, place of the row along it, n
+    columns, 1 / n."""
+    rows = [
+        (cone, (row + 0.5) / n_rows, n_columns, 1 / n_columns)
+        for cone, (n_rows, n_columns) in enumerate(sampling)
+        for row in range(n_rows)
+    ]
+    return np.array(rows, np.float32).reshape(-1, 4)
 
 
 class VoxelLikelihood:
@@ -49,19 +62,17 @@ class VoxelLikelihood:
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
         self._reprojection = Reprojection(device, rig, grid)
-        self._kinematics = Kinematics(device, body, config.n_particles)
-        self.n_cones = len(body.cones)
-        n, v = config.n_particles, len(rig)
-        sampling = cone_sampling(body, config.sample_spacing)
-        self._sampling = device.to_device(sampling, "the cones' samples")
+        self._defines = self._fitting_defines(body)
+        self._body = [device.to_device(table, "the body model") for table in pack_body(body)]
+        rows = sample_rows(cone_sampling(body, config.sample_spacing))
+        self._rows = device.to_device(rows, "the cones' samples")
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        self._sums = device.empty((v, n, self.n_cones, 4), np.float32, "the image errors")
+        self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
-        self._surface_errors = device.zeros((n,), np.float32, "the surface errors")
-        self.errors = device.empty((n,), np.float32, "the errors")
+        self.errors = device.empty((config.n_particles,), np.float32, "the errors")
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -76,15 +87,66 @@ class VoxelLikelihood:
         self._sample_surface()
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """The launches that score `poses` (N, D) float32 into `errors`, arguments set."""
-        cones = self._kinematics.cones
-        return [*self._kinematics.launcher(poses), *self._launches(cones, self._reprojection.maps)]
+        """The launches that score `poses` (N, D) float32 into `errors`, arguments set.
+
+        Every launcher looks at another share of the surface samples than the one before.
+        """
+        launch = self._launch(poses, self._reprojection.maps, self._n_launchers)
+        self._n_launchers += 1
+        return [launch]
+
+    def _launch(self, poses: Array, maps: Array, turn: int) -> Launch:
+        """Score `poses` by `maps` (V, H, W, 2) uint8 and share number `turn` of the samples."""
+        config = self.config
+        return self.device.launch(
+            self._kernel("score_poses"),
+            pack_size(config.n_particles, self._defines),
+            (self._defines["GROUP"],),
+            np.int32(config.n_particles),
+            poses,
+            *self._body,
+            np.int32(len(self.rig)),
+            np.int32(self.rig.width),
+            np.int32(self.rig.height),
+            self._cameras,
+            maps,
+            np.int32(self._rows.shape[0]),
+            self._rows,
+            np.int32(config.n_points),
+            np.int32(turn % config.point_turns),
+            np.int32(config.point_turns),
+            np.float32(config.surface_scale),
+            self.points,
+            np.int32(self._n_pairs),
+            self._pairs,
+            config.weights,
+            self.errors,
+        )
+
+    def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
+        """The defines of likelihood.cl, with as many cameras at once as local memory holds.
+
+        Raises UserError if the body is too large even for one.
+        """
+        defines = body_defines(body) | pack_defines(self.device, _GROUP)
+        n_cones = len(body.cones)
+        fixed = 2 * body.n_dof + 12 * len(body.bones) + 24 * n_cones + 5 * defines["GROUP"]
+        per_view = 8 * n_cones + 2
+        room = self.device.handle.local_mem_size // (4 * defines["PACK"])
+        views = (room - fixed) // per_view
+        if views < 1:
+            raise UserError(
+                f"the body {body.name} has {len(body.bones)} bones and {n_cones} cones, which "
+                f"need {4 * defines['PACK'] * (fixed + per_view)} bytes of local memory; "
+                f"expected at most {4 * defines['PACK'] * room} on {self.device.name}"
+            )
+        return defines | {"VIEWS": min(views, len(self.rig), defines["GROUP"])}
 
     def _surface_launch(self, voxels: Voxels) -> Launch:
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.n_points,),
-            (_GROUP,),
+            None,
             np.int32(self.config.n_points),
             voxels.count,
             voxels.surface,
@@ -94,51 +156,5 @@ class VoxelLikelihood:
             self.points,
         )
 
-    def _launches(self, cones: Array, maps: Array) -> list[Launch]:
-        """Score `cones` (N, C, 16) against `maps` (V, H, W, 2) uint8."""
-        n, v = np.int32(self.config.n_particles), np.int32(len(self.rig))
-        launches = [
-            self.device.launch(
-                self._kernel("score_images"),
-                (int(n) * self.n_cones, int(v)),
-                (_GROUP, 1),
-                n,
-                np.int32(self.rig.width),
-                np.int32(self.rig.height),
-                cones,
-                self._cameras,
-                maps,
-                self._sampling,
-                self._sums,
-            ),
-            self.device.launch(
-                self._kernel("score_surface"),
-                (int(n) * _GROUP,),
-                (_GROUP,),
-                np.int32(self.config.n_points),
-                np.float32(self.config.surface_scale),
-                self.points,
-                cones,
-                self._surface_errors,
-            ),
-            self.device.launch(
-                self._kernel("total_errors"),
-                (int(n),),
-                (_GROUP,),
-                n,
-                v,
-                np.int32(self._n_pairs),
-                self.config.weights,
-                cones,
-                self._pairs,
-                self._sums,
-                self._surface_errors,
-                self.errors,
-            ),
-        ]
-        if self.config.surface_weight == 0:
-            del launches[1]
-        return launches
-
-    def _kernel(self, name: str) -> object:
-        return self.device.kernel("likelihood", name, N_CONES=self.n_cones, GROUP=_GROUP)
+    def _kernel(self, name: str) -> Any:
+        return self.device.kernel("likelihood", name, **self._defines)

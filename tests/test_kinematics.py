@@ -133,7 +133,7 @@ def test_bones_without_axes_stay() -> None:
 def test_packed_tables_hold_the_tree() -> None:
     body = bodies.named("stick")
     bones, fixed, axes, cones = pack_body(body)
-    np.testing.assert_array_equal(bones, [(-1, 0, 3, 0), (0, 3, 2, 0), (-1, 5, 0, 0)])
+    np.testing.assert_array_equal(bones, [(-1, 0, 3, 0), (0, 3, 2, 1), (-1, 5, 0, 0)])
     np.testing.assert_array_equal(
         axes, [(0, -1, 3, 0), (5, 1, 1, 0), (1, 1, 4, 0), (4, -1, 0, 0), (3, 1, 2, 0)]
     )

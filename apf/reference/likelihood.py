@@ -46,6 +46,13 @@ def sampled_surface(centres: np.ndarray, n_points: int) -> np.ndarray:
     return centres[np.arange(n_points, dtype=np.int64) * len(centres) // n_points]
 
 
+def share(points: np.ndarray, turn: int, turns: int) -> np.ndarray:
+    """Every `turns`-th of points (K, 3) from number `turn` mod `turns` on, ceil(K / turns) of them:
+    those that one layer looks at."""
+    n = len(points)
+    return points[(turn % turns + turns * np.arange(-(-n // turns))) % max(1, n)]
+
+
 def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.ndarray:
     """(N,) mean over points (K, 3) of d^2 / (d^2 + scale^2), d the distance to the nearest
     cone's surface of cones (N, C, 16); 1 without points. Geman & McClure 1987."""

@@ -15,7 +15,7 @@ from apf.reference.annealing import (
     systematic_parents,
 )
 from apf.reference.kinematics import posed_cones
-from apf.reference.likelihood import sampled_surface, total_errors
+from apf.reference.likelihood import sampled_surface, share, total_errors
 from apf.reference.noise import normals, uniform
 from apf.reference.refine import refined
 from apf.tracker import Estimate, checked_pose
@@ -61,7 +61,10 @@ class NumpyAnnealedParticleFilter:
                 self._poses, self._parents, self._noise(layer), body.lower, body.upper
             )
             cones = posed_cones(body, self._poses)
-            errors = total_errors(self.rig, cones, maps, points, self._sampling, body.apart, config)
+            # Launchers are made for two frames, which may end in different particle sets.
+            turn = layer + self._frame % 2 * config.n_layers
+            seen = share(points, turn, config.point_turns)
+            errors = total_errors(self.rig, cones, maps, seen, self._sampling, body.apart, config)
             beta = annealing_exponent(errors, config.survival_rates[layer])
             history.append((effective_size(errors, beta), beta, errors.min()))
             weights = normalised_weights(errors, beta)

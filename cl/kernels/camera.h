@@ -1,45 +1,49 @@
 // Camera projection, the counterpart of psfs/camera.py. A camera is CAMERA_FLOATS floats:
 //   0-8 R (row-major)  9-11 t  12-16 fx fy cx cy skew  17-21 k1 k2 p1 p2 k3
 //   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
+#include "pack.h"
+
 #define CAMERA_FLOATS 32
 
-// Project world point (x, y, z): pixel in *pixel, returns the depth, which is <= 0 when the point
-// has no image (behind the camera, or beyond the radius where the distortion turns back).
-// Selections instead of branches, and operators instead of fmin, rint and the like, which PoCL
-// does not inline: so loops around it become vector code (occupancy: 330 ms -> 60 ms).
-inline float camera_project(__global const float *camera, float x, float y, float z,
-                            float2 *pixel)
+// Project a pack of world points (x, y, z): pixels in *px and *py, returns the depth, which is <= 0
+// when the point has no image (behind the camera, or beyond the radius where the distortion turns
+// back). Selections instead of branches, and operators instead of fmin, rint and the like, which
+// PoCL does not inline: so loops around it become vector code (occupancy: 330 ms -> 60 ms).
+inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat y, vfloat z,
+                                  vfloat *px, vfloat *py)
 {
-    const float cx = camera[0] * x + camera[1] * y + camera[2] * z + camera[9];
-    const float cy = camera[3] * x + camera[4] * y + camera[5] * z + camera[10];
-    const float cz = camera[6] * x + camera[7] * y + camera[8] * z + camera[11];
-    const float inverse = 1.0f / cz;
-    const float u = cx * inverse, v = cy * inverse;
+    const vfloat cx = camera[0] * x + camera[1] * y + camera[2] * z + camera[9];
+    const vfloat cy = camera[3] * x + camera[4] * y + camera[5] * z + camera[10];
+    const vfloat cz = camera[6] * x + camera[7] * y + camera[8] * z + camera[11];
+    const vfloat inverse = 1.0f / cz;
+    const vfloat u = cx * inverse, v = cy * inverse;
 #ifdef NO_DISTORTION // set by callers whose cameras have none
-    const float xd = u, yd = v;
-    const int seen = cz > 1e-6f;
+    const vfloat xd = u, yd = v;
+    const vint seen = cz > 1e-6f;
 #else
-    const float r2 = u * u + v * v;
-    const int seen = (cz > 1e-6f) & (r2 < camera[22]);
+    const vfloat r2 = u * u + v * v;
+    const vint seen = (cz > 1e-6f) & (r2 < camera[22]);
     const float k1 = camera[17], k2 = camera[18], p1 = camera[19], p2 = camera[20];
-    const float radial = 1.0f + r2 * (k1 + r2 * (k2 + r2 * camera[21]));
-    const float xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
-    const float yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
+    const vfloat radial = 1.0f + r2 * (k1 + r2 * (k2 + r2 * camera[21]));
+    const vfloat xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
+    const vfloat yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
 #endif
-    const float px = camera[12] * xd + camera[16] * yd + camera[14];
-    const float py = camera[13] * yd + camera[15];
-    *pixel = (float2)(seen ? px : -1e6f, seen ? py : -1e6f);
+    *px = seen ? camera[12] * xd + camera[16] * yd + camera[14] : -1e6f;
+    *py = seen ? camera[13] * yd + camera[15] : -1e6f;
     return seen ? cz : (cz < 0.0f ? cz : 0.0f);
 }
 
-// The integer pixel nearest to `pixel`, or (-1, -1) if it lies outside the camera's image.
-inline int2 camera_pixel(__global const float *camera, float2 pixel)
+#if PACK == 1
+// The same for a single point.
+inline float camera_project(__global const float *camera, float x, float y, float z,
+                            float2 *pixel)
 {
-    const int2 nearest = convert_int2_rte(clamp(pixel, -2.0f, 1e6f));
-    const bool inside = nearest.x >= 0 && nearest.y >= 0 && nearest.x < (int)camera[23] &&
-                        nearest.y < (int)camera[24];
-    return inside ? nearest : (int2)(-1, -1);
+    float px, py;
+    const float depth = camera_project_pack(camera, x, y, z, &px, &py);
+    *pixel = (float2)(px, py);
+    return depth;
 }
+#endif
 
 // Offset y * width + x of the integer pixel nearest to `pixel` in an image whose rows are `width`
 // pixels apart, or -1 if it lies outside the camera's image.

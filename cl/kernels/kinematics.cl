@@ -1,15 +1,23 @@
-// Forward kinematics of all particles; twin: reference/kinematics.py. The tables and the defines
-// are explained in kinematics.h.
+// Forward kinematics of all particles, one work-group per pack; twin: reference/kinematics.py. The
+// tables and the defines are explained in kinematics.h.
 #include "kinematics.h"
 
-__kernel void pose_cones(int n_particles, __global const float *poses,
-                         __global const int4 *bones, __global const float *bone_fixed,
-                         __global const int4 *axes, __global const float *cones,
-                         __global float *posed)
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void pose_cones(int n_particles, __global const float *poses,
+                __global const int4 *bones, __global const float *bone_fixed,
+                __global const int4 *axes, __global const float *cones,
+                __global float *posed)
 {
-    const int particle = get_global_id(0);
-    if (particle >= n_particles) return;
-    float rotations[N_BONES][9], origins[N_BONES][3];
-    pose_bones(poses + particle * N_DOF, bones, bone_fixed, axes, rotations, origins, 0);
-    place_cones(cones, rotations, origins, posed + particle * N_CONES * CONE_FLOATS);
+    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
+    __local vfloat local_cones[N_CONES * CONE_FLOATS];
+    const int first = get_group_id(0) * PACK;
+    take_pose(poses, first, n_particles, axes, turns);
+    pose_bones(turns, bones, bone_fixed, axes, frames, 0);
+    place_cones(cones, frames, local_cones);
+    for (int i = get_local_id(0); i < N_CONES * CONE_FLOATS; i += GROUP) {
+        float lanes[PACK];
+        STORE_PACK(local_cones[i], lanes);
+        for (int l = 0; l < min(PACK, n_particles - first); ++l)
+            posed[(first + l) * N_CONES * CONE_FLOATS + i] = lanes[l];
+    }
 }

@@ -1,60 +1,13 @@
-// How badly the cones of every particle fit the voxels; twin: reference/likelihood.py.
-// Define: N_CONES.
+// How badly the poses of particles fit the voxels; twin: reference/likelihood.py.
+// Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
+// most GROUP.
+#include "kinematics.h"
 #include "camera.h"
-#include "cones.h"
+#include "packed_cones.h"
 
-// Corners further out than this, px, count as unseen: in float the lines between them would be off
-// by more than a hundredth of a pixel, at 1e9 px by whole pictures.
-#define FAR_OUT 1e5f
-
-// Song et al. eq. (14)-(15), one work-item per particle, cone and view: sums of (1 - p) and counts
-// over samples of the trapezoid that the cone shows. maps: (V, height, width) uchar2, silhouette
-// and edge proximity. sampling: rows along the cone, columns across it. sums: (V, N, C) float4 =
-// edge error, edge samples, silhouette error, silhouette samples.
-__kernel void score_images(int n_particles, int width, int height,
-                           __global const float *cones, __global const float *cameras,
-                           __global const uchar2 *maps, __global const int2 *sampling,
-                           __global float4 *sums)
-{
-    const int id = get_global_id(0), view = get_global_id(1);
-    if (id >= n_particles * N_CONES) return;
-    __global const float *camera = cameras + view * CAMERA_FLOATS;
-    __global const uchar2 *map = maps + view * width * height;
-
-    float3 corners[4];
-    cone_corners(cones + id * CONE_FLOATS, vload3(0, camera + 25), corners);
-    float2 pixels[4];
-    bool seen = true;
-    for (int i = 0; i < 4; ++i) {
-        seen &= camera_project(camera, corners[i].x, corners[i].y, corners[i].z, &pixels[i]) > 0;
-        seen &= all(fabs(pixels[i]) < FAR_OUT);
-    }
-
-    int edge_error = 0, edge_count = 0, inner_error = 0, inner_count = 0;
-    const int2 n = seen ? sampling[id % N_CONES] : (int2)(0, 0);
-    for (int row = 0; row < n.x; ++row) {
-        const float t = (row + 0.5f) / n.x;
-        const float2 left = mix(pixels[0], pixels[3], t);
-        const float2 right = mix(pixels[1], pixels[2], t);
-        for (int column = -1; column <= n.y; ++column) {
-            // Columns -1 and n.y are the two outlines, the others lie inside.
-            const bool edge = column < 0 || column == n.y;
-            const float u = column < 0 ? 0.0f : column == n.y ? 1.0f : (column + 0.5f) / n.y;
-            const int2 p = camera_pixel(camera, mix(left, right, u));
-            if (p.x < 0) continue;
-            const uchar2 value = map[p.y * width + p.x];
-            if (edge) {
-                edge_error += 255 - value.y;
-                ++edge_count;
-            } else {
-                inner_error += 255 - value.x;
-                ++inner_count;
-            }
-        }
-    }
-    sums[view * n_particles * N_CONES + id] =
-        (float4)(edge_error / 255.0f, edge_count, inner_error / 255.0f, inner_count);
-}
+#define OUTLINE_FLOATS 8
+// Items that look at one camera's map.
+#define VIEW_LANES (GROUP / VIEWS)
 
 // Every (count / n_points)-th surface voxel's centre, so that their number is the same in every
 // frame; points.w is 0 when there is no voxel at all.
@@ -73,79 +26,186 @@ __kernel void sample_surface(int n_points, __global const int *count,
     points[k] = (float4)(origin_size.xyz + (ijk + 0.5f) * origin_size.w, 1.0f);
 }
 
-// Mean over the sampled surface voxels of d^2 / (d^2 + scale^2), d the distance to the nearest
-// cone's surface (Geman & McClure 1987): 0 when all are explained, 1 when none is. One work-group
-// per particle.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void score_surface(int n_points, float scale, __global const float4 *points,
-                   __global const float *cones, __global float *errors)
-{
-    const int particle = get_group_id(0), lane = get_local_id(0);
-    __local float local_cones[N_CONES * CONE_FLOATS];
-    __local float partial[GROUP];
-    for (int i = lane; i < N_CONES * CONE_FLOATS; i += GROUP)
-        local_cones[i] = cones[particle * N_CONES * CONE_FLOATS + i];
-    barrier(CLK_LOCAL_MEM_FENCE);
+// Sums over samples of a map: 255 - value, and how many of them lie in the picture.
+typedef struct { vint edge, n_edge, inside, n_inside; } samples;
 
-    float sum = 0.0f;
-    for (int k = lane; k < n_points; k += GROUP) {
-        float nearest = 1e6f;
-        for (int c = 0; c < N_CONES; ++c)
-            nearest = fmin(nearest, fabs(CONE_DISTANCE(local_cones + c * CONE_FLOATS,
-                                                       points[k].xyz)));
-        const float ratio = nearest / scale;
-        sum += points[k].w > 0.0f ? ratio * ratio / (1.0f + ratio * ratio) : 1.0f;
-    }
-    partial[lane] = sum;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) partial[lane] += partial[lane + half_size];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    if (lane == 0) errors[particle] = partial[0] / n_points;
+// Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
+inline void take_sample(__global const float *camera, __global const uchar *channel, int width,
+                        vfloat x, vfloat y, vint *error, vint *count)
+{
+    const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint place = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
+#define PIXEL(l) channel[LANE_OF(place, l)]
+    const vint value = PACK_OF(vint, PIXEL);
+#undef PIXEL
+    *error += inside ? 255 - value : 0;
+    *count += inside & 1;
 }
 
-// How deep the parts that must not meet lie in each other: mean over `pairs` (first, second cone)
-// and three points of the first's axis of (overlap / radius)^2, at most 1 each.
-inline float overlap_error(__global const float *cones, int n_pairs, __global const int2 *pairs)
+// One row of a cone, x = its number, y = place along it: samples at the two outlines and z
+// evenly between them, w = 1 / z.
+inline void take_row(__global const float *camera, __global const uchar *map, int width,
+                     __local const vfloat *outlines, float4 row, samples *sums)
 {
-    float sum = 0.0f;
-    for (int i = 0; i < n_pairs; ++i) {
-        __global const float *first = cones + pairs[i].x * CONE_FLOATS;
-        __global const float *second = cones + pairs[i].y * CONE_FLOATS;
-        for (int j = 0; j < 3; ++j) {
-            const float t = 0.5f * j;
-            const float3 point = mix(vload3(0, first), vload3(0, first + 4), t);
-            const float radius = mix(first[3], first[7], t);
-            const float depth = clamp(1.0f - CONE_DISTANCE(second, point) / radius, 0.0f, 1.0f);
-            sum += depth * depth;
-        }
+    __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
+    const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;
+    const vfloat left_y = corner[1] + row.y * (corner[7] - corner[1]) + 0.5f;
+    const vfloat right_x = corner[2] + row.y * (corner[4] - corner[2]) + 0.5f;
+    const vfloat right_y = corner[3] + row.y * (corner[5] - corner[3]) + 0.5f;
+    take_sample(camera, map + 1, width, left_x, left_y, &sums->edge, &sums->n_edge);
+    take_sample(camera, map + 1, width, right_x, right_y, &sums->edge, &sums->n_edge);
+    const vfloat step_x = (right_x - left_x) * row.w, step_y = (right_y - left_y) * row.w;
+    const int n = (int)row.z;
+    for (int column = 0; column < n; ++column)
+        take_sample(camera, map, width, left_x + (column + 0.5f) * step_x,
+                    left_y + (column + 0.5f) * step_y, &sums->inside, &sums->n_inside);
+}
+
+// Song et al. eq. (14)-(15) of the cameras from `first_view` on, at most VIEWS of them: the items'
+// sums over the rows of all cones become error and 1 of every camera that sees both edge and
+// silhouette, else 0 and 0; the first item gets their sums.
+inline void score_views(int first_view, int n_views, int width, int height,
+                        __global const float *cameras, __global const uchar *maps, int n_rows,
+                        __global const float4 *rows, float2 weights,
+                        __local const vfloat *cones, __local vfloat *outlines,
+                        __local samples *partial, __local vfloat *views, vfloat *error,
+                        vfloat *seeing)
+{
+    const int lane = get_local_id(0), here = min(VIEWS, n_views - first_view);
+    for (int item = lane; item < here * N_CONES; item += GROUP)
+        cone_outline(cones + item % N_CONES * CONE_FLOATS,
+                     cameras + (first_view + item / N_CONES) * CAMERA_FLOATS,
+                     outlines + item * OUTLINE_FLOATS);
+    barrier(CLK_LOCAL_MEM_FENCE);
+
+    const int view = lane / VIEW_LANES, place = lane % VIEW_LANES;
+    samples sums = {0, 0, 0, 0};
+    if (view < here) {
+        __global const uchar *map = maps + 2 * (size_t)(first_view + view) * width * height;
+        for (int r = place; r < n_rows; r += VIEW_LANES)
+            take_row(cameras + (first_view + view) * CAMERA_FLOATS, map, width,
+                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], &sums);
     }
-    return n_pairs ? sum / (3 * n_pairs) : 0.0f;
+    partial[lane] = sums;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int size = VIEW_LANES; size > 1; size = (size + 1) / 2) {
+        const int other = place + (size + 1) / 2;
+        if (view < VIEWS && other < size) {
+            const samples more = partial[lane + (size + 1) / 2];
+            partial[lane].edge += more.edge;
+            partial[lane].n_edge += more.n_edge;
+            partial[lane].inside += more.inside;
+            partial[lane].n_inside += more.n_inside;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    if (place == 0 && view < here) {
+        sums = partial[lane];
+        const vint seen = (sums.n_edge > 0) & (sums.n_inside > 0);
+        const vfloat edge = TO_FLOAT(sums.edge) / (255.0f * TO_FLOAT(sums.n_edge));
+        const vfloat inside = TO_FLOAT(sums.inside) / (255.0f * TO_FLOAT(sums.n_inside));
+        views[2 * view] = seen ? weights.x * edge + weights.y * inside : 0.0f;
+        views[2 * view + 1] = seen ? (vfloat)1.0f : 0.0f;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane == 0)
+        for (int v = 0; v < here; ++v) {
+            *error += views[2 * v];
+            *seeing += views[2 * v + 1];
+        }
+}
+
+// Sum over this item's share of `n` surface voxels, every `stride`-th from `first` on, of
+// d^2 / (d^2 + scale^2), d the distance to the nearest cone's surface (Geman & McClure 1987).
+inline vfloat unexplained(int n_points, int first, int stride, int n, float scale,
+                          __global const float4 *points, __local const vfloat *cones,
+                          __local const vfloat *spans)
+{
+    vfloat sum = 0.0f;
+    for (int k = get_local_id(0); k < n; k += GROUP) {
+        const float4 point = points[(first + k * stride) % n_points];
+        const vpoint here = {point.x, point.y, point.z};
+        vfloat nearest = 1e6f;
+        for (int c = 0; c < N_CONES; ++c) {
+            const vfloat d =
+                packed_distance(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
+            nearest = least(nearest, d < 0.0f ? -d : d);
+        }
+        const vfloat ratio = nearest * (1.0f / scale);
+        sum += point.w > 0.0f ? ratio * ratio / (1.0f + ratio * ratio) : (vfloat)1.0f;
+    }
+    return sum;
+}
+
+// Sum over this item's share of `pairs` (first, second cone) and three points of the first's axis
+// of (overlap / radius)^2, at most 1 each: how deep parts that must not meet lie in each other.
+inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfloat *cones,
+                      __local const vfloat *spans)
+{
+    vfloat sum = 0.0f;
+    for (int item = get_local_id(0); item < 3 * n_pairs; item += GROUP) {
+        const int2 pair = pairs[item / 3];
+        const float t = 0.5f * (item % 3);
+        __local const vfloat *first = cones + pair.x * CONE_FLOATS;
+        const vpoint point = {first[0] + t * (first[4] - first[0]),
+                              first[1] + t * (first[5] - first[1]),
+                              first[2] + t * (first[6] - first[2])};
+        const vfloat radius = first[3] + t * (first[7] - first[3]);
+        const vfloat distance = packed_distance(cones + pair.y * CONE_FLOATS,
+                                                spans + pair.y * SPAN_FLOATS, point);
+        const vfloat depth = within(1.0f - distance / radius, 0.0f, 1.0f);
+        sum += depth * depth;
+    }
+    return sum;
 }
 
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
 // silhouette error, to which surface and overlap error are added once per camera. Cameras that
 // see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
-__kernel void total_errors(int n_particles, int n_views, int n_pairs, float4 weights,
-                           __global const float *cones, __global const int2 *pairs,
-                           __global const float4 *sums, __global const float *surface_errors,
-                           __global float *errors)
+// weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void score_poses(int n_particles, __global const float *poses,
+                 __global const int4 *bones, __global const float *bone_fixed,
+                 __global const int4 *axes, __global const float *body_cones,
+                 int n_views, int width, int height, __global const float *cameras,
+                 __global const uchar *maps, int n_rows, __global const float4 *rows,
+                 int n_points, int first_point, int stride, float scale,
+                 __global const float4 *points, int n_pairs, __global const int2 *pairs,
+                 float4 weights, __global float *errors)
 {
-    const int particle = get_global_id(0);
-    if (particle >= n_particles) return;
-    float error = 0.0f;
-    int seeing = 0;
-    for (int view = 0; view < n_views; ++view) {
-        float4 total = (float4)(0.0f);
-        for (int c = 0; c < N_CONES; ++c)
-            total += sums[(view * n_particles + particle) * N_CONES + c];
-        if (total.y == 0.0f || total.w == 0.0f) continue;
-        error += weights.x * total.x / total.y + weights.y * total.z / total.w;
-        ++seeing;
+    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
+    __local vfloat cones[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS];
+    __local vfloat outlines[VIEWS * N_CONES * OUTLINE_FLOATS], views[2 * VIEWS], sums[GROUP];
+    __local samples partial[GROUP];
+    const int lane = get_local_id(0), first = get_group_id(0) * PACK;
+    take_pose(poses, first, n_particles, axes, turns);
+    pose_bones(turns, bones, bone_fixed, axes, frames, 0);
+    place_cones(body_cones, frames, cones);
+    for (int c = lane; c < N_CONES; c += GROUP)
+        cone_span(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
+
+    vfloat error = 0.0f, seeing = 0.0f;
+    for (int view = 0; view < n_views; view += VIEWS)
+        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cones,
+                    outlines, partial, views, &error, &seeing);
+
+    const int n = (n_points + stride - 1) / stride;
+    vfloat sum = 0.0f;
+    if (weights.z > 0.0f)
+        sum += weights.z / n *
+               unexplained(n_points, first_point, stride, n, scale, points, cones, spans);
+    if (weights.w > 0.0f && n_pairs > 0)
+        sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
+    sums[lane] = sum;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
+        if (lane < half_size) sums[lane] += sums[lane + half_size];
+        barrier(CLK_LOCAL_MEM_FENCE);
     }
-    error = seeing ? error / seeing : weights.x + weights.y;
-    error += weights.z * surface_errors[particle];
-    error += weights.w * overlap_error(cones + particle * N_CONES * CONE_FLOATS, n_pairs, pairs);
-    errors[particle] = n_views * error;
+    if (lane == 0) {
+        error = seeing > 0.0f ? error / most(seeing, 1.0f) : (vfloat)(weights.x + weights.y);
+        float lanes[PACK];
+        STORE_PACK((float)n_views * (error + sums[0]), lanes);
+        for (int l = 0; l < PACK && first + l < n_particles; ++l) errors[first + l] = lanes[l];
+    }
 }

@@ -1,6 +1,6 @@
 // Gauss-Newton steps of the estimate against the surface voxels; twin: reference/refine.py.
 // Defines: GROUP, N_STEPS and those of kinematics.h.
-#include "kinematics.h"
+#include "kinematics_serial.h"
 #include "reduction.h"
 
 #define ROW (N_DOF + 2)
