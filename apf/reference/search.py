@@ -1,0 +1,96 @@
+"""What the NumPy searches share, and the voxel likelihood as their scorer. Twin of `Tracker`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.likelihood import cone_sampling
+from apf.reference.kinematics import posed_cones
+from apf.reference.likelihood import sampled_surface, total_errors
+from apf.reference.noise import normals
+from apf.reference.refine import refined
+from apf.tracker import Estimate, checked_pose
+from cl import NumpyDevice
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reprojection import NumpyReprojection
+
+
+class NumpyVoxelLikelihood:
+    """The same as `VoxelLikelihood` that looks at all points in each layer, in float64:
+    `observe(voxels)`, then `likelihood(poses)`."""
+
+    def __init__(
+        self,
+        device: NumpyDevice,
+        body: BodyModel,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        config: FilterConfig,
+    ) -> None:
+        self.body, self.rig, self.config = body, rig, config
+        self._reprojection = NumpyReprojection(device, rig, grid)
+        self._sampling = cone_sampling(body, config.sample_spacing)
+        self.points = np.empty((0, 3))
+
+    def observe(self, voxels: NumpyVoxels) -> None:
+        """Take the voxels of a frame."""
+        self._maps = self._reprojection(voxels)
+        self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Errors (N,) of poses (N, D)."""
+        cones = posed_cones(self.body, poses)
+        return total_errors(
+            self.rig, cones, self._maps, self.points, self._sampling, self.body.apart, self.config
+        )
+
+
+class NumpyTracker:
+    """`start(pose)` once, then `step(observation)` per frame, as `apf.tracker.Tracker`.
+
+    `scorer` has `observe(observation)` and, called with poses (N, D), gives their errors (N,);
+    where it has `points` (K, 3), the estimate is refined on them.
+    """
+
+    def __init__(self, body: BodyModel, scorer: Any, config: FilterConfig) -> None:
+        self.body, self.scorer, self.config = body, scorer, config
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles at `pose` (D,)."""
+        n = self.config.n_particles
+        self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
+        self._parents = np.arange(n)
+        self._frame = 0
+        self._last, self._drift = np.zeros((2, self.body.n_dof))
+
+    def step(self, observation: Any) -> Estimate:
+        """Track one frame further."""
+        self.scorer.observe(observation)
+        found = self._search()
+        pose = found.pose
+        points: np.ndarray | None = getattr(self.scorer, "points", None)
+        if points is not None:
+            pose = refined(self.body, pose, points, self.config)
+        # The first frame's change is the start's error, not a motion.
+        change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
+        self._last, self._drift = pose, pose - found.pose + self.config.velocity * change
+        self._frame += 1
+        return replace(found, pose=pose)
+
+    def _search(self) -> Estimate:
+        raise NotImplementedError
+
+    def _noise(self, layer: int) -> np.ndarray:
+        """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
+        config = self.config
+        shape = (config.n_particles, self.body.n_dof)
+        deviation = config.layer_noise[layer] * self.body.sigma
+        noise = deviation * normals(config.seed, self._frame, layer, *shape)
+        return noise + self._drift if layer == 0 else noise

@@ -1,0 +1,50 @@
+"""The SIR particle filter in NumPy. Twin of apf/sir.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.reference.annealing import (
+    annealing_exponent,
+    diffuse,
+    effective_size,
+    normalised_weights,
+    systematic_parents,
+)
+from apf.reference.noise import uniform
+from apf.reference.search import NumpyTracker
+from apf.sir import SirConfig, check_layers
+from apf.tracker import Estimate
+
+
+class NumpySirParticleFilter(NumpyTracker):
+    """Rymut 2016 algorithms 1 and 2; same signature as SirParticleFilter, with a twin as scorer."""
+
+    def __init__(
+        self,
+        device: object,
+        body: BodyModel,
+        scorer: Any,
+        config: FilterConfig,
+        sir: SirConfig | None = None,
+    ) -> None:
+        check_layers(config)
+        super().__init__(body, scorer, config)
+        self.sir = sir or SirConfig()
+
+    def _search(self) -> Estimate:
+        config, body = self.config, self.body
+        poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
+        squared = self.scorer(poses) ** 2
+        beta = self.sir.beta or annealing_exponent(squared, config.survival_rates[0])
+        weights = normalised_weights(squared, beta)
+        offset = uniform(config.seed, self._frame, 0)
+        self._poses, self._parents = poses, systematic_parents(weights, offset)
+        mean = weights @ poses
+        deviation = np.sqrt(weights @ (poses - mean) ** 2)
+        size = effective_size(squared, beta)
+        return Estimate(mean, deviation, *np.array([[size], [beta], [squared.min()]]))

@@ -1,0 +1,71 @@
+"""The particle swarm in NumPy. Twin of apf/swarm.py and swarm.cl."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.reference.annealing import diffuse
+from apf.reference.noise import philox4x32, uniform01
+from apf.reference.search import NumpyTracker
+from apf.swarm import SwarmConfig
+from apf.tracker import Estimate
+
+
+def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int]) -> np.ndarray:
+    """(N, D, 2) r1 and r2 of Rymut 2016 eq. (2.27), for every particle and degree of freedom."""
+    counter = np.zeros((*shape, 4), np.uint64)
+    counter[..., 0], counter[..., 1] = frame, iteration
+    counter[..., 2], counter[..., 3] = np.arange(shape[0])[:, None], np.arange(shape[1])
+    return uniform01(philox4x32(counter, seed)[..., :2])
+
+
+class NumpyParticleSwarm(NumpyTracker):
+    """Rymut 2016 eq. (2.27)-(2.31); same signature as ParticleSwarm, with a twin as scorer."""
+
+    def __init__(
+        self,
+        device: object,
+        body: BodyModel,
+        scorer: Any,
+        config: FilterConfig,
+        swarm: SwarmConfig | None = None,
+    ) -> None:
+        super().__init__(body, scorer, config)
+        self.swarm = swarm or SwarmConfig()
+
+    def _search(self) -> Estimate:
+        config, body, swarm = self.config, self.body, self.swarm
+        poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
+        velocities = np.zeros_like(poses)
+        bests, best_errors = poses.copy(), np.full(len(poses), np.inf)
+        best, history = 0, []
+        for iteration in range(config.n_layers):
+            if iteration:
+                r1, r2 = np.moveaxis(
+                    uniform_pairs(config.seed, self._frame, iteration, poses.shape), -1, 0
+                )
+                velocities *= swarm.inertia
+                velocities += swarm.cognitive * r1 * (bests - poses)
+                velocities += swarm.social * r2 * (bests[best] - poses)
+                poses, velocities = stopped_at_limits(body, poses + velocities, velocities)
+            errors = self.scorer(poses)
+            better = errors < best_errors
+            bests[better], best_errors[better] = poses[better], errors[better]
+            best = int(np.argmin(best_errors))
+            history.append((better.sum(), 0.0, best_errors[best]))
+        self._poses, self._parents = bests, np.full(len(poses), best)
+        improved, beta, least_error = np.array(history).T
+        deviation = np.sqrt(np.mean((bests - bests[best]) ** 2, axis=0))
+        return Estimate(bests[best], deviation, improved, beta, least_error)
+
+
+def stopped_at_limits(
+    body: BodyModel, poses: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (N, D) within the limits, and velocities that are 0 where one was reached."""
+    kept = np.clip(poses, body.lower, body.upper)
+    return kept, np.where(kept == poses, velocities, 0.0)
