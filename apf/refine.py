@@ -6,18 +6,19 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.kinematics import pack_body
-from apf.reference.kinematics import CONE_FLOATS
+from apf.kinematics import body_defines, pack_body
 from apf.reference.refine import cone_moves, prior_deviation
-from cl import Array, Device, Launch
+from cl import Array, Device, Launch, UserError
 
-_GROUP = 64
+#: Surface samples that a work-group works on.
+_BLOCK = 64
 
 
 class Refinement:
     """Moves the estimate in `result` (its first D values) onto the surface voxels of `points`.
 
     `shift` is the device array (D,) that says by how much; zero where nothing is refined.
+    Raises UserError if the body has more degrees of freedom than local memory can hold.
     """
 
     def __init__(self, device: Device, body: BodyModel, config: FilterConfig) -> None:
@@ -25,47 +26,80 @@ class Refinement:
         self.body = body
         self.config = config
         n = body.n_dof
+        columns, group = (4, 256) if device.is_gpu else (8, 1)
+        row = (n // columns + 1) * columns
+        self._check_room(4 * row * max(n, _BLOCK + 6))
+        self._defines = body_defines(body) | {
+            "PACK": 1, "GROUP": group, "COLUMNS": columns, "BLOCK": _BLOCK
+        }  # fmt: skip
+        self._n_parts = -(-config.n_points // _BLOCK)
         self.shift = device.zeros((n,), np.float32)
         self._body = [device.to_device(table, "the body model") for table in pack_body(body)]
-        self._moves = device.to_device(cone_moves(body))
+        moves = np.zeros((len(body.cones), row), np.float32)
+        moves[:, :n] = cone_moves(body) > 0
+        self._moves = device.to_device(moves)
         self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
-        self._scratch = [
-            device.empty(shape, np.float32, "the refinement")
-            for shape in ((n,), (len(body.cones), CONE_FLOATS), (n, 6), (config.n_points, n + 2))
-        ]
+        self._pose = device.empty((n,), np.float32)
+        self._least = device.empty((1,), np.float32)
+        self._parts = device.empty((self._n_parts, n * row + 1), np.float32, "the refinement")
 
     def launcher(self, points: Array, result: Array) -> list[Launch]:
-        """The launch that refines, arguments set; none with `refine_steps` 0."""
-        if self.config.refine_steps == 0:
-            return []
-        kernel = self.device.kernel(
-            "refine",
-            "refine",
-            GROUP=_GROUP,
-            N_STEPS=self.config.refine_steps,
-            N_DOF=self.body.n_dof,
-            N_BONES=len(self.body.bones),
-            N_CONES=len(self.body.cones),
+        """The launches that refine, arguments set; none with `refine_steps` 0."""
+        config, launches = self.config, []
+        steps, reach = config.refine_steps, config.refine_reach
+        for step in range(steps + 1 if steps else 0):
+            pose = self._pose if step else result
+            launches += [
+                self._system(points, pose, reach),
+                self._step(step == 0, step == steps, pose, result),
+            ]
+            reach = max(config.refine_scale, reach * config.refine_shrink)
+        return launches
+
+    def _system(self, points: Array, pose: Array, reach: float) -> Launch:
+        group = self._defines["GROUP"]
+        return self.device.launch(
+            self.device.kernel("refine", "refine_system", **self._defines),
+            (self._n_parts * group,),
+            (group,),
+            np.int32(self.config.n_points),
+            np.float32(self.config.refine_scale),
+            np.float32(reach),
+            points,
+            pose,
+            *self._body,
+            self._moves,
+            self._parts,
         )
-        return [
-            self.device.launch(
-                kernel,
-                (_GROUP,),
-                (_GROUP,),
-                np.int32(self.config.n_points),
-                np.float32(self.config.refine_scale),
-                np.float32(self.config.refine_reach),
-                np.float32(self.config.refine_shrink),
-                np.float32(self.config.refine_strength),
-                points,
-                *self._body,
-                self._moves,
-                self._sigma,
-                self._limits,
-                *self._scratch,
-                result,
-                self.shift,
+
+    def _step(self, first: bool, last: bool, pose: Array, result: Array) -> Launch:
+        config, group = self.config, self._defines["GROUP"]
+        strength = config.refine_strength / config.n_points
+        return self.device.launch(
+            self.device.kernel("refine", "refine_step", **self._defines),
+            (group,),
+            (group,),
+            np.int32(first),
+            np.int32(last),
+            np.int32(self._n_parts),
+            np.float32(strength),
+            np.float32(strength / config.refine_scale**2),
+            self._parts,
+            self._sigma,
+            self._limits,
+            pose,
+            self._pose,
+            self._least,
+            self.shift,
+            result,
+        )
+
+    def _check_room(self, nbytes: int) -> None:
+        room = self.device.handle.local_mem_size
+        if nbytes > room:
+            raise UserError(
+                f"refining the {self.body.n_dof} degrees of freedom of the body {self.body.name} "
+                f"needs {nbytes} bytes of local memory; {self.device.name} has {room}"
             )
-        ]

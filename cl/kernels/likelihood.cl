@@ -2,7 +2,6 @@
 // Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
 // most GROUP.
 #include "kinematics.h"
-#include "camera.h"
 #include "packed_cones.h"
 
 #define OUTLINE_FLOATS 8

@@ -1,5 +1,6 @@
 // Posed cones of a pack of particles in local memory; CONE_FLOATS numbers each as cones.h has them.
 // Twin: apf/reference/cones.py.
+#include "camera.h"
 #include "pack.h"
 
 // What distances need beside the cone, SPAN_FLOATS numbers: (axis, -axis . A) / axis . axis, whose

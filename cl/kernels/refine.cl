@@ -1,139 +1,183 @@
 // Gauss-Newton steps of the estimate against the surface voxels; twin: reference/refine.py.
-// Defines: GROUP, N_STEPS and those of kinematics.h.
-#include "kinematics_serial.h"
+// Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2) over the pose,
+// d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
+// that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,
+// Blake & Zisserman 1987). Every step is one launch of each kernel.
+// Defines: BLOCK, voxels of a work-group; COLUMNS, of the linear system that an item works on at
+// once; GROUP, a power of two; those of kinematics.h, PACK being 1.
+#include "kinematics.h"
+#include "cones.h"
+#include "packed_cones.h"
 #include "reduction.h"
 
-#define ROW (N_DOF + 2)
+// Numbers per row of the linear system: N_DOF derivatives, the distance, zeros up to whole blocks.
+#define BLOCKS ((N_DOF + COLUMNS) / COLUMNS)
+#define ROW (BLOCKS * COLUMNS)
+// What a group of voxels adds to the system: N_DOF rows, then its share of the cost.
+#define PART (N_DOF * ROW + 1)
+// A voxel's normal, moment (point x normal), distance, square root of its weight, nearest cone.
+#define VOXEL_FLOATS 9
 
-// One row of the linear system: derivatives of the distance of `point` to its nearest cone by the
-// degrees of freedom, the distance, and its weight (Geman & McClure 1987), which is 1 for no
-// distance.
-inline void distance_row(float4 point, float reach, __global const float *posed,
-                         __global const float *hinges, __global const uchar *moves,
-                         __global float *row)
+// Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
+// with normal n moves by moment . (p x n) + velocity . n along the normal.
+inline void find_twists(__global const int4 *axes, __local const float *hinges,
+                        __local float *twists)
 {
-    int nearest = 0;
-    float distance = INFINITY;
-    for (int c = 0; c < N_CONES; ++c) {
-        const float d = CONE_DISTANCE(posed + c * CONE_FLOATS, point.xyz);
-        if (fabs(d) < fabs(distance)) {
-            distance = d;
-            nearest = c;
-        }
-    }
-    const float3 normal = CONE_NORMAL(posed + nearest * CONE_FLOATS, point.xyz);
-    for (int dof = 0; dof < N_DOF; ++dof) {
-        const uchar kind = moves[nearest * N_DOF + dof];  // 0 not at all, 1 slides, 2 turns
-        const float3 axis = vload3(0, hinges + 6 * dof);
-        const float3 arm = point.xyz - vload3(0, hinges + 6 * dof + 3);
-        row[dof] = kind == 0 ? 0.0f : -dot(normal, kind == 1 ? axis : cross(axis, arm));
-    }
-    const float share = 1.0f + distance * distance / (reach * reach);
-    row[N_DOF] = distance;
-    row[N_DOF + 1] = point.w > 0.0f ? 1.0f / (share * share) : 0.0f;
-}
-
-// Solves matrix x = vector by Cholesky's method; the lower triangle of `matrix` is overwritten,
-// `vector` becomes x.
-inline void solve(__local float *matrix, __local float *vector)
-{
-    const int lane = get_local_id(0);
-    for (int k = 0; k < N_DOF; ++k) {
-        if (lane == 0) matrix[k * N_DOF + k] = sqrt(matrix[k * N_DOF + k]);
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (int i = k + 1 + lane; i < N_DOF; i += GROUP)
-            matrix[i * N_DOF + k] /= matrix[k * N_DOF + k];
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (int i = k + 1 + lane; i < N_DOF; i += GROUP)
-            for (int j = k + 1; j <= i; ++j)
-                matrix[i * N_DOF + j] -= matrix[i * N_DOF + k] * matrix[j * N_DOF + k];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    if (lane == 0) {
-        for (int i = 0; i < N_DOF; ++i) {
-            for (int j = 0; j < i; ++j) vector[i] -= matrix[i * N_DOF + j] * vector[j];
-            vector[i] /= matrix[i * N_DOF + i];
-        }
-        for (int i = N_DOF - 1; i >= 0; --i) {
-            for (int j = i + 1; j < N_DOF; ++j) vector[i] -= matrix[j * N_DOF + i] * vector[j];
-            vector[i] /= matrix[i * N_DOF + i];
-        }
+    for (int i = get_local_id(0); i < 6 * ROW; i += GROUP) twists[i] = 0.0f;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
+        const int dof = axes[a].z;
+        const float3 axis = vload3(0, hinges + 6 * dof), place = vload3(0, hinges + 6 * dof + 3);
+        const bool slides = axes[a].x < 3;
+        const float3 moment = slides ? (float3)(0.0f) : axis;
+        const float3 velocity = slides ? axis : cross(place, axis);
+        twists[dof] = moment.x;
+        twists[ROW + dof] = moment.y;
+        twists[2 * ROW + dof] = moment.z;
+        twists[3 * ROW + dof] = velocity.x;
+        twists[4 * ROW + dof] = velocity.y;
+        twists[5 * ROW + dof] = velocity.z;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2)
-// over the pose, d the distance of a surface voxel to the nearest cone, from the mean in
-// `result`, which the best pose met replaces; shift: by how much. The steps weigh voxels by a
-// scale that shrinks from `reach` to `scale`, so that those far from any cone pull first
-// (graduated non-convexity, Blake & Zisserman 1987). One work-group.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine(int n_points, float scale, float reach, float shrink, float strength,
-            __global const float4 *points,
-            __global const int4 *bones, __global const float *bone_fixed,
-            __global const int4 *axes, __global const float *cones,
-            __global const uchar *moves, __global const float *sigma,
-            __global const float2 *limits, __global float *pose, __global float *posed,
-            __global float *hinges, __global float *rows, __global float *result,
-            __global float *shift)
+// Looks at one voxel: see VOXEL_FLOATS. The weight of no distance is 1 (Geman & McClure 1987).
+inline float look_at(float4 point, float reach, __local const float *posed,
+                     __local const float *spans, __local float *voxel)
 {
-    __local float matrix[N_DOF * N_DOF], vector[N_DOF], scratch[GROUP];
-    const int lane = get_local_id(0);
-    for (int dof = lane; dof < N_DOF; dof += GROUP) {
-        pose[dof] = result[dof];
-        shift[dof] = 0.0f;
+    const vpoint here = {point.x, point.y, point.z};
+    int nearest = 0;
+    float distance = INFINITY;
+    for (int c = 0; c < N_CONES; ++c) {
+        const float d = packed_distance(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
+        const bool nearer = fabs(d) < fabs(distance);
+        distance = nearer ? d : distance;
+        nearest = nearer ? c : nearest;
     }
-    const float weight = strength / (n_points * scale * scale);
-    float least = INFINITY;
+    const float3 normal = CONE_NORMAL(posed + nearest * CONE_FLOATS, point.xyz);
+    vstore3(normal, 0, voxel);
+    vstore3(cross(point.xyz, normal), 0, voxel + 3);
+    voxel[6] = distance;
+    voxel[7] = point.w > 0.0f ? 1.0f / (1.0f + distance * distance / (reach * reach)) : 0.0f;
+    voxel[8] = nearest;
+    return distance;
+}
 
-    // The last round's step is taken in vain: PoCL 3 miscompiles a loop left between barriers.
-    for (int step = 0; step <= N_STEPS; ++step) {
-        barrier(CLK_GLOBAL_MEM_FENCE);
-        if (lane == 0) {
-            float rotations[N_BONES][9], origins[N_BONES][3];
-            pose_bones(pose, bones, bone_fixed, axes, rotations, origins, hinges);
-            place_cones(cones, rotations, origins, posed);
-        }
-        barrier(CLK_GLOBAL_MEM_FENCE);
+// Linear system of BLOCK voxels at `pose`, and their share of the cost.
+// moves: N_CONES x ROW, 1 where a degree of freedom moves a cone. parts: PART per work-group.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_system(int n_points, float scale, float reach, __global const float4 *points,
+                   __global const float *pose, __global const int4 *bones,
+                   __global const float *bone_fixed, __global const int4 *axes,
+                   __global const float *cones, __global const float *moves,
+                   __global float *parts)
+{
+    __local float turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
+    __local float posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS], twists[6 * ROW];
+    __local float voxels[BLOCK * VOXEL_FLOATS], rows[BLOCK * ROW], scratch[GROUP];
+    const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
+    const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
+    take_pose(pose, 0, 1, axes, turns);
+    pose_bones(turns, bones, bone_fixed, axes, frames, hinges);
+    place_cones(cones, frames, posed);
+    for (int c = lane; c < N_CONES; c += GROUP)
+        cone_span(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
+    find_twists(axes, hinges, twists);
 
-        float cost = 0.0f;
-        for (int k = lane; k < n_points; k += GROUP) {
-            __global float *row = rows + k * ROW;
-            distance_row(points[k], reach, posed, hinges, moves, row);
-            const float d2 = row[N_DOF] * row[N_DOF];
-            cost += strength / n_points * (points[k].w > 0.0f ? d2 / (d2 + scale * scale) : 1.0f);
+    float cost = 0.0f;
+    for (int k = lane; k < n; k += GROUP) {
+        const float4 point = points[first + k];
+        const float d = look_at(point, reach, posed, spans, voxels + k * VOXEL_FLOATS);
+        cost += point.w > 0.0f ? d * d / (d * d + scale * scale) : 1.0f;
+    }
+    cost = group_sum(scratch, cost);  // waits for the voxels, too
+    for (int item = lane; item < n * BLOCKS; item += GROUP) {
+        const int k = item / BLOCKS, j = item % BLOCKS * COLUMNS;
+        __local const float *voxel = voxels + k * VOXEL_FLOATS, *twist = twists + j;
+        __global const float *moved = moves + (int)voxel[8] * ROW + j;
+        for (int c = 0; c < COLUMNS; ++c) {
+            const float by =
+                twist[c] * voxel[3] + twist[ROW + c] * voxel[4] + twist[2 * ROW + c] * voxel[5] +
+                twist[3 * ROW + c] * voxel[0] + twist[4 * ROW + c] * voxel[1] +
+                twist[5 * ROW + c] * voxel[2];
+            rows[k * ROW + j + c] = voxel[7] * (j + c == N_DOF ? voxel[6] : -moved[c] * by);
         }
-        for (int dof = lane; dof < N_DOF; dof += GROUP) {
-            const float away = (pose[dof] - result[dof]) / sigma[dof];
-            cost += away * away;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    __global float *part = parts + get_group_id(0) * PART;
+    for (int item = lane; item < N_DOF * BLOCKS; item += GROUP) {
+        const int i = item / BLOCKS, j = item % BLOCKS * COLUMNS;
+        float sums[COLUMNS];
+        for (int c = 0; c < COLUMNS; ++c) sums[c] = 0.0f;
+        for (int k = 0; k < n; ++k) {
+            const float left = rows[k * ROW + i];
+            for (int c = 0; c < COLUMNS; ++c) sums[c] += left * rows[k * ROW + j + c];
         }
-        cost = group_sum(scratch, cost);
-        if (cost < least) {
-            least = cost;
-            for (int dof = lane; dof < N_DOF; dof += GROUP) shift[dof] = pose[dof] - result[dof];
-        }
-        barrier(CLK_GLOBAL_MEM_FENCE);
-        for (int e = lane; e < N_DOF * N_DOF; e += GROUP) {
-            const int i = e / N_DOF, j = e % N_DOF;
-            if (j > i) continue;
-            const float prior = 1.0f / (sigma[i] * sigma[i]);
-            float sum = 0.0f, right = 0.0f;
-            for (int k = 0; k < n_points; ++k) {
-                __global const float *row = rows + k * ROW;
-                const float weighted = row[N_DOF + 1] * row[i];
-                sum += weighted * row[j];
-                right += weighted * row[N_DOF];
-            }
-            matrix[e] = weight * sum + (i == j ? prior : 0.0f);
-            if (i == j)
-                vector[i] = weight * right + prior * (pose[i] - result[i]);
+        for (int c = 0; c < COLUMNS; ++c) part[i * ROW + j + c] = sums[c];
+    }
+    if (lane == 0) part[PART - 1] = cost;
+}
+
+// Solves the N_DOF equations of `system`, their right side in column N_DOF, by Gauss and Jordan's
+// method: no step reads what another item writes in it, and no matrix of this kind needs pivots.
+// Row i ends as diagonal times the solution's element i.
+inline void solve(__local float *system)
+{
+    for (int k = 0; k < N_DOF; ++k) {
+        for (int e = get_local_id(0); e < N_DOF * (N_DOF + 1); e += GROUP) {
+            const int i = e / (N_DOF + 1), j = e % (N_DOF + 1);
+            if (i != k && j > k)
+                system[i * ROW + j] -=
+                    system[i * ROW + k] / system[k * ROW + k] * system[k * ROW + j];
         }
         barrier(CLK_LOCAL_MEM_FENCE);
-        solve(matrix, vector);
-        for (int dof = lane; dof < N_DOF; dof += GROUP)
-            pose[dof] = clamp(pose[dof] - vector[dof], limits[dof].x, limits[dof].y);
-        reach = fmax(scale, reach * shrink);
     }
+}
+
+// Takes a step from `pose`: the next one into `next`. The best pose met is kept as its difference
+// from the mean in `result`, `shift`, and its cost, `least`; the last step adds it to the result.
+// strength: that of the mean over all voxels; weight: of one voxel in the linear system.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_step(int first, int last, int n_parts, float strength, float weight,
+                 __global const float *parts, __global const float *sigma,
+                 __global const float2 *limits, __global const float *pose,
+                 __global float *next, __global float *least, __global float *shift,
+                 __global float *result)
+{
+    __local float system[N_DOF * ROW], scratch[GROUP];
+    const int lane = get_local_id(0);
+    float cost = 0.0f;
+    for (int part = lane; part < n_parts; part += GROUP)
+        cost += strength * parts[part * PART + PART - 1];
+    for (int dof = lane; dof < N_DOF; dof += GROUP) {
+        const float away = (pose[dof] - result[dof]) / sigma[dof];
+        cost += away * away;
+    }
+    cost = group_sum(scratch, cost);
+    const bool better = first || cost < *least;
+    if (better)
+        for (int dof = lane; dof < N_DOF; dof += GROUP) shift[dof] = pose[dof] - result[dof];
     barrier(CLK_GLOBAL_MEM_FENCE);
-    for (int dof = lane; dof < N_DOF; dof += GROUP) result[dof] += shift[dof];
+    if (lane == 0 && better) *least = cost;
+    if (last) {
+        for (int dof = lane; dof < N_DOF; dof += GROUP) result[dof] += shift[dof];
+        return;
+    }
+    for (int e = lane; e < N_DOF * ROW; e += GROUP) {
+        float sum = 0.0f;
+        for (int part = 0; part < n_parts; ++part) sum += parts[part * PART + e];
+        const int i = e / ROW, j = e % ROW;
+        const float prior = 1.0f / (sigma[i] * sigma[i]);
+        sum *= weight;
+        if (j == i) sum += prior;
+        if (j == N_DOF) sum += prior * (pose[i] - result[i]);
+        system[e] = sum;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    solve(system);
+    for (int dof = lane; dof < N_DOF; dof += GROUP) {
+        const float step = system[dof * ROW + N_DOF] / system[dof * ROW + dof];
+        const float value = pose[dof] - step;
+        next[dof] = clamp(value, limits[dof].x, limits[dof].y);
+    }
 }
