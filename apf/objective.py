@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from apf.body import BodyModel
-from apf.rendering import FlatRenderer
+from apf.meshes import FRUSTUM_VERTICES, BodyMesh, cone_mesh
+from apf.rendering import renderer_for
 from cl import Array, Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.launching import row_group
@@ -27,8 +28,9 @@ class ObjectiveConfig:
     kind: one of KINDS. silhouette_weight, edge_weight: w1 and w2 of Rymut 2016 eq. (4.46)-(4.50),
     factors that add up to 1 for the weighted kinds, exponents for the others. balance: beta of
     eq. (4.41), share of the image's silhouette against the model's. labels: segment of each of the
-    body's cones, from 1 on, for silhouettes segmented alike (eq. 4.43); none for plain ones.
-    label_weights: of the segments, equal by default; divided by their sum.
+    shape's parts (the body's cones), from 1 on, for silhouettes segmented alike (eq. 4.43); none
+    for plain ones. label_weights: of the segments, equal by default; divided by their sum.
+    vertices_per_part: shape model, table 6.5: 4 draws cones as trapezoids, more as frusta.
     """
 
     kind: str = "sp"
@@ -37,6 +39,7 @@ class ObjectiveConfig:
     balance: float = 0.5
     labels: tuple[int, ...] = ()
     label_weights: tuple[float, ...] = ()
+    vertices_per_part: int = 4
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -48,6 +51,11 @@ class ObjectiveConfig:
             raise UserError(f"the weights of {self.kind} are {w1} and {w2}; expected a sum of 1")
         if not 0 <= self.balance <= 1:
             raise UserError(f"the balance is {self.balance}; expected 0 to 1")
+        known = (4, *FRUSTUM_VERTICES)
+        if self.vertices_per_part not in known:
+            raise UserError(
+                f"{self.vertices_per_part} vertices per part; expected {listed(map(str, known))}"
+            )
         self._check_labels()
 
     def _check_labels(self) -> None:
@@ -72,15 +80,16 @@ class ObjectiveConfig:
         weights = np.array(self.label_weights or (1.0,) * self.n_labels)
         return weights / weights.sum()
 
-    def cone_labels(self, body: BodyModel) -> np.ndarray:
-        """(C,) int32 label of each cone, from 0. Raises UserError for another number of cones."""
-        labels = self.labels or (1,) * len(body.cones)
-        if len(labels) != len(body.cones):
-            raise UserError(
-                f"{len(labels)} labels for the {len(body.cones)} cones of {body.name}; "
-                "expected one for each"
-            )
+    def part_labels(self, n_parts: int) -> np.ndarray:
+        """(P,) int32 label of each part, from 0. Raises UserError for another number of parts."""
+        labels = self.labels or (1,) * n_parts
+        if len(labels) != n_parts:
+            raise UserError(f"{len(labels)} labels for {n_parts} parts; expected one for each")
         return np.array(labels, np.int32) - 1
+
+    def mesh(self, body: BodyModel) -> BodyMesh | None:
+        """The shape of `body`; None stands for the flat model."""
+        return cone_mesh(body, self.vertices_per_part) if self.vertices_per_part > 4 else None
 
 
 class FeatureMaps(Protocol):
@@ -98,6 +107,7 @@ class FeatureMaps(Protocol):
 class ImageObjective:
     """A `Scorer` of poses of `body` by the silhouettes and edges that `rig` sees.
 
+    mesh: what is drawn, by default what `config` makes of the body's cones.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
     match. Twin: reference/objective.py.
     """
@@ -109,6 +119,7 @@ class ImageObjective:
         rig: CameraRig,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
+        mesh: BodyMesh | None = None,
     ) -> None:
         self.device, self.rig = device, rig
         self.config = config = config or ObjectiveConfig()
@@ -122,7 +133,9 @@ class ImageObjective:
         self._areas = device.empty((len(rig), n_labels), np.int32, "the silhouettes' areas")
         self._shares = device.to_device(config.shares.astype(np.float32), "the labels' weights")
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
-        self._renderer = FlatRenderer(device, body, rig, n_hypotheses, config.cone_labels(body))
+        mesh = mesh or config.mesh(body)
+        labels = config.part_labels(mesh.n_parts if mesh else len(body.cones))
+        self._renderer = renderer_for(device, body, rig, n_hypotheses, labels, mesh)
         self._observed: tuple[Array | None, ...] = ()
         self._preparation: list[Launch] = []
 

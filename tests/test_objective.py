@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import bodies
 import cv2
 import numpy as np
 import pytest
+import rendered
 import scenes
 from conftest import shared_data
-from scipy import ndimage
 
 from apf.body import BodyModel, load_body
 from apf.evaluate import load_truth
 from apf.initial import fit_to_joints
 from apf.joint_names import match_joints
 from apf.objective import KINDS, ImageObjective, ObjectiveConfig, objective_for
-from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from apf.reference.kinematics import CONE_FLOATS
 from apf.reference.objective import objective_values
 from apf.reference.render import flat_body
-from apf.rendering import draw_hypotheses, whole_pictures
+from apf.rendering import whole_pictures
 from cl import Device, NumpyDevice, UserError
 from psfs.camera import Camera, CameraRig
 from psfs.sequence import Sequence
@@ -46,53 +45,6 @@ def cone(start: list[float], end: list[float], radius: float) -> np.ndarray:
     row[0:3], row[3], row[4:7], row[7] = start, radius, end, radius
     row[8:11], row[12:15] = side, np.cross(axis, side)
     return row
-
-
-@dataclass(frozen=True)
-class Maps:
-    """What an objective observes."""
-
-    maps: Any
-    roi: Any
-    labels: Any = None
-
-    def on(self, device: Device) -> Maps:
-        arrays = (self.maps, self.roi, self.labels)
-        return Maps(*(None if a is None else device.to_device(a) for a in arrays))
-
-
-def random_maps(rig: CameraRig, n_labels: int = 1, seed: int = 0) -> Maps:
-    """Blobs for silhouettes, smooth edge proximity, regions that cut some of both off."""
-    random = np.random.default_rng(seed)
-    shape = (len(rig), rig.height, rig.width)
-    smooth = ndimage.gaussian_filter(random.normal(size=(2, *shape)), (0, 0, 5, 5))
-    blobs = np.where(smooth[0] > 0, 255, 0)
-    nearness = 255 * (smooth[1] - smooth[1].min()) / np.ptp(smooth[1])
-    roi = whole_pictures(rig)
-    roi[0] += [3, 5, -40, -11]
-    roi[-1] += [33, 0, -1, -2]
-    segments = ndimage.gaussian_filter(random.normal(size=(n_labels + 1, *shape)), (0, 0, 4, 4))
-    maps = np.rint(np.stack([blobs, nearness], -1)).astype(np.uint8)
-    return Maps(maps, roi, segments.argmax(0).astype(np.uint8))
-
-
-def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
-    """Poses in front of the cameras, at their sides, around and behind them."""
-    poses = bodies.random_poses(body, n, wild=True)
-    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
-    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
-    poses[: n // 2, places] *= 0.1
-    return np.clip(poses, body.lower, body.upper).astype(np.float32)
-
-
-def errors_of(device: Device, objective: ImageObjective, poses: np.ndarray) -> np.ndarray:
-    for launch in objective.launcher(device.to_device(poses.astype(np.float32))):
-        launch()
-    return objective.errors.get()
-
-
-def edged(body: BodyModel) -> np.ndarray:
-    return np.array([cone.in_images for cone in body.cones])
 
 
 def test_a_cone_is_a_rectangle_with_two_edges() -> None:
@@ -135,48 +87,13 @@ def test_cones_behind_the_camera_are_not_drawn() -> None:
 @pytest.mark.parametrize("size", [(64, 51), (333, 240)])
 def test_pictures_equal_the_twins(device: Device, name: str, size: tuple[int, int]) -> None:
     body, rig = bodies.named(name), scenes.ring(3, size)
-    poses = scattered_poses(body, 8)
-    drawn = draw_hypotheses(device, body, rig, poses)
-    cones = posed_cones(body, poses)
-    differing = painted = 0
-    for i in range(len(poses)):
-        for v, camera in enumerate(rig):
-            parts, edges = flat_body(camera, cones[i], edged(body))
-            picture = drawn[i, v, : camera.size[1], : camera.size[0]]
-            wrong = (parts != picture[..., 0]) | (edges != (picture[..., 1] > 0))
-            differing += np.count_nonzero(wrong)
-            painted += np.count_nonzero(parts)
-            assert np.count_nonzero(drawn[i, v]) == np.count_nonzero(picture)  # no padding
-    assert painted > 500
-    # The boundary band: pixels on a part's outline, where rounding decides.
-    assert differing <= 2 + 1e-3 * painted
+    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 8))
 
 
 @pytest.mark.parametrize("n_labels", [1, 3])
 def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
     body, rig = load_body("song31"), scenes.ring(3, (161, 123))
-    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
-    observed = random_maps(rig, n_labels)
-    poses = scattered_poses(body, 7)
-    objective = ImageObjective(device, body, rig, 7, ObjectiveConfig(labels=labels))
-    objective.observe(observed.on(device))
-    errors_of(device, objective, poses)
-    counts = objective._renderer.counts.get()
-    pictures = draw_hypotheses(device, body, rig, poses)
-    for v, (x0, y0, x1, y1) in enumerate(observed.roi):
-        parts, edges = np.moveaxis(pictures[:, v, y0:y1, x0:x1], -1, 0)
-        maps, segments = observed.maps[v, y0:y1, x0:x1], observed.labels[v, y0:y1, x0:x1]
-        near_edge = (edges > 0) * maps[..., 1].astype(int)
-        assert (counts[v, :, 0] == (edges > 0).sum((1, 2))).all()
-        assert (counts[v, :, 1] == near_edge.sum((1, 2))).all()
-        label_of = np.array([0, *(labels or [1] * len(body.cones))])
-        for label in range(1, n_labels + 1):
-            model = label_of[parts] == label
-            image = segments == label if labels else maps[..., 0] > 127
-            assert (counts[v, :, 2 * label] == model.sum((1, 2))).all()
-            assert (counts[v, :, 2 * label + 1] == (model & image).sum((1, 2))).all()
-    assert counts[..., 1].max() > 0
-    assert counts[..., 3].max() > 0
+    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7), n_labels)
 
 
 @pytest.mark.parametrize(
@@ -187,16 +104,18 @@ def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> Non
     labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
     weights = (1.0, 2.0, 0.5, 0.0) if labels else ()
     config = ObjectiveConfig(kind, 0.7, 0.3, 0.4, labels, weights)
-    observed = random_maps(rig, n_labels)
-    poses = scattered_poses(body, 9)
+    observed = rendered.random_maps(rig, n_labels)
+    poses = rendered.scattered_poses(body, 9)
     objective = ImageObjective(device, body, rig, 9, config)
     twin = objective_for(NumpyDevice(), body, rig, 9, config)
     twin.observe(observed)
     expected = twin(poses)
     for _ in range(2):  # what is left of a frame does not reach the next
-        objective.observe(random_maps(rig, n_labels, seed=1).on(device))
+        objective.observe(rendered.random_maps(rig, n_labels, seed=1).on(device))
         objective.observe(observed.on(device))
-        np.testing.assert_allclose(errors_of(device, objective, poses), expected, atol=2e-3)
+        np.testing.assert_allclose(
+            rendered.errors_of(device, objective, poses), expected, atol=2e-3
+        )
     assert np.ptp(expected) > 0.01
 
 
@@ -231,6 +150,7 @@ def test_the_five_functions_by_hand() -> None:
         ({"kind": "ws", "silhouette_weight": 0.9}, "expected a sum of 1"),
         ({"edge_weight": -1.0}, "expected numbers from 0"),
         ({"balance": 1.5}, "expected 0 to 1"),
+        ({"vertices_per_part": 6}, "6 vertices per part; expected"),
         ({"labels": (1, 3)}, "expected all of 1 to 3"),
         ({"labels": (1, 2), "label_weights": (1.0,)}, "expected 2 numbers"),
     ],
@@ -240,9 +160,9 @@ def test_wrong_settings_are_named(settings: dict[str, Any], message: str) -> Non
         ObjectiveConfig(**settings)
 
 
-def test_labels_are_one_per_cone() -> None:
-    with pytest.raises(UserError, match=r"2 labels for the 13 cones of song31"):
-        ObjectiveConfig(labels=(1, 2)).cone_labels(load_body("song31"))
+def test_labels_are_one_per_part() -> None:
+    with pytest.raises(UserError, match="2 labels for 13 parts"):
+        ObjectiveConfig(labels=(1, 2)).part_labels(13)
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +184,7 @@ def test_the_walkers_true_pose_covers_its_silhouette(device: Device, walker: Any
     away[body.dof_names.index("pelvis.tx")] += 0.5
     objective = ImageObjective(device, body, rig, 2, ObjectiveConfig("ws", 1.0, 0.0))
     maps = np.stack([masks, np.zeros_like(masks)], -1)
-    objective.observe(Maps(maps, whole_pictures(rig)).on(device))
-    right, wrong = 1 - errors_of(device, objective, np.stack([pose, away]))
+    objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
+    right, wrong = 1 - rendered.errors_of(device, objective, np.stack([pose, away]))
     assert right >= 0.85
     assert wrong < 0.4

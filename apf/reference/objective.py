@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from apf.body import BodyModel
+from apf.meshes import BodyMesh
 from apf.objective import FeatureMaps, ObjectiveConfig
-from apf.reference.kinematics import posed_cones
-from apf.reference.render import flat_body
+from apf.reference.render import Picture, draw_hypotheses
 from cl import NumpyDevice
 from psfs.camera import CameraRig
 
 
 def count_pixels(
-    rig: CameraRig,
-    body: BodyModel,
-    cones: np.ndarray,
+    pictures: Sequence[Sequence[Picture]],
     maps: np.ndarray,
     roi: np.ndarray,
     segments: np.ndarray,
     labels: np.ndarray,
 ) -> np.ndarray:
-    """(V, N, 2 + 2 L) of cones (N, C, 16): edge pixels, the sum of the edge proximity 0..255
-    there, then per label area and overlap (Rymut 2016 eq. 4.30-4.34, 4.37-4.40), within `roi`.
+    """(V, N, 2 + 2 L) of pictures by view and hypothesis, each the parts and edges (h, w): edge
+    pixels, the sum of the edge proximity 0..255 there, then per label area and overlap (Rymut 2016
+    eq. 4.30-4.34, 4.37-4.40), within `roi`.
 
-    segments: (V, H, W) label of each pixel of the silhouettes, from 1. labels: (C,) from 0.
+    segments: (V, H, W) label of each pixel of the silhouettes, from 1. labels: (P,) from 0.
     """
     n_labels = int(labels.max()) + 1
-    counts = np.zeros((len(rig), len(cones), 2 + 2 * n_labels))
-    edged = np.array([cone.in_images for cone in body.cones])
+    counts = np.zeros((len(pictures), len(pictures[0]), 2 + 2 * n_labels))
     segment_of = np.concatenate([[0], labels + 1])
-    for v, camera in enumerate(rig):
-        x0, y0, x1, y1 = roi[v]
+    for v, (x0, y0, x1, y1) in enumerate(roi):
         region = np.s_[y0:y1, x0:x1]
         near_edge, image = maps[v, ..., 1][region].astype(np.float64), segments[v][region]
-        for i, posed in enumerate(cones):
-            parts, edges = flat_body(camera, posed, edged)
+        for i, (parts, edges) in enumerate(pictures[v]):
             model, edge = segment_of[parts[region]], edges[region]
             counts[v, i, :2] = edge.sum(), near_edge[edge].sum()
             for label in range(1, n_labels + 1):
@@ -78,9 +76,12 @@ class NumpyImageObjective:
         rig: CameraRig,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
+        mesh: BodyMesh | None = None,
     ) -> None:
         self.body, self.rig, self.config = body, rig, config or ObjectiveConfig()
-        self._labels = self.config.cone_labels(body)
+        self.mesh = mesh or self.config.mesh(body)
+        n_parts = self.mesh.n_parts if self.mesh else len(body.cones)
+        self._labels = self.config.part_labels(n_parts)
 
     def observe(self, observation: FeatureMaps) -> None:
         """Take the features of a frame, NumPy arrays."""
@@ -92,10 +93,8 @@ class NumpyImageObjective:
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
-        cones = posed_cones(self.body, poses)
-        counts = count_pixels(
-            self.rig, self.body, cones, self._maps, self._roi, self._segments, self._labels
-        )
+        pictures = draw_hypotheses(self.body, self.rig, poses, self.mesh)
+        counts = count_pixels(pictures, self._maps, self._roi, self._segments, self._labels)
         return 1 - objective_values(counts, self._image_areas(), self.config)
 
     def _image_areas(self) -> np.ndarray:
