@@ -13,12 +13,12 @@ from __future__ import annotations
 import argparse
 import sys
 
-from timings import psfs_timings
+from timings import psfs_timings, whole_timings
 
 from psfs.commandline import run_command
 
 #: One module per subcommand.
-SUBCOMMANDS = (psfs_timings,)
+SUBCOMMANDS = (whole_timings, psfs_timings)
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import count
 
 import cv2
@@ -22,16 +23,21 @@ VIEWS, SHAPE = 8, (150, 150, 100)
 #: The room around the walk, m.
 _LOW, _SIZE = np.array([-1.5, -1.5, 0.0]), np.array([3.0, 3.0, 2.0])
 _PLATES = 12
+#: Frames per second; the frame in the middle of the room.
+FPS, _MIDDLE = 30.0, 30
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Pictures of pinhole cameras: what they saw through their lenses, undistorted, so that
-    programs that know no distortion compute the same. frames: pictures and true masks."""
+    programs that know no distortion compute the same. frames: pictures and true masks.
+    joints: (F, J, 3) m, the truth; joint_names: (J,)."""
 
     rig: CameraRig
     background: Background
     frames: Sequence[Frame]
+    joints: np.ndarray
+    joint_names: tuple[str, ...]
 
     def part(self, views: int) -> Scene:
         """With `views` of the cameras, spread around the room."""
@@ -39,15 +45,19 @@ class Scene:
         rig = CameraRig(tuple(self.rig[k] for k in picked))
         background = Background(self.background.mean[picked], self.background.std[picked])
         frames = [Frame(f.index, _at(f.images, picked), _at(f.masks, picked)) for f in self.frames]
-        return Scene(rig, background, frames)
+        return replace(self, rig=rig, background=background, frames=frames)
 
 
 def playing(frames: Sequence[Frame]) -> Iterator[Frame]:
     """The frames forth and back without end, numbered on: each follows the one before."""
-    there_and_back = [*frames, *frames[-2:0:-1]]
     for index in count():
-        frame = there_and_back[index % len(there_and_back)]
+        frame = frames[there_and_back(index, len(frames))]
         yield Frame(index, frame.images, frame.masks)
+
+
+def there_and_back(index: int, n: int) -> int:
+    """Which of `n` things comes at place `index` of 0, 1, ... n - 1, n - 2, ... 1, 0, 1, ..."""
+    return n - 1 - abs(n - 1 - index % max(1, 2 * (n - 1)))
 
 
 def _at(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
@@ -55,9 +65,15 @@ def _at(pictures: np.ndarray | None, picked: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pictures[picked])
 
 
+@lru_cache(maxsize=1)
+def shared_scene(frames: int) -> Scene:
+    """`make_scene` on the best device, kept for the next who asks for as many frames."""
+    return make_scene(Device.best(), frames)
+
+
 def make_scene(device: Device, frames: int) -> Scene:
-    """`frames` consecutive frames of a walk."""
-    scene = SyntheticScene(SceneConfig(cameras=VIEWS, frames=60), device)
+    """`frames` (up to 60) consecutive frames of a walk, around its middle."""
+    scene = SyntheticScene(SceneConfig(cameras=VIEWS, frames=60, fps=FPS), device)
     lenses = scene.rig
     rig = CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in lenses))
 
@@ -67,12 +83,13 @@ def make_scene(device: Device, frames: int) -> Scene:
 
     plates = np.stack([undistorted(scene.background_frame(i)) for i in range(_PLATES)])
     background = Background(plates.mean(0, dtype=np.float32), plates.std(0, dtype=np.float32))
-    shown = []
-    for index in range(20, 20 + frames):
+    shown, first = [], max(0, _MIDDLE - frames // 2)
+    for index in range(first, first + frames):
         images, masks, _ = scene.frame(index)
         masks = np.where(undistorted(masks) > 127, np.uint8(255), np.uint8(0))
         shown.append(Frame(index, undistorted(images), masks))
-    return Scene(rig, background, shown)
+    joints = scene.joints[first : first + frames]
+    return Scene(rig, background, shown, joints, tuple(scene.joint_names))
 
 
 def grid_of(shape: tuple[int, int, int] = SHAPE) -> VoxelGrid:

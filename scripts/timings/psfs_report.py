@@ -8,9 +8,11 @@ from rich.table import Table
 
 from psfs.commandline import stdout
 from timings.measure import Timing
-from timings.psfs_work import SHAPE_STAGES, STAGES
 from timings.results import Results
+from timings.stages import STAGES
 
+#: What the comparison with carving alone is about.
+SHAPE_STAGES = ("silhouette", "occupancy", "smoothing", "surface")
 #: The modes of the reconstruction.
 MODES = ("dense", "sparse")
 

@@ -19,7 +19,7 @@ from psfs.reference.occupancy import occupancy
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame
 from psfs.uploads import pinned
-from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, make_scene, playing
+from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, playing, shared_scene
 from timings.measure import (
     Place,
     Timing,
@@ -33,8 +33,8 @@ from timings.measure import (
     timed,
 )
 from timings.psfs_report import print_report
-from timings.psfs_work import STAGES, stage_of, stage_work
 from timings.results import Results, add_timing_flags
+from timings.stages import STAGES, reconstruction_work, stage_of
 
 #: Frames of one streamed run.
 _STREAM = 16
@@ -51,7 +51,7 @@ def _run(args: argparse.Namespace) -> None:
         raise UserError("no OpenCL device; expected at least a CPU's")
     runs, n_frames = (10, 6) if quick else (40, 16)
     results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
-    scene = make_scene(found[0].device(), n_frames)
+    scene = shared_scene(n_frames)
     results.section("numpy", lambda: numpy_twin(scene, 1 if quick else 3))
     results.section("open3d", lambda: open3d_carving(scene, 3 if quick else 10))
     for place in found:
@@ -148,7 +148,7 @@ def on_place(place: Place, scene: Scene, runs: int) -> dict[str, Any]:
             "stages": stages(place, scene, sparse, runs),
             **whole(place, scene, sparse, runs),
         }
-        work = stage_work(scene, grid_of(), rows[mode]["surface_voxels"])
+        work = reconstruction_work(scene, grid_of(), rows[mode]["surface_voxels"])
         rows[mode]["limits_ms"] = {
             stage: limits.ms(*work[stage]) for stage in rows[mode]["stages"] if stage in work
         }

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, is_dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -56,7 +57,7 @@ def add_timing_flags(parser: argparse.ArgumentParser) -> None:
 @dataclass
 class Results:
     """One comparison's results. sections: what `section` measured, by name. seconds: what each
-    took. left_out: name -> reason. `path` None: kept in memory only."""
+    took. left_out: name -> reason. budget: of seconds, `--seconds`. `path` None: kept in memory."""
 
     comparison: str
     settings: dict[str, Any]
@@ -69,6 +70,7 @@ class Results:
     sections: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    budget: float = float("inf")
     deadline: float = float("inf")
 
     @classmethod
@@ -99,6 +101,7 @@ class Results:
                     )
             results.sections, results.seconds = before.sections, before.seconds
         if args.seconds is not None:
+            results.budget = args.seconds
             results.deadline = time.monotonic() + args.seconds
         return results
 
@@ -109,7 +112,7 @@ class Results:
     def section(self, name: str, measure: Callable[[], Any]) -> Any:
         """What `measure()` returns, as read back from the file; None if it is left out.
 
-        A UserError or a missing module leaves the section out: nothing optional is an error.
+        A UserError, a missing module or a process of its own that died leaves the section out.
         """
         if name in self.sections:
             return self.sections[name]
@@ -120,7 +123,7 @@ class Results:
             stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)
             self.sections[name] = _round_trip(measure())
             self.seconds[name] = round(time.monotonic() - started, 2)
-        except (UserError, ImportError) as error:
+        except (UserError, ImportError, BrokenProcessPool) as error:
             self.left_out[name] = str(error).splitlines()[0]
             stderr.print(f"left out: {name}: {self.left_out[name]}", soft_wrap=True)
         self.write()

@@ -1,0 +1,97 @@
+"""Which stage of the whole algorithm a device's command belongs to, and what a stage must do."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.likelihood import cone_sampling
+from psfs.grid import VoxelGrid
+from timings.bench_scene import Scene
+
+#: In the order of the pipeline, with the part of Song et al.'s algorithm they belong to.
+PARTS = {
+    "reconstruction": ("upload", "silhouette", "occupancy", "smoothing", "surface", "learning"),
+    "colour": ("colour",),
+    "tracking": ("reprojection", "kinematics", "likelihood", "annealing", "refinement"),
+    "other": ("download", "other"),
+}
+STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
+#: By kernel file, where the names differ; then by command.
+_OF_FILE = {"foreground": "learning", "refine": "refinement"}
+_OF_COMMAND = {"upload": "upload", "copy": "upload", "download": "download", "smooth": "smoothing"}
+#: Floating-point operations: per pixel of a silhouette; per projection of a point by a camera
+#: without distortion, the look-up included; per voxel of the smoothing; per sample inside a
+#: projected cone; per distance of a point to a cone; per bone posed; per normal random number.
+_PIXEL, _PROJECTION, _MEAN, _SAMPLE, _DISTANCE, _BONE, _NORMAL = 60, 30, 27, 20, 30, 120, 60
+
+
+@cache
+def _file_of_kernel() -> dict[str, str]:
+    """Kernel name -> kernel file, without suffix."""
+    found = {}
+    for file in (resources.files("cl") / "kernels").iterdir():
+        if file.name.endswith(".cl"):
+            for name in re.findall(r"__kernel[^{;]*?\bvoid\s+(\w+)\s*\(", file.read_text()):
+                found[name] = file.name.removesuffix(".cl")
+    return found
+
+
+def stage_of(command: str) -> str:
+    """The stage of a profiled command: a kernel, a copy, a fill."""
+    if command in _OF_COMMAND:
+        return _OF_COMMAND[command]
+    file = _file_of_kernel().get(command, "other")
+    stage = _OF_FILE.get(file, file)
+    return stage if stage in STAGES else "other"
+
+
+Work = dict[str, tuple[float, float]]
+
+
+def reconstruction_work(scene: Scene, grid: VoxelGrid, surface: int) -> Work:
+    """(bytes, operations) of each stage, in dense mode and without any cleverness: every byte of
+    input and output once, every voxel projected into every camera. A stage that needs less time
+    than its limit does less than that. surface: number of surface voxels.
+    """
+    views, pixels, voxels = len(scene.rig), _pixels(scene), grid.size
+    padded = float(np.prod([n + 2 for n in grid.shape]))
+    return {
+        "upload": (3 * pixels, 0),
+        "silhouette": ((3 + 32 + 3) * pixels, _PIXEL * pixels),
+        "occupancy": (pixels + 4 * padded, _PROJECTION * padded * views),
+        "smoothing": (4 * padded + 4 * voxels, _MEAN * voxels),
+        "surface": (4 * voxels + voxels / 4 + 4 * surface, 2 * voxels),
+        "colour": (8 * pixels + 16 * surface, 2 * _PROJECTION * surface * views),
+    }
+
+
+def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: int) -> Work:
+    """(bytes, operations) of each stage of tracking, likewise; all layers of a frame together.
+
+    Scoring a pose: bones posed, four corners of every cone projected, all samples of all cones
+    looked up in all cameras, every surface sample compared with every cone.
+    """
+    views, pixels = len(scene.rig), _pixels(scene)
+    cones, points, dof = len(body.cones), config.n_points, body.n_dof
+    scored = config.n_particles * config.n_layers
+    samples = float(np.sum([r * (c + 2) for r, c in cone_sampling(body, config.sample_spacing)]))
+    pose = _BONE * len(body.bones) + 4 * _PROJECTION * cones * views
+    pose += _SAMPLE * samples * views + _DISTANCE * cones * points
+    step = points * (_DISTANCE * cones + 12 * dof + dof * dof)
+    read = config.n_layers * (2 * pixels + 16 * points) + 4 * dof * scored
+    return {
+        "reprojection": (4 * surface + 2 * pixels, _PROJECTION * surface * views),
+        "likelihood": (read, pose * scored),
+        "annealing": (3 * 4 * dof * scored, _NORMAL * dof * scored),
+        "refinement": (16 * points, (config.refine_steps + 1) * step),
+    }
+
+
+def _pixels(scene: Scene) -> int:
+    return len(scene.rig) * scene.rig.width * scene.rig.height

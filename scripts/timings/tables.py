@@ -1,0 +1,56 @@
+"""A table as data: printed by rich, or written as Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.table import Table
+
+from psfs.commandline import stdout
+
+#: Where there is no figure.
+NONE = "-"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of text. note: what must be known to read it."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+    def show(self) -> None:
+        """On the terminal; the first column to the left, figures to the right."""
+        table = Table(title=self.title, caption=self.note or None)
+        for k, column in enumerate(self.columns):
+            table.add_column(column, justify="right" if k else "left")
+        for row in self.rows:
+            table.add_row(*row)
+        stdout.print(table)
+
+    def markdown(self) -> str:
+        """With its title in bold above and its note below."""
+        lines = [
+            "| " + " | ".join(cells) + " |"
+            for cells in (self.columns, ["---", *["--:"] * (len(self.columns) - 1)], *self.rows)
+        ]
+        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.note] if self.note else [])])
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """With `digits` significant digits, thousands apart, never as a power of ten; NONE for None."""
+    if value is None:
+        return NONE
+    if value == 0:
+        return "0"
+    shown = float(f"{value:.{digits}g}")
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(shown))))
+    return f"{shown:,.{decimals}f}"
+
+
+def ratio(value: float | None) -> str:
+    return NONE if value is None else f"{number(value)} x"

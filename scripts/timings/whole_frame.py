@@ -1,0 +1,137 @@
+"""The whole algorithm of Song et al. on one device: pictures in, pose and coloured voxels out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel, load_body
+from apf.config import FilterConfig
+from apf.initial import fit_to_joints
+from apf.pipeline import at_rate
+from apf.reference.kinematics import posed_joints
+from apf.tracker import Estimate, tracker_for
+from cl import Device, NumpyDevice
+from psfs.grid import VoxelCloud
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Frame
+from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scene, there_and_back
+from timings.measure import Timing
+from timings.stages import STAGES, stage_of
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is computed: a scene's frames, the body and its pose (D,) in the first, settings."""
+
+    scene: Scene
+    body: BodyModel
+    pose: np.ndarray
+    config: FilterConfig
+    shape: tuple[int, int, int] = SHAPE
+
+    def error_mm(self, place: int, pose: np.ndarray) -> float:
+        """Mean distance of the joints of `pose` to the truth of the frame played at `place`."""
+        truth = self.scene.joints[there_and_back(place, len(self.scene.frames))]
+        names = [n for n in self.body.joint_names if n in self.scene.joint_names]
+        mine = posed_joints(self.body, pose[None])[0]
+        mine = mine[[list(self.body.joint_names).index(name) for name in names]]
+        truth = truth[[self.scene.joint_names.index(name) for name in names]]
+        return 1e3 * float(np.linalg.norm(mine - truth, axis=-1).mean())
+
+    def smaller(self, **changes: Any) -> Problem:
+        """With other settings of the filter, `shape` or `cameras`."""
+        scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
+        shape = changes.pop("shape", self.shape)
+        return replace(self, scene=scene, shape=shape, config=replace(self.config, **changes))
+
+
+def make_problem(frames: int) -> Problem:
+    """Song et al.'s setting, on `frames` frames of the synthetic walk, from its true joints."""
+    scene = shared_scene(frames)
+    first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
+    body, pose, _ = fit_to_joints(load_body("song31"), first)
+    return Problem(scene, body, pose, at_rate(FilterConfig(), FPS))
+
+
+class WholeFrame:
+    """Reconstruction, colour and tracking: `estimate, cloud = whole(frame)`, both on the host.
+
+    setup_ms: making it, which builds the kernels. parts_ms: (3,) of the latest frame, the clock's
+    times of reconstruction, tracking and colour; only the NumPy twins are done with a part then.
+    """
+
+    def __init__(self, device: Device | NumpyDevice, problem: Problem) -> None:
+        started = time.perf_counter()
+        scene, grid = problem.scene, grid_of(problem.shape)
+        self.device, self.problem = device, problem
+        self.reconstruct: Any = reconstructor_for(device, scene.rig, grid, scene.background)
+        self.tracker = tracker_for(device, problem.body, scene.rig, grid, problem.config)
+        self.tracker.start(problem.pose)
+        self.setup_ms = 1e3 * (time.perf_counter() - started)
+        self.parts_ms = np.zeros(3)
+
+    def __call__(self, frame: Frame) -> tuple[Estimate, VoxelCloud]:
+        clock = [time.perf_counter()]
+        voxels = self.reconstruct(frame)
+        clock.append(time.perf_counter())
+        estimate = self.tracker.step(voxels)
+        clock.append(time.perf_counter())
+        cloud = voxels.cloud(colour=True)
+        clock.append(time.perf_counter())
+        self.parts_ms = 1e3 * np.diff(clock)
+        return estimate, cloud
+
+    def streamed(self, frames: Iterable[Frame]) -> None:
+        """As `__call__` for many frames; each is uploaded while the one before is computed."""
+        for voxels in self.reconstruct.stream(frames):
+            self.tracker.step(voxels)
+            voxels.cloud(colour=True)
+
+
+def sequence_run(whole: WholeFrame, frames: int, seconds: float = np.inf) -> dict[str, Any]:
+    """One run through the sequence, from its first frame: ms of each, and of its parts (NumPy),
+    mean error, surface voxels. Ends early, after two frames at least, when `seconds` have passed.
+    """
+    problem = whole.problem
+    whole.tracker.start(problem.pose)
+    rows: list[tuple[float, ...]] = []
+    for place, frame in enumerate(islice(playing(problem.scene.frames), frames)):
+        if place > 1 and sum(row[0] for row in rows) > 1e3 * seconds:
+            break
+        estimate, cloud = whole(frame)
+        error = problem.error_mm(place, estimate.pose)
+        rows.append((whole.parts_ms.sum(), *whole.parts_ms, error, len(cloud)))
+    ms, reconstruction, tracking, colour, errors, voxels = np.array(rows).T
+    result: dict[str, Any] = {
+        "frames": Timing(tuple(ms)),
+        "error_mm": errors.mean(),
+        "surface_voxels": np.median(voxels),
+    }
+    if isinstance(whole.device, NumpyDevice):
+        parts = {"reconstruction": reconstruction, "colour": colour, "tracking": tracking}
+        result["parts"] = {part: Timing(tuple(ms)) for part, ms in parts.items()}
+    return result
+
+
+def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:
+    """ms per frame of every stage from the events of a profiled device."""
+    assert isinstance(whole.device, Device)
+    profiler = whole.device.profiler
+    assert profiler is not None
+    sums: dict[str, list[float]] = {}
+    for run, frame in enumerate(islice(playing(whole.problem.scene.frames), frames + warm_up)):
+        whole(frame)
+        totals = dict.fromkeys(STAGES, 0.0)
+        for name, values in profiler.collect().items():
+            totals[stage_of(name)] += sum(values)
+        profiler.clear()
+        if run >= warm_up:
+            for stage, total in totals.items():
+                sums.setdefault(stage, []).append(total)
+    return {stage: Timing(tuple(ms)) for stage, ms in sums.items() if max(ms) > 0}

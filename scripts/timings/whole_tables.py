@@ -1,0 +1,154 @@
+"""Song et al.'s tables 2 to 4, with our figures beside the paper's, and the stages' table."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from timings.results import Results
+from timings.stages import PARTS, STAGES
+from timings.tables import NONE, Grid, number, ratio
+
+_PAPERS = Path(__file__).with_name("papers.json")
+
+
+@cache
+def papers() -> dict[str, Any]:
+    """The papers' own tables, the only figures here that nobody measured in this project."""
+    data: dict[str, Any] = json.loads(_PAPERS.read_text())
+    return data
+
+
+def columns(results: Results) -> list[tuple[str, Any]]:
+    """(title, section) of what was measured: NumPy, one core, all cores, GPUs."""
+    order = {"numpy": 0, "cpu": 1, "gpu": 2}
+    found = results.starting("column ")
+    found.sort(key=lambda column: (order.get(column["kind"], 3), column["cores"] or 0))
+    return [(_title(column), column) for column in found]
+
+
+def _title(column: Any) -> str:
+    if column["kind"] == "numpy":
+        return "NumPy, one thread"
+    if column["kind"] == "cpu":
+        cores = column["cores"]
+        return f"OpenCL CPU, {'one core' if cores == 1 else f'{cores} cores'}"
+    return f"OpenCL GPU, {column['label']}"
+
+
+def average(column: Any) -> float:
+    """Mean ms per frame over all runs, first frames (reconstructed twice) left out."""
+    return float(np.mean([np.mean(run["frames"].samples[1:]) for run in column["runs"]]))
+
+
+def print_report(results: Results) -> None:
+    table_2(results).show()
+    table_3(results).show()
+    for stages in results.starting("stages "):
+        stage_table(stages).show()
+
+
+def table_2(results: Results) -> Grid:
+    """Average time per frame of every run."""
+    n_runs = results.settings["repetitions"]["opencl"]
+    song = papers()["song2012"]["tables"]["2"]
+    rows = []
+    for title, column in columns(results):
+        runs = [float(np.mean(run["frames"].samples[1:])) for run in column["runs"]]
+        shown = [*map(number, runs), *[NONE] * (n_runs - len(runs))]
+        frames = sorted({len(run["frames"].samples) for run in column["runs"]})
+        error = float(np.mean([run["error_mm"] for run in column["runs"]]))
+        rows.append([title, *shown, number(average(column)), " to ".join(map(str, frames)),
+                     f"{1e3 / average(column):,.3g}", number(error)])  # fmt: skip
+    for name, *values in song["rows"]:
+        rows.append(
+            [f"_Song: {name}_", *map(number, values), "200", f"{1e3 / values[-1]:,.3g}", NONE]
+        )
+    heads = [f"run {k + 1}, ms" for k in range(n_runs)]
+    return Grid(
+        "Song table 2: average time per frame",
+        ["program", *heads, "average, ms", "frames", "frames/s", "error, mm"],
+        rows,
+        "Each run's first frame, which is worked on twice, is left out of our averages; the "
+        "error is the mean distance of the joints to the truth.",
+    )
+
+
+def table_3(results: Results) -> Grid:
+    """Who is how many times as fast as whom."""
+    found = columns(results)
+    song = {name: final for name, _, final in papers()["song2012"]["tables"]["3"]["rows"]}
+    rows = []
+    for place, (title, column) in enumerate(found):
+        for other, slower in found[:place]:
+            beside = _songs_ratio(slower, column, song)
+            rows.append([f"{title} : {other}", ratio(average(slower) / average(column)), beside])
+    return Grid(
+        "Song table 3: acceleration ratios", ["ratio of the average times", "ours", "Song et al."],
+        rows, "Song's CPU is C++ on one core, its CPU+TBB that on 4 cores.",
+    )  # fmt: skip
+
+
+def _songs_ratio(slower: Any, faster: Any, song: dict[str, float]) -> str:
+    kinds = (slower["kind"], slower["cores"] == 1, faster["kind"])
+    name = {
+        ("numpy", True, "gpu"): "GPU / CPU",
+        ("cpu", False, "gpu"): "GPU / CPU+TBB (4 cores)",
+        ("cpu", True, "cpu"): "CPU+TBB (4 cores) / CPU",
+    }.get(kinds)
+    return f"{number(song[name], 4)} x" if name else NONE
+
+
+def table_4(results: Results, step: int = 1) -> Grid:
+    """Time of each frame: ours of every run, and Song's; every so many frames."""
+    found = columns(results)
+    song = papers()["song2012"]["tables"]["4"]
+    heads = [f"{title}, {k + 1}" for title, column in found for k in range(len(column["runs"]))]
+    runs = [run["frames"].samples for _, column in found for run in column["runs"]]
+    rows = []
+    for frame, *values in song["rows"]:
+        if (frame - 1) % step:
+            continue
+        ours = [run[frame - 1] if frame <= len(run) else None for run in runs]
+        rows.append([str(frame), *(number(value, 4) for value in (*ours, *values))])
+    return Grid(
+        "Song table 4: time of each frame, ms",
+        ["frame", *heads, *(f"Song: {name}" for name in song["columns"][1:])],
+        rows, song["note"],
+    )  # fmt: skip
+
+
+def stage_table(section: Any) -> Grid:
+    """Stages on one device by its events, beside the least that its limits allow."""
+    limits, stages = section["limits"], section["stages"]
+    total = sum(timing.median for timing in stages.values())
+    rows = []
+    for stage in STAGES:
+        if stage not in stages:
+            continue
+        ms = stages[stage].median
+        nbytes, operations = section["work"].get(stage, (None, None))
+        least = None if nbytes is None else limits.ms(nbytes, operations)
+        rows.append([
+            stage, number(ms), f"{ms / total:.0%}",
+            number(None if nbytes is None else nbytes / 1e6),
+            number(None if operations is None else operations / 1e6),
+            number(least), NONE if least is None else f"{least / ms:.0%}",
+        ])  # fmt: skip
+    parts = {part: sum(stages[s].median for s in names if s in stages)
+             for part, names in PARTS.items()}  # fmt: skip
+    rows += [[f"**{part}**", number(ms), f"{ms / total:.0%}", *[""] * 4]
+             for part, ms in parts.items()]  # fmt: skip
+    return Grid(
+        f"Stages on {section['label']}",
+        ["stage", "ms", "share", "MB", "million operations", "least, ms", "least / time"],
+        rows,
+        f"Median of the device's own events. Measured in the same run: copies "
+        f"{limits.bytes_per_s / 1e9:,.0f} GB/s, multiply-adds {limits.flops_per_s / 1e9:,.0f} "
+        "GFLOP/s; the least time moves the bytes and does the operations at those rates, without "
+        "any cleverness (every voxel into every camera).",
+    )

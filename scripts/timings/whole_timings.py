@@ -1,0 +1,195 @@
+"""`compare_timings.py whole`: Song et al.'s whole algorithm in the columns of their tables 2 to 4.
+
+Reconstruction, colour and tracking, from pictures in host memory to pose and coloured voxels in
+host memory, in NumPy on one thread, in OpenCL on one core and on all cores of the CPU, and on every
+GPU: the same settings, frames and random numbers in each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import asdict
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cl import NumpyDevice, UserError
+from psfs.commandline import add_command
+from psfs.sequence import Frame
+from psfs.uploads import pinned
+from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
+from timings.measure import (
+    Place,
+    Timing,
+    apart,
+    cpu_place,
+    fewer_cores,
+    measured_limits,
+    only_cores,
+    places,
+    timed,
+)
+from timings.results import Results, add_timing_flags
+from timings.stages import reconstruction_work, tracking_work
+from timings.whole_frame import Problem, WholeFrame, make_problem, sequence_run, stage_times
+from timings.whole_tables import print_report
+
+#: Song et al.: frames of a run, and runs.
+FRAMES, REPETITIONS = 200, 3
+#: Frames of a NumPy run: the twins take seconds for each.
+_NUMPY_FRAMES = 5
+#: Distinct frames of the walk, played there and back.
+_SCENE_FRAMES, _QUICK_SCENE_FRAMES = 40, 6
+#: One thread for what NumPy calls.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+#: What varies while all else is Song et al.'s; cameras and voxels cost reconstruction and tracking.
+_SCALED: dict[str, tuple[Any, ...]] = {
+    "shape": ((75, 75, 50), (110, 110, 74), SHAPE, (212, 212, 142), (300, 300, 200)),
+    "cameras": (2, 4, 6, 8),
+    "n_particles": (50, 100, 200, 400, 800),
+    "n_layers": (1, 5, 10, 20),
+}
+_QUICK_SCALED: dict[str, tuple[Any, ...]] = {
+    "shape": (*_SCALED["shape"][:1], SHAPE),
+    **{what: (values[0], values[-1]) for what, values in list(_SCALED.items())[1:]},
+}
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "whole", run, help="Song et al.'s whole algorithm, tables 2-4")
+    add_timing_flags(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    found, quick = places(), args.quick
+    if not found:
+        raise UserError("no OpenCL device; expected at least a CPU's")
+    problem = make_problem(_QUICK_SCENE_FRAMES if quick else _SCENE_FRAMES)
+    frames = {"opencl": 6 if quick else FRAMES, "numpy": 2 if quick else _NUMPY_FRAMES}
+    repetitions = {"opencl": REPETITIONS, "numpy": 1 if quick else REPETITIONS}
+    settings = {
+        "views": VIEWS,
+        "shape": SHAPE,
+        "filter": asdict(problem.config),
+        "frames": frames,
+        "repetitions": repetitions,
+        "distinct_frames": len(problem.scene.frames),
+    }
+    results = Results.begin("whole", args, settings)
+    _columns(results, found, problem)
+    for place in found:
+        profiled = partial(roofline, place, problem, 3 if quick else 10)
+        results.section(f"stages {place.label}", profiled)
+    cpu = next((place for place in found if place.cores), None)
+    for cores in fewer_cores(cpu) if cpu else []:
+        if cores > 1:
+            measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
+            results.section(f"cores {cores}", measure)
+    for place in found:
+        for what in _SCALED:
+            measure = partial(scaling, place, problem, what, quick)
+            results.section(f"scaling {what}, {place.label}", measure)
+    for place in found:
+        results.section(f"compilation {place.label}", partial(compilation, place, problem))
+    print_report(results)
+
+
+def _columns(results: Results, found: list[Place], problem: Problem) -> None:
+    """The columns of Song et al.'s tables; with limited time, shorter runs."""
+    frames, repetitions = results.settings["frames"], results.settings["repetitions"]
+    ours = (problem, frames["opencl"], repetitions["opencl"])
+    for place in found:
+        share = 0.1 if place.cores is None else 0.15
+        seconds = share * results.budget / repetitions["opencl"]
+        results.section(f"column {place.label}", partial(column, place, *ours, seconds))
+    seconds = 0.15 * results.budget / repetitions["opencl"]
+    one = partial(apart, only_cores(1), on_cpu, *ours, seconds)
+    if any((place.cores or 1) > 1 for place in found):
+        results.section("column one core", one)
+    seconds = 0.2 * results.budget / repetitions["numpy"]
+    twins = (problem, frames["numpy"], repetitions["numpy"], seconds)
+    results.section("column NumPy", partial(apart, _ONE_THREAD, on_numpy, *twins))
+
+
+def column(
+    place: Place, problem: Problem, frames: int, repetitions: int, seconds: float
+) -> dict[str, Any]:
+    """`repetitions` runs through `frames` frames, each of at most `seconds`, after a warm-up."""
+    device = place.device()
+    whole = WholeFrame(device, problem)
+    first = sequence_run(whole, 3)["frames"].samples[0]
+    runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
+    held = playing([_pinned(device, frame) for frame in problem.scene.frames])
+    per_run = len(runs[-1]["frames"].samples)
+    streamed = timed(lambda: whole.streamed(islice(held, per_run)), 1, warm_up=0)
+    return {
+        "label": place.label,
+        "kind": device.info.kind,
+        "cores": place.cores,
+        "setup_ms": whole.setup_ms,
+        "first_frame_ms": first,
+        "runs": runs,
+        "streamed": Timing(tuple(ms / per_run for ms in streamed.samples)),
+    }
+
+
+def on_cpu(problem: Problem, frames: int, repetitions: int, seconds: float) -> dict[str, Any]:
+    """`column` on this process's CPU."""
+    return column(cpu_place(), problem, frames, repetitions, seconds)
+
+
+def on_numpy(problem: Problem, frames: int, repetitions: int, seconds: float) -> dict[str, Any]:
+    """`column` of the NumPy twins, without a warm-up: there is nothing to compile."""
+    cv2.setNumThreads(1)
+    whole = WholeFrame(NumpyDevice(), problem)
+    runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
+    return {"label": "NumPy, 1 thread", "kind": "numpy", "cores": 1, "runs": runs}
+
+
+def _pinned(device: Any, frame: Frame) -> Frame:
+    """The same frame in memory that uploads fast."""
+    assert frame.images is not None
+    images = pinned(device, frame.images.shape)
+    images[:] = frame.images
+    return Frame(frame.index, images, frame.masks)
+
+
+def roofline(place: Place, problem: Problem, frames: int) -> dict[str, Any]:
+    """Stages by the device's events; bytes, operations, and the device's limits, measured now."""
+    limits = measured_limits(place)
+    whole = WholeFrame(place.device(profile=True), problem)
+    stages = stage_times(whole, frames)
+    surface = int(sequence_run(whole, 2)["surface_voxels"])
+    work = reconstruction_work(problem.scene, grid_of(problem.shape), surface)
+    work |= tracking_work(problem.scene, problem.body, problem.config, surface)
+    return {"label": place.label, "limits": limits, "stages": stages, "work": work}
+
+
+def scaling(place: Place, problem: Problem, what: str, quick: bool) -> list[dict[str, Any]]:
+    """Whole frames (the first left out) while one setting varies: rows of its value and times."""
+    rows = []
+    for value in (_QUICK_SCALED if quick else _SCALED)[what]:
+        whole = WholeFrame(place.device(), problem.smaller(**{what: value}))
+        frames = sequence_run(whole, 4 if quick else 9)["frames"].samples[1:]
+        rows.append({"value": value, "frames": Timing(frames)})
+    return rows
+
+
+def compilation(place: Place, problem: Problem) -> dict[str, float]:
+    """ms of making everything, first frame included, with empty and with filled compiler caches."""
+    with tempfile.TemporaryDirectory() as folder:
+        names = ("POCL_CACHE_DIR", "XDG_CACHE_HOME", "CUDA_CACHE_PATH")
+        caches = dict.fromkeys(names, folder)
+        return {
+            state: apart(caches, _set_up, place.label, problem) for state in ("empty", "filled")
+        }
+
+
+def _set_up(label: str, problem: Problem) -> float:
+    place = next(place for place in places() if place.label == label)
+    whole = WholeFrame(place.device(), problem)
+    return whole.setup_ms + sequence_run(whole, 1)["frames"].samples[0]
