@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -137,7 +138,7 @@ def load_mesh(
     the file that is wrong.
     """
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
+        mesh: Any = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     except (OSError, ValueError, KeyError, IndexError, AttributeError, TypeError) as error:
         raise UserError(f"{path}: not a mesh that trimesh reads: {error}") from None

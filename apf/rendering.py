@@ -117,8 +117,8 @@ class MeshRenderer:
         self._n_corners = len(binds)
         shape = (len(rig), n, 2 + 2 * self.n_labels)
         self.counts = device.empty(shape, np.int32, "the counted pixels")
-        shape = (len(rig), n, self._n_corners, 2)
-        self._pixels = device.empty(shape, np.float32, "the projected vertices")
+        pixels = (len(rig), n, self._n_corners, 2)
+        self._pixels = device.empty(pixels, np.float32, "the projected vertices")
 
     def launcher(
         self,
