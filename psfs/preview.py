@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from cl import UserError
 from psfs.camera import CameraRig
+from psfs.clouds import coarsened
 from psfs.files import written_whole
 from psfs.grid import VoxelCloud
 from psfs.reference.reprojection import voxel_silhouette
@@ -24,6 +25,8 @@ PANEL = (300, 420)  # width, height of a view, px
 SUPERSAMPLING = 2
 BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
 CLAY = np.array([150, 178, 205], np.float32)
+#: Voxels along the longest side of a cloud, at most, in a picture of `PANEL`.
+_FINEST = 250
 _OUTLINE = (60, 220, 60)
 _INK = (90, 80, 70)
 
@@ -31,7 +34,9 @@ _INK = (90, 80, 70)
 def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
     """(h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
     the outline of the reprojected cloud is drawn."""
-    views = [shaded_view(cloud, azimuth, up, PANEL) for azimuth, up in VIEWS]
+    shown = _for_pictures(cloud)
+    normals = normals_of(shown)
+    views = [shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
     edge = cloud.grid.voxel_size
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
     if cloud.volume:
@@ -43,6 +48,15 @@ def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") ->
         return voxel_silhouette(rig[view], cloud.centres, extents[view], (rows, columns))
 
     return sheet(views, text, silhouette, rig, frame)
+
+
+def _for_pictures(cloud: VoxelCloud) -> VoxelCloud:
+    """The cloud in voxels no finer than a small picture shows."""
+    if not len(cloud):
+        return cloud
+    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
+    longest = int(np.ptp(ijk, axis=1).max()) + 1
+    return coarsened(cloud, -(-longest // _FINEST))
 
 
 def sheet(
@@ -69,12 +83,17 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
 
 
 def shaded_view(
-    cloud: VoxelCloud, azimuth: float, elevation: float, size: tuple[int, int]
+    cloud: VoxelCloud,
+    normals: np.ndarray,
+    azimuth: float,
+    elevation: float,
+    size: tuple[int, int],
 ) -> np.ndarray:
-    """(h, w, 3) uint8 BGR orthographic view of the cloud, `size` = (width, height) px.
+    """(h, w, 3) uint8 BGR orthographic view of a cloud with `normals_of` it, `size` = (width,
+    height) px.
 
     azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
-    the horizon. Voxels are splatted into a z-buffer and lit by their estimated normals.
+    the horizon. Voxels are splatted into a z-buffer and lit by their normals.
     """
     size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
     if not len(cloud):
@@ -83,7 +102,7 @@ def shaded_view(
         margin = 2 * cloud.grid.voxel_size
         view = View.around(cloud.centres, margin, azimuth, elevation, size)
         nearest = _z_buffer(cloud, view, size)
-        picture = _lit(cloud, view, nearest)
+        picture = _lit(cloud, normals @ view.axes.T, view.scale, nearest)
     return shrunk(picture)
 
 
@@ -147,13 +166,13 @@ def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarra
     return nearest
 
 
-def _lit(cloud: VoxelCloud, view: View, nearest: np.ndarray) -> np.ndarray:
-    """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left."""
-    normals = normals_of(cloud) @ view.axes.T
+def _lit(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left; `normals` along
+    the view's axes, `scale` px per m."""
     seen = nearest >= 0
     field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
     # Normals flow from voxel to voxel, which hides their steps.
-    width = max(1.0, 0.8 * cloud.grid.voxel_size * view.scale)
+    width = max(1.0, 0.8 * cloud.grid.voxel_size * scale)
     field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
     field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
     light = lighting(field)
@@ -171,11 +190,15 @@ def lighting(normals: np.ndarray) -> np.ndarray:
 
 def normals_of(cloud: VoxelCloud) -> np.ndarray:
     """(N, 3) outward unit normals of the surface voxels, from the slope of the smoothed solid."""
-    solid = np.pad(np.zeros(cloud.grid.shape, bool), 2)
-    i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
-    solid[i + 2, j + 2, k + 2] = True
-    smooth = ndimage.gaussian_filter(ndimage.binary_fill_holes(solid).astype(np.float32), 1.5)
-    slope = np.stack([g[i + 2, j + 2, k + 2] for g in np.gradient(smooth)], -1)
+    if not len(cloud):
+        return np.zeros((0, 3))
+    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
+    i, j, k = ijk - ijk.min(1, keepdims=True) + 2  # in the box around the cloud, and 2 voxels
+    solid = np.zeros((i.max() + 3, j.max() + 3, k.max() + 3), bool)
+    solid[i, j, k] = True
+    solid = ndimage.binary_fill_holes(solid)
+    smooth = ndimage.gaussian_filter(solid.astype(np.float32), 1.5, mode="constant")
+    slope = np.stack([g[i, j, k] for g in np.gradient(smooth)], -1)
     normals: np.ndarray = -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
     return normals
 

@@ -55,6 +55,13 @@ def default_voxel_size(rig: CameraRig, low: np.ndarray, high: np.ndarray) -> flo
     return longest / _FINE
 
 
+def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
+    """What a pixel covers in the middle of the grid at least, m."""
+    distances = np.linalg.norm(rig.centres - (grid.low + grid.high) / 2, axis=1)
+    focal = [camera.K[[0, 1], [0, 1]].max() for camera in rig]
+    return float(np.min(distances / focal))
+
+
 def foreground_box(
     sequence: Sequence,
     selection: slice | None = None,

@@ -56,6 +56,7 @@ def test_reconstruct_then_check_then_view(
 ) -> None:
     out = tmp_path / "out"
     assert reconstruct(folder, out) == 0
+    assert "warning" not in capsys.readouterr().err
     summary = json.loads((out / "summary.json").read_text())
     assert summary["complete"] and len(summary["frames"]) == FRAMES
     assert summary["frames"][0]["surface_voxels"] == 0
@@ -129,6 +130,15 @@ def test_an_interrupted_run_leaves_whole_files(
     assert not summary["complete"] and len(summary["frames"]) == 3
     assert sorted(p.name for p in out.rglob("*") if p.name.startswith(".")) == []
     assert main(["check", str(out)]) == 0
+
+
+def test_voxels_finer_than_the_pixels_are_warned_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["--frames", "1:2", "--volume", "-0.01,0.01,-0.01,0.01,1,1.02"]
+    command = ["reconstruct", str(folder), "-o", str(tmp_path / "out"), "--grid", "20,20,20"]
+    assert main([*command, *small]) == 0
+    assert "8,000 voxels of 1 mm: finer than the pictures" in capsys.readouterr().err
 
 
 def test_check_names_what_is_missing(

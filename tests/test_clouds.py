@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 import scenes
 import trimesh
+from scipy import ndimage
 
 from cl import UserError
-from psfs.clouds import read_npz, read_ply, without_debris, write_cloud
-from psfs.grid import VoxelCloud
+from psfs.clouds import (
+    coarsened,
+    connected_parts,
+    read_npz,
+    read_ply,
+    without_debris,
+    write_cloud,
+)
+from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.reference.surface import surface_voxels
 
 
@@ -60,6 +68,31 @@ def test_debris_is_dropped() -> None:
     np.testing.assert_array_equal(kept.indices, clean.indices)
     assert kept.volume == pytest.approx(clean.volume)
     assert len(without_debris(dirty, 0)) == len(dirty)
+
+
+@pytest.mark.parametrize("density", [0.01, 0.06, 0.3])
+def test_parts_are_those_of_the_whole_grid(density: float) -> None:
+    """Also of voxels at opposite borders, which are neighbours in memory only."""
+    for shape in ((9, 5, 7), (1, 12, 3), (4, 4, 4)):
+        flags = np.random.default_rng(1).random(shape) < density
+        flags[0, 0, 0] = True
+        indices = np.flatnonzero(flags).astype(np.int32)
+        grid = VoxelGrid(np.zeros(3), 1.0, shape)
+        cloud = VoxelCloud(grid, indices, np.ones(len(indices), np.float32))
+        expected = ndimage.label(flags, np.ones((3, 3, 3)))[0].ravel()[indices]
+        ours = connected_parts(cloud)
+        pairs = set(zip(ours.tolist(), expected.tolist(), strict=True))
+        assert len(pairs) == len(set(ours)) == len(set(expected))
+
+
+def test_a_coarser_cloud_covers_the_same_place() -> None:
+    cloud = a_cloud(colour=True)
+    coarse = coarsened(cloud, 3)
+    offsets = cloud.centres[:, None] - coarse.centres
+    assert np.abs(offsets).max(2).min(1).max() <= coarse.grid.voxel_size / 2
+    assert len(coarse) < len(cloud) and coarsened(cloud, 1).grid.shape == cloud.grid.shape
+    assert cloud.colour is not None and coarse.colour is not None
+    assert set(map(tuple, coarse.colour)) <= set(map(tuple, cloud.colour))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"something else"])

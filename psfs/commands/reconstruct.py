@@ -14,7 +14,7 @@ from cl import Device, NumpyDevice, UserError, select_device
 from psfs import runs
 from psfs.agreement import Suspect
 from psfs.clouds import DEBRIS_SHARE, without_debris, write_cloud
-from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
 from psfs.commands.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -27,7 +27,10 @@ from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.preview import preview, write_picture
 from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid, foreground_box
+from psfs.volume import automatic_grid, finest_pixel, foreground_box
+
+#: Voxels this much smaller than a pixel are warned of.
+_FINE = 2.0
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -78,6 +81,7 @@ def _run(args: argparse.Namespace) -> None:
     sequence, left_out = open_trusted(args, device)
     frames = selected_frames(args, sequence)
     grid = _grid(args, sequence, frames, device)
+    _warn_of_fine_voxels(grid, sequence)
     job = _Job(args, sequence, grid, device, left_out)
     try:
         with progress_bar() as bar:
@@ -108,6 +112,18 @@ def _grid(
     voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
     origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2
     return VoxelGrid(origin, voxel_size, args.grid)
+
+
+def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
+    pixel = finest_pixel(sequence.rig, grid)
+    if grid.voxel_size > pixel / _FINE:
+        return
+    stderr.print(
+        f"[yellow]warning:[/] {grid.size:,} voxels of {1e3 * grid.voxel_size:.2g} mm: finer than "
+        f"the pictures, whose pixels cover {1e3 * pixel:.2g} mm there; --voxel-size {pixel:.1g} "
+        f"would show as much in {(grid.voxel_size / pixel) ** 2:.2g} of the time",
+        soft_wrap=True,
+    )
 
 
 class _Job:
