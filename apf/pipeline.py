@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -12,13 +12,13 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
+from apf.methods import Method, observer_of, tracker_of
 from apf.reference.kinematics import posed_joints
 from apf.track import Track
-from apf.tracker import Estimate, tracker_for
+from apf.tracker import Estimate
 from cl import Device, NumpyDevice
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
-from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Sequence
 
 #: Frame rate that the sigmas of body models are stated for.
@@ -28,37 +28,40 @@ _SIGMA_FPS = 60.0
 def track_sequence(
     device: Device | NumpyDevice,
     sequence: Sequence,
-    grid: VoxelGrid,
+    grid: VoxelGrid | None,
     body: BodyModel,
     pose: np.ndarray,
-    config: FilterConfig | None = None,
+    method: Method | None = None,
     reconstruction: ReconstructionConfig | None = None,
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
 ) -> Track:
     """Track `body` from `pose` (D,) through the selected frames of `sequence`.
 
+    `grid` may be None where the method does without voxels, which then are not reconstructed.
     The noise grows with the time between frames, see `BodyModel.sigma`. `progress` is called
     after each frame; a KeyboardInterrupt ends the track after the last whole frame (and is raised
     again if there is none).
     """
-    config = config or FilterConfig()
+    method = method or Method()
     step = (selection.step or 1) if selection else 1
-    reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
-    tracker = tracker_for(device, body, sequence.rig, grid, at_rate(config, sequence.fps / step))
-    voxels = ((frame.index, reconstruct(frame)) for frame in sequence.frames(selection))
-    frames, estimates = track_voxels(tracker, pose, voxels, progress)
-    made_by = {
+    observe = observer_of(device, sequence, grid, method, reconstruction)
+    scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
+    tracker = tracker_of(device, body, sequence.rig, grid, scaled)
+    seen = ((frame.index, observe(frame)) for frame in sequence.frames(selection))
+    frames, estimates = track_voxels(tracker, pose, seen, progress)
+    made_by: dict[str, Any] = {
         "sequence": str(sequence.folder),
         "device": device.name,
         "version": version("psfs-apf"),
-        "filter": asdict(config),
-        "grid": {
+        **method.described(),
+    }
+    if grid is not None and method.uses_voxels:
+        made_by["grid"] = {
             "origin": grid.origin.tolist(),
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
-        },
-    }
+        }
     return track_of(body, sequence.fps, frames, estimates, made_by)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
+from collections.abc import Iterable
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,15 @@ from apf.body import BodyModel, load_body, save_body
 from apf.bodytrack import is_bodytrack, read_body
 from apf.config import FilterConfig
 from apf.evaluate import load_truth
+from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
 from apf.initial import fit_to_joints, read_pose
 from apf.joint_names import match_joints
+from apf.methods import OBJECTIVES, SEARCH_DEFAULTS, Method
+from apf.objective import ObjectiveConfig
 from apf.overlay import write_overlay
 from apf.pipeline import track_sequence
+from apf.sir import SirConfig
+from apf.swarm import SwarmConfig
 from apf.track import Track
 from apf.trc import CONVENTIONS
 from cl import UserError, select_device
@@ -29,16 +36,42 @@ from psfs.commands.sequence_flags import (
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
 
-#: Settings of the filter that have a flag of their own.
+#: Settings of the search that have a flag of their own.
 _SETTINGS = {
     "n_particles": ("--particles", "particles"),
-    "n_layers": ("--layers", "annealing layers"),
+    "n_layers": ("--layers", "annealing layers, or the swarm's iterations"),
     "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
     "noise": ("--noise", "scale of the noise"),
-    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14)"),
-    "silhouette_weight": ("--silhouette-weight", "weight of the silhouettes, eq. (15)"),
     "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
     "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
+}
+#: Weights that the voxels' likelihood and the image objectives have both.
+_WEIGHTS = {
+    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14); or w2, Rymut"),
+    "silhouette_weight": ("--silhouette-weight", "of the silhouettes, eq. (15); or w1, Rymut"),
+}
+#: Settings of the other parts of a method, by its field.
+_PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
+    "swarm": (
+        SwarmConfig,
+        {
+            "inertia": ("--inertia", "pso: share of its velocity that a particle keeps"),
+            "cognitive": ("--cognitive", "pso: pull of a particle's own best"),
+            "social": ("--social", "pso: pull of the best of all"),
+        },
+    ),
+    "sir": (
+        SirConfig,
+        {"sigma_z": ("--sigma-z", "sir: of Rymut eq. (2.42), 0 for one found in each frame")},
+    ),
+    "features": (
+        FeatureConfig,
+        {
+            "edges": ("--edges", f"image objectives: {', '.join(EDGE_KINDS)}"),
+            "proximity": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
+            "farthest": ("--edge-reach", "image objectives: px of 640 at which it is 0"),
+        },
+    ),
 }
 
 
@@ -64,29 +97,70 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
     add_all_cameras_flag(parser)
-    settings = {field.name: field for field in fields(FilterConfig)}
-    group = parser.add_argument_group("filter")
-    for name, (flag, what) in _SETTINGS.items():
-        default = settings[name].default
-        group.add_argument(
-            flag,
-            dest=name,
-            type=type(default),
-            default=default,
-            help=f"{what} (default: {default})",
-        )
+    add_method_flags(parser)
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)
 
 
+def add_method_flags(parser: argparse.ArgumentParser) -> None:
+    """--method, --objective and the flags of their settings."""
+    parser.add_argument(
+        "--method",
+        default="apf",
+        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
+        "(default: apf)",
+    )
+    parser.add_argument(
+        "--objective",
+        default="voxel",
+        help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
+        "which need no reconstruction (default: voxel)",
+    )
+    group = parser.add_argument_group("search")
+    rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
+    for config, flags in rows:
+        defaults = {field.name: field.default for field in fields(config)}
+        for name, (flag, what) in flags.items():
+            group.add_argument(
+                flag,
+                dest=name,
+                type=type(defaults[name]),
+                help=f"{what} (default: {_default(name, defaults[name])})",
+            )
+
+
+def _default(name: str, value: object) -> str:
+    """A default as --help shows it: where methods differ, with theirs."""
+    others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
+    if name in _WEIGHTS:
+        others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
+    return ", ".join([str(value), *others])
+
+
+def chosen_method(args: argparse.Namespace) -> Method:
+    """What the flags of `add_method_flags` choose. Raises UserError."""
+
+    def given(names: Iterable[str]) -> dict[str, Any]:
+        return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+
+    images = args.objective != "voxel"
+    settings = given(_SETTINGS) | ({} if images else given(_WEIGHTS))
+    method = Method.of(args.method, args.objective, **settings)
+    image = replace(method.image, **given(_WEIGHTS)) if images else method.image
+    parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}
+    return replace(method, image=image, **parts)
+
+
 def run(args: argparse.Namespace) -> None:
-    config = FilterConfig(**{name: getattr(args, name) for name in _SETTINGS})
+    method = chosen_method(args)
     device = select_device(args.device)
     sequence, _ = open_trusted(args, device)
     frames = selected_frames(args, sequence)
     body, pose = first_pose(sequence, frames[0], args.body, args.init, args.convention)
     selection = slice(frames.start, frames.stop, frames.step)
-    grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
+    grid = None
+    if method.uses_voxels:
+        grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
     bar = progress_bar()
     task = bar.add_task("tracking", total=len(frames))
 
@@ -96,7 +170,7 @@ def run(args: argparse.Namespace) -> None:
 
     try:
         track = track_sequence(
-            device, sequence, grid, body, pose, config, selection=selection, progress=advance
+            device, sequence, grid, body, pose, method, selection=selection, progress=advance
         )
     finally:
         if bar.live.is_started:  # stopping prints a line

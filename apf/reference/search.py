@@ -11,7 +11,7 @@ from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.likelihood import cone_sampling
 from apf.reference.kinematics import posed_cones
-from apf.reference.likelihood import sampled_surface, total_errors
+from apf.reference.likelihood import sampled_surface, share, total_errors
 from apf.reference.noise import normals
 from apf.reference.refine import refined
 from apf.tracker import Estimate, checked_pose
@@ -23,8 +23,8 @@ from psfs.reference.reprojection import NumpyReprojection
 
 
 class NumpyVoxelLikelihood:
-    """The same as `VoxelLikelihood` that looks at all points in each layer, in float64:
-    `observe(voxels)`, then `likelihood(poses)`."""
+    """The same as `VoxelLikelihood`, in float64: `observe(voxels)`, then `likelihood(poses)`,
+    which looks at share number `turn` of the surface samples."""
 
     def __init__(
         self,
@@ -38,6 +38,7 @@ class NumpyVoxelLikelihood:
         self._reprojection = NumpyReprojection(device, rig, grid)
         self._sampling = cone_sampling(body, config.sample_spacing)
         self.points = np.empty((0, 3))
+        self.turn = 0
 
     def observe(self, voxels: NumpyVoxels) -> None:
         """Take the voxels of a frame."""
@@ -46,10 +47,10 @@ class NumpyVoxelLikelihood:
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D)."""
-        cones = posed_cones(self.body, poses)
-        return total_errors(
-            self.rig, cones, self._maps, self.points, self._sampling, self.body.apart, self.config
-        )
+        body, config = self.body, self.config
+        seen = share(self.points, self.turn, config.point_turns)
+        cones = posed_cones(body, poses)
+        return total_errors(self.rig, cones, self._maps, seen, self._sampling, body.apart, config)
 
 
 class NumpyTracker:
@@ -68,7 +69,7 @@ class NumpyTracker:
         self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
-        self._last, self._drift = np.zeros((2, self.body.n_dof))
+        self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further."""
@@ -87,10 +88,17 @@ class NumpyTracker:
     def _search(self) -> Estimate:
         raise NotImplementedError
 
+    def _take_turn(self, turn: int) -> None:
+        """Say which of the launchers that a device's tracker makes is meant."""
+        if isinstance(self.scorer, NumpyVoxelLikelihood):
+            self.scorer.turn = turn
+
     def _noise(self, layer: int) -> np.ndarray:
         """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
         config = self.config
         shape = (config.n_particles, self.body.n_dof)
         deviation = config.layer_noise[layer] * self.body.sigma
+        if config.spread > 0 and layer > 0:
+            deviation = np.minimum(deviation, config.spread * self._deviation)
         noise = deviation * normals(config.seed, self._frame, layer, *shape)
         return noise + self._drift if layer == 0 else noise

@@ -39,6 +39,7 @@ class NumpySirParticleFilter(NumpyTracker):
     def _search(self) -> Estimate:
         config, body = self.config, self.body
         poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
+        self._take_turn(self._frame % 2)
         squared = self.scorer(poses) ** 2
         beta = self.sir.beta or annealing_exponent(squared, config.survival_rates[0])
         weights = normalised_weights(squared, beta)

@@ -52,6 +52,7 @@ class NumpyParticleSwarm(NumpyTracker):
                 velocities += swarm.cognitive * r1 * (bests - poses)
                 velocities += swarm.social * r2 * (bests[best] - poses)
                 poses, velocities = stopped_at_limits(body, poses + velocities, velocities)
+            self._take_turn(iteration + self._frame % 2 * config.n_layers)
             errors = self.scorer(poses)
             better = errors < best_errors
             bests[better], best_errors[better] = poses[better], errors[better]

@@ -1,0 +1,155 @@
+"""Every search over every objective: what `apf track --method M --objective O` chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.features import FeatureConfig, features_for
+from apf.likelihood import VoxelLikelihood
+from apf.objective import KINDS, ObjectiveConfig, objective_for
+from apf.sir import SirConfig, SirParticleFilter
+from apf.swarm import ParticleSwarm, SwarmConfig
+from apf.tracker import AnnealedParticleFilter
+from cl import Device, NumpyDevice, UserError
+from psfs.camera import CameraRig
+from psfs.config import ReconstructionConfig
+from psfs.grid import VoxelGrid
+from psfs.names import listed
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Frame, Sequence
+
+SEARCHES = ("apf", "pso", "sir")
+#: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
+OBJECTIVES = ("voxel", *KINDS)
+
+#: What a search changes in the defaults of FilterConfig.
+SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
+    "apf": {},
+    "pso": {"n_particles": 300, "point_turns": 1},
+    "sir": {"n_particles": 3000, "n_layers": 1, "first_survival": 0.05},
+}
+
+
+@dataclass(frozen=True)
+class Method:
+    """A search, an objective and the settings of both; those of others are not looked at.
+
+    filter: of every search (n_layers are the swarm's iterations) and of the voxels' likelihood.
+    A swarm compares errors of different iterations: with it, `point_turns` should be 1.
+    """
+
+    search: str = "apf"
+    objective: str = "voxel"
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    swarm: SwarmConfig = field(default_factory=SwarmConfig)
+    sir: SirConfig = field(default_factory=SirConfig)
+    image: ObjectiveConfig = field(default_factory=ObjectiveConfig)
+    features: FeatureConfig = field(default_factory=FeatureConfig)
+
+    def __post_init__(self) -> None:
+        if self.search not in SEARCHES:
+            raise UserError(f"the method is {self.search!r}; expected {listed(SEARCHES)}")
+        if self.objective not in OBJECTIVES:
+            raise UserError(f"the objective is {self.objective!r}; expected {listed(OBJECTIVES)}")
+        if not self.uses_voxels:
+            object.__setattr__(self, "image", replace(self.image, kind=self.objective))
+
+    @classmethod
+    def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
+        """With the search's own defaults; `settings` are FilterConfig's."""
+        config = FilterConfig(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
+        return cls(search, objective, config)
+
+    @property
+    def uses_voxels(self) -> bool:
+        return self.objective == "voxel"
+
+    def described(self) -> dict[str, Any]:
+        """What was used, for a track's `config`."""
+        used = {"method": self.search, "objective": self.objective, "filter": asdict(self.filter)}
+        if self.search == "pso":
+            used["swarm"] = asdict(self.swarm)
+        if self.search == "sir":
+            used["sir"] = asdict(self.sir)
+        if not self.uses_voxels:
+            used |= {"image": asdict(self.image), "features": asdict(self.features)}
+        return used
+
+
+def tracker_of(
+    device: Device | NumpyDevice,
+    body: BodyModel,
+    rig: CameraRig,
+    grid: VoxelGrid | None,
+    method: Method,
+) -> Any:
+    """The tracker of `method` on the device, or its twin; only the voxels' needs a grid."""
+    scorer = scorer_of(device, body, rig, grid, method)
+    if isinstance(device, NumpyDevice):
+        return _twin(device, body, rig, scorer, method)
+    if method.search == "pso":
+        return ParticleSwarm(device, body, scorer, method.filter, method.swarm)
+    if method.search == "sir":
+        return SirParticleFilter(device, body, scorer, method.filter, method.sir)
+    return AnnealedParticleFilter(device, body, rig, grid, method.filter, scorer=scorer)
+
+
+def scorer_of(
+    device: Device | NumpyDevice,
+    body: BodyModel,
+    rig: CameraRig,
+    grid: VoxelGrid | None,
+    method: Method,
+) -> Any:
+    """What the tracker of `method` searches with, or its twin."""
+    if not method.uses_voxels:
+        return objective_for(device, body, rig, method.filter.n_particles, method.image)
+    assert grid is not None, "voxels have a grid"
+    if isinstance(device, NumpyDevice):
+        from apf.reference.search import NumpyVoxelLikelihood
+
+        return NumpyVoxelLikelihood(device, body, rig, grid, method.filter)
+    return VoxelLikelihood(device, body, rig, grid, method.filter)
+
+
+def _twin(device: NumpyDevice, body: BodyModel, rig: CameraRig, scorer: Any, method: Method) -> Any:
+    from apf.reference.sir import NumpySirParticleFilter
+    from apf.reference.swarm import NumpyParticleSwarm
+    from apf.reference.tracker import NumpyAnnealedParticleFilter
+
+    if method.search == "pso":
+        return NumpyParticleSwarm(device, body, scorer, method.filter, method.swarm)
+    if method.search == "sir":
+        return NumpySirParticleFilter(device, body, scorer, method.filter, method.sir)
+    return NumpyAnnealedParticleFilter(device, body, rig, None, method.filter, scorer=scorer)
+
+
+def observer_of(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid | None,
+    method: Method,
+    reconstruction: ReconstructionConfig | None = None,
+) -> Callable[[Frame], Any]:
+    """What makes of a frame that which the tracker of `method` observes: voxels, or features.
+
+    Sequences without pictures have only the silhouettes' outlines for edges.
+    """
+    rig, background = sequence.rig, sequence.background
+    if method.uses_voxels:
+        assert grid is not None, "voxels have a grid"
+        return reconstructor_for(device, rig, grid, background, reconstruction)
+    config = method.features
+    if sequence.footage.images is None:
+        config = replace(config, edges="outline")
+    features = features_for(device, rig, background, config)
+
+    def observe(frame: Frame) -> Any:
+        features(frame)
+        return features
+
+    return observe
