@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Timings of this project against what else a user could pick, all in one run.
 
-    scripts/compare_timings.py psfs [--quick] [-o OUT]
+    scripts/compare_timings.py all [--quick] [-o OUT]      # every comparison
+    scripts/compare_timings.py psfs [--quick] [-o OUT]     # one of them
 
-writes OUT/psfs.json and prints tables; `report_timings.py` makes pages and plots of such files.
+writes OUT/psfs.json ... and prints tables; `report_timings.py` makes pages and plots of such files.
 Each subcommand is a module of `timings` with a function `register(commands)`; see
 `timings.results` for what they share.
 """
@@ -13,12 +14,12 @@ from __future__ import annotations
 import argparse
 import sys
 
-from timings import psfs_timings, whole_timings
+from timings import all_timings, psfs_timings, whole_timings
 
 from psfs.commandline import run_command
 
-#: One module per subcommand.
-SUBCOMMANDS = (whole_timings, psfs_timings)
+#: One module per subcommand; `all`, which runs the others in this order, comes last.
+SUBCOMMANDS = (whole_timings, psfs_timings, all_timings)
 
 
 def main() -> int:

@@ -72,8 +72,8 @@ def _print_comparison(results: Results) -> None:
         for mode in MODES:
             timings = device[mode]["stages"]
             ms = sum(timings[stage].median for stage in SHAPE_STAGES if stage in timings)
-            ratios = "".join(f", {v / ms:.3g} {k}" for k, v in medians.items())
-            line = f"{device['label']}, {mode}: silhouette maps to surface {ms:.3g} ms{ratios}"
+            beside = "".join(f", {v / ms:.3g} {k}" for k, v in medians.items())
+            line = f"{device['label']}, {mode}: silhouette maps to surface {ms:.3g} ms{beside}"
             stdout.print(line, soft_wrap=True)
     if "open3d" in results.sections:
         counts = results.sections["open3d"]

@@ -84,9 +84,9 @@ class Results:
         if args.out.exists() and not args.out.is_dir():
             raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
         path = args.out / f"{comparison}.json"
-        settings = _round_trip({**settings, "quick": args.quick})
+        kept = _round_trip({**settings, "quick": args.quick})
         results = cls(
-            comparison, settings, path, commit=_commit() or args.commit,
+            comparison, kept, path, commit=_commit() or args.commit,
             made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         )  # fmt: skip

@@ -81,9 +81,9 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     cones, points, dof = len(body.cones), config.n_points, body.n_dof
     scored = config.n_particles * config.n_layers
     samples = float(np.sum([r * (c + 2) for r, c in cone_sampling(body, config.sample_spacing)]))
-    pose = _BONE * len(body.bones) + 4 * _PROJECTION * cones * views
+    pose = float(_BONE * len(body.bones)) + 4 * _PROJECTION * cones * views
     pose += _SAMPLE * samples * views + _DISTANCE * cones * points
-    step = points * (_DISTANCE * cones + 12 * dof + dof * dof)
+    step = float(points) * (_DISTANCE * cones + 12 * dof + dof * dof)
     read = config.n_layers * (2 * pixels + 16 * points) + 4 * dof * scored
     return {
         "reprojection": (4 * surface + 2 * pixels, _PROJECTION * surface * views),

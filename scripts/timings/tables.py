@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rich import box
 from rich.table import Table
 
 from psfs.commandline import stdout
@@ -25,12 +26,15 @@ class Grid:
 
     def show(self) -> None:
         """On the terminal; the first column to the left, figures to the right."""
-        table = Table(title=self.title, caption=self.note or None)
+        table = Table(box=box.SIMPLE)
         for k, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if k else "left")
+            table.add_column(column, justify="right" if k else "left", no_wrap=not k)
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*(cell.strip("*_") for cell in row))
+        stdout.print(f"\n[bold]{self.title}[/bold]")
         stdout.print(table)
+        if self.note:
+            stdout.print(self.note)
 
     def markdown(self) -> str:
         """With its title in bold above and its note below."""
@@ -54,3 +58,8 @@ def number(value: float | None, digits: int = 3) -> str:
 
 def ratio(value: float | None) -> str:
     return NONE if value is None else f"{number(value)} x"
+
+
+def quoted(value: float | None) -> str:
+    """A paper's figure with all the digits that the paper gives."""
+    return NONE if value is None else f"{value:,}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from timings.results import Results
 from timings.stages import PARTS, STAGES
-from timings.tables import NONE, Grid, number, ratio
+from timings.tables import NONE, Grid, number, quoted, ratio
 
 _PAPERS = Path(__file__).with_name("papers.json")
 
@@ -66,7 +66,7 @@ def table_2(results: Results) -> Grid:
                      f"{1e3 / average(column):,.3g}", number(error)])  # fmt: skip
     for name, *values in song["rows"]:
         rows.append(
-            [f"_Song: {name}_", *map(number, values), "200", f"{1e3 / values[-1]:,.3g}", NONE]
+            [f"_Song: {name}_", *map(quoted, values), "200", f"{1e3 / values[-1]:,.3g}", NONE]
         )
     heads = [f"run {k + 1}, ms" for k in range(n_runs)]
     return Grid(
@@ -100,7 +100,7 @@ def _songs_ratio(slower: Any, faster: Any, song: dict[str, float]) -> str:
         ("cpu", False, "gpu"): "GPU / CPU+TBB (4 cores)",
         ("cpu", True, "cpu"): "CPU+TBB (4 cores) / CPU",
     }.get(kinds)
-    return f"{number(song[name], 4)} x" if name else NONE
+    return f"{quoted(song[name])} x" if name else NONE
 
 
 def table_4(results: Results, step: int = 1) -> Grid:
@@ -114,7 +114,7 @@ def table_4(results: Results, step: int = 1) -> Grid:
         if (frame - 1) % step:
             continue
         ours = [run[frame - 1] if frame <= len(run) else None for run in runs]
-        rows.append([str(frame), *(number(value, 4) for value in (*ours, *values))])
+        rows.append([str(frame), *(number(ms, 4) for ms in ours), *map(quoted, values)])
     return Grid(
         "Song table 4: time of each frame, ms",
         ["frame", *heads, *(f"Song: {name}" for name in song["columns"][1:])],

@@ -1,0 +1,39 @@
+"""`compare_timings.py all`: every comparison, one after the other, into one folder."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from psfs.commandline import add_command, stderr
+from timings.results import add_timing_flags
+
+#: What `--quick` allows itself on an idle machine of 2 cores, s.
+_QUICK_SECONDS = 100.0
+#: Shares of a limited time; 1 for those not named.
+_SHARES = {"whole": 3.0}
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    """To be called last: `all` is what was registered before."""
+    others = dict(commands.choices)
+    parser = add_command(commands, "all", lambda args: _run(args, others), help="all of them")
+    add_timing_flags(parser)
+
+
+def _run(args: argparse.Namespace, others: dict[str, argparse.ArgumentParser]) -> None:
+    seconds = _QUICK_SECONDS if args.seconds is None and args.quick else args.seconds
+    began = time.monotonic()
+    left = dict(others)
+    for name, parser in others.items():
+        shares = sum(_SHARES.get(other, 1.0) for other in left)
+        argv = ["--out", str(args.out)]
+        argv += [f"--{flag}" for flag in ("quick", "resume", "verbose") if getattr(args, flag)]
+        argv += ["--commit", args.commit] if args.commit else []
+        if seconds is not None:
+            mine = max(0.0, seconds - (time.monotonic() - began)) * _SHARES.get(name, 1.0) / shares
+            argv += ["--seconds", f"{mine:.0f}"]
+        stderr.print(f"[bold]{name}[/bold] {' '.join(argv)}", soft_wrap=True)
+        parsed = parser.parse_args(argv)
+        parsed.run(parsed)
+        del left[name]
