@@ -73,6 +73,7 @@ class VoxelLikelihood:
         self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((config.n_particles,), np.float32, "the errors")
+        self.misfit = device.zeros((1,), np.float32)
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -91,36 +92,46 @@ class VoxelLikelihood:
 
         Every launcher looks at another share of the surface samples than the one before.
         """
-        launch = self._launch(poses, self._reprojection.maps, self._n_launchers)
+        config, turn = self.config, self._n_launchers
         self._n_launchers += 1
-        return [launch]
+        place = (turn % config.point_turns, config.point_turns)
+        return [self._launch(config.n_particles, poses, place, config.weights, self.errors)]
 
-    def _launch(self, poses: Array, maps: Array, turn: int) -> Launch:
-        """Score `poses` by `maps` (V, H, W, 2) uint8 and share number `turn` of the samples."""
+    def misfit_launcher(self, pose: Array) -> list[Launch]:
+        """The launches that put into `misfit` (1,) float32 how badly the first of `pose` (.., D)
+        fits, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
+        surface voxels that it leaves unexplained."""
+        weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
+        return [self._launch(1, pose, (0, 1), weights, self.misfit)]
+
+    def _launch(
+        self, n: int, poses: Array, place: tuple[int, int], weights: np.ndarray, errors: Array
+    ) -> Launch:
+        """Score the first `n` of `poses`; place: first surface sample looked at, and stride."""
         config = self.config
         return self.device.launch(
             self._kernel("score_poses"),
-            pack_size(config.n_particles, self._defines),
+            pack_size(n, self._defines),
             (self._defines["GROUP"],),
-            np.int32(config.n_particles),
+            np.int32(n),
             poses,
             *self._body,
             np.int32(len(self.rig)),
             np.int32(self.rig.width),
             np.int32(self.rig.height),
             self._cameras,
-            maps,
+            self._reprojection.maps,
             np.int32(self._rows.shape[0]),
             self._rows,
             np.int32(config.n_points),
-            np.int32(turn % config.point_turns),
-            np.int32(config.point_turns),
+            np.int32(place[0]),
+            np.int32(place[1]),
             np.float32(config.surface_scale),
             self.points,
             np.int32(self._n_pairs),
             self._pairs,
-            config.weights,
-            self.errors,
+            weights,
+            errors,
         )
 
     def _fitting_defines(self, body: BodyModel) -> dict[str, int]:

@@ -18,6 +18,8 @@ class Refinement:
     """Moves the estimate in `result` (its first D values) onto the surface voxels of `points`.
 
     `shift` is the device array (D,) that says by how much; zero where nothing is refined.
+    `information` is the device array (D (D + 1) / 2,) of the lower triangle of the last linear
+    system, row by row: how firmly voxels and prior hold the pose, about the inverse covariance.
     Raises UserError if the body has more degrees of freedom than local memory can hold.
     """
 
@@ -34,6 +36,7 @@ class Refinement:
         }  # fmt: skip
         self._n_parts = -(-config.n_points // _BLOCK)
         self.shift = device.zeros((n,), np.float32)
+        self.information = device.zeros((n * (n + 1) // 2,), np.float32)
         self._body = [device.to_device(table, "the body model") for table in pack_body(body)]
         moves = np.zeros((len(body.cones), row), np.float32)
         moves[:, :n] = cone_moves(body) > 0
@@ -93,6 +96,7 @@ class Refinement:
             self._pose,
             self._least,
             self.shift,
+            self.information,
             result,
         )
 

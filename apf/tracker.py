@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ class Estimate:
     pose: (D,) weighted mean of the last layer's particles, refined. deviation: (D,) their standard
     deviation.
     ess, beta, least_error: (n_layers,) effective sample size, exponent, error of the best particle.
+    information: (D, D) of the refinement's linear system, about the inverse of the pose's
+    covariance; zero or (0, 0) where nothing was refined. misfit: of the pose, see
+    `VoxelLikelihood.misfit_launcher`; NaN of a scorer that knows none.
     """
 
     pose: np.ndarray
@@ -32,6 +35,8 @@ class Estimate:
     ess: np.ndarray
     beta: np.ndarray
     least_error: np.ndarray
+    information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    misfit: float = float("nan")
 
 
 class Tracker:
@@ -55,6 +60,11 @@ class Tracker:
         self.scorer = scorer
         self._particles = particles
         self._refinement = Refinement(device, body, config)
+        self._misfit: Array | None = getattr(scorer, "misfit", None)
+        if self._misfit is None:
+            self._misfit = device.to_device(np.full(1, np.nan, np.float32))
+        size = particles.result.size + self._refinement.information.size + 1
+        self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
         self._n_frames = 0
@@ -70,15 +80,34 @@ class Tracker:
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
-        return unpacked(self._particles.result.get(), self.body.n_dof)
+        return unpacked(self._report.get(), self.body.n_dof)
 
     def _frame_launches(self, source: int) -> list[Launch]:
         """A frame that starts from the particles in set `source`."""
+        result = self._particles.result
         points: Array | None = getattr(self.scorer, "points", None)
         launches = self._search(source)
         if points is not None:
-            launches += self._refinement.launcher(points, self._particles.result)
-        return [*launches, self._particles.settle(self._refinement.shift)]
+            launches += self._refinement.launcher(points, result)
+        launches.append(self._particles.settle(self._refinement.shift))
+        if hasattr(self.scorer, "misfit_launcher"):
+            launches += self.scorer.misfit_launcher(result)
+        return [*launches, self._gather()]
+
+    def _gather(self) -> Launch:
+        """Everything that the host reads into one array."""
+        result, information = self._particles.result, self._refinement.information
+        return self.device.launch(
+            self.device.kernel("report", "gather"),
+            (self._report.size,),
+            None,
+            np.int32(result.size),
+            np.int32(information.size),
+            result,
+            information,
+            self._misfit,
+            self._report,
+        )
 
     def _search(self, source: int) -> list[Launch]:
         raise NotImplementedError
@@ -139,8 +168,14 @@ def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     return np.clip(pose, body.lower, body.upper)
 
 
-def unpacked(result: np.ndarray, n_dof: int) -> Estimate:
-    """What `ParticleSet.result` holds, as an Estimate."""
-    result = result.astype(np.float64)
-    ess, beta, least_error = result[2 * n_dof :].reshape(-1, 3).T
-    return Estimate(result[:n_dof], result[n_dof : 2 * n_dof], ess, beta, least_error)
+def unpacked(report: np.ndarray, n_dof: int) -> Estimate:
+    """What a tracker downloads, as an Estimate: `ParticleSet.result`, the lower triangle of
+    `Estimate.information` row by row, the misfit."""
+    n_information = n_dof * (n_dof + 1) // 2
+    parts = np.split(report.astype(np.float64), [n_dof, 2 * n_dof, -n_information - 1, -1])
+    pose, deviation, layers, triangle, misfit = parts
+    ess, beta, least_error = layers.reshape(-1, 3).T
+    information = np.zeros((n_dof, n_dof))
+    information[np.tril_indices(n_dof)] = triangle
+    information += np.tril(information, -1).T
+    return Estimate(pose, deviation, ess, beta, least_error, information, float(misfit[0]))

@@ -306,7 +306,9 @@ def test_a_frame_is_one_small_download(device: Device) -> None:
         after = device.transfers
         assert after.uploads == before.uploads
         assert after.downloads == before.downloads + 1
-        assert after.download_bytes - before.download_bytes == 4 * (2 * 31 + 3 * 3)
+        assert after.download_bytes - before.download_bytes == 4 * (
+            2 * 31 + 3 * 3 + 31 * 32 // 2 + 1
+        )
 
 
 @pytest.mark.parametrize("n_layers", [1, 2])
@@ -411,6 +413,8 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
         np.testing.assert_allclose(expected.ess, config.survival_rates * 64, rtol=0.02)
         np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
         np.testing.assert_allclose(found.beta, expected.beta, rtol=0.3)
+        np.testing.assert_allclose(found.misfit, expected.misfit, atol=0.03)
+        assert found.information.shape == expected.information.shape == (31, 31)
 
 
 def test_a_moving_body_is_followed(device: Device) -> None:

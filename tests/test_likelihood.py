@@ -78,11 +78,14 @@ class Setup:
         grid = grid or scenes.small_grid(0.1)
         self.likelihood = VoxelLikelihood(device, body, rig, grid, self.config)
         self.likelihood.points.fill(0)
-        self._on_device = device.to_device(self.poses), device.to_device(maps)
+        self.on_device = device.to_device(self.poses)
 
     def errors(self, turn: int = 0) -> np.ndarray:
         self.likelihood.errors.fill(-7)
-        self.likelihood._launch(*self._on_device, turn)()
+        self.likelihood._reprojection.maps.set(self.maps)
+        self.likelihood._n_launchers = turn
+        for launch in self.likelihood.launcher(self.on_device):
+            launch()
         return self.likelihood.errors.get()
 
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
@@ -411,6 +414,32 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
     np.testing.assert_allclose(found, expected, rtol=0.03)
     worst = config.edge_weight + config.silhouette_weight
     assert found[-1] >= views * worst * (1 - 1e-6) or name == "stick"  # which has no such axis
+
+
+def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> None:
+    body, rig, grid = bodies.named("song31"), scenes.ring(5), scenes.small_grid(0.1)
+    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    poses = scattered_poses(body, 3)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG, grid)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
+    setup.errors()
+    for launch in setup.likelihood.misfit_launcher(setup.on_device):
+        launch()
+    expected = sum(
+        total_errors(
+            rig,
+            posed_cones(body, setup.poses[:1]),
+            setup.maps,
+            sampled_surface(grid.centres(indices), CONFIG.n_points),
+            cone_sampling(body, CONFIG.sample_spacing),
+            (),
+            replace(only(term), n_points=CONFIG.n_points, surface_scale=CONFIG.surface_scale),
+        )[0]
+        / len(rig)
+        for term in ("silhouette", "surface")
+    )
+    assert setup.likelihood.misfit.get()[0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:

@@ -35,8 +35,8 @@ def on_surface(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
 
 def on_device(
     device: Device, body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Refined pose and shift by the kernel; no points at all count as an empty cloud."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Refined pose, shift and information by the kernel; no points at all count as an empty cloud."""
     padded = np.zeros((config.n_points, 4), np.float32)
     if len(points):
         padded[:] = np.c_[points, np.ones(len(points))]
@@ -44,7 +44,7 @@ def on_device(
     result = device.to_device(mean.astype(np.float32))
     for launch in refinement.launcher(device.to_device(padded), result):
         launch()
-    return result.get(), refinement.shift.get()
+    return result.get(), refinement.shift.get(), refinement.information.get()
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
@@ -68,7 +68,7 @@ def test_finds_the_way_back() -> None:
     for seed in range(3):
         moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
         moved = np.clip(moved, body.lower, body.upper)
-        found = refined(body, moved, points, CONFIG)
+        found = refined(body, moved, points, CONFIG)[0]
         before, after = (
             np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
             for p in (moved, found)
@@ -83,7 +83,7 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
     points = on_surface(body, pose, 300)
-    found = refined(body, pose, points, replace(CONFIG, refine_width=4.0))
+    found = refined(body, pose, points, replace(CONFIG, refine_width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
 
 
@@ -97,7 +97,7 @@ def test_far_voxels_pull_first() -> None:
 
     def miss(reach: float) -> float:
         config = replace(CONFIG, refine_scale=0.02, refine_reach=reach)
-        found = refined(body, body.rest_pose, points, config)
+        found = refined(body, body.rest_pose, points, config)[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
         return float(np.linalg.norm(reached - wanted))
 
@@ -115,7 +115,7 @@ def test_never_worse_than_the_mean() -> None:
         away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
         return float(CONFIG.refine_strength * share + away)
 
-    assert cost(refined(body, mean, points, CONFIG)) <= cost(mean)
+    assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
@@ -127,15 +127,19 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     random = np.random.default_rng(n_points)
     points = on_surface(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    found, shift = on_device(device, body, mean, points, config)
-    np.testing.assert_allclose(found, refined(body, mean, points, config), atol=2e-4)
+    found, shift, information = on_device(device, body, mean, points, config)
+    expected, matrix = refined(body, mean, points, config)
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    lower = np.tril_indices(body.n_dof)
+    np.testing.assert_allclose(information / scale[lower], (matrix / scale)[lower], atol=0.02)
     np.testing.assert_allclose(shift, found - mean, atol=1e-6)
 
 
 def test_nothing_to_refine_on(device: Device) -> None:
     body = load_body("song31")
     mean = bodies.random_poses(body, 1)[0]
-    found, shift = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
+    found, shift, _ = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
     np.testing.assert_allclose(found, mean, atol=1e-6)
     assert np.all(np.abs(shift) < 1e-6)
     off = replace(CONFIG, refine_steps=0)

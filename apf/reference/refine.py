@@ -66,16 +66,20 @@ def distance_rows(
 
 def refined(
     body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """The pose (D,) that minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance
     from `mean` in prior deviations: the best of the poses met in `refine_steps` steps.
 
     The steps weigh voxels by a scale that shrinks from `refine_reach` to `refine_scale`, so that
     those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).
+
+    Also the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
-    if config.refine_steps == 0 or len(points) == 0:
-        return mean
+    if config.refine_steps == 0:
+        return mean, np.zeros((body.n_dof, body.n_dof))
     prior = prior_deviation(body, config) ** -2
+    if len(points) == 0:
+        return mean, np.diag(prior)
     weight = config.refine_strength / (len(points) * config.refine_scale**2)
     pose, best, least, reach = mean, mean, np.inf, config.refine_reach
     for step in range(config.refine_steps + 1):
@@ -84,11 +88,11 @@ def refined(
         cost = config.refine_strength * unexplained + np.sum(prior * (pose - mean) ** 2)
         if cost < least:
             best, least = pose, cost
-        if step == config.refine_steps:
-            break
         weighted = rows * (weight / (1 + distance**2 / reach**2) ** 2)[:, None]
         matrix = weighted.T @ rows + np.diag(prior)
+        if step == config.refine_steps:
+            break
         vector = weighted.T @ distance + prior * (pose - mean)
         pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
         reach = max(config.refine_scale, reach * config.refine_shrink)
-    return best
+    return best, matrix

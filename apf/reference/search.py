@@ -52,6 +52,16 @@ class NumpyVoxelLikelihood:
         cones = posed_cones(body, poses)
         return total_errors(self.rig, cones, self._maps, seen, self._sampling, body.apart, config)
 
+    def misfit(self, pose: np.ndarray) -> float:
+        """See `VoxelLikelihood.misfit_launcher`, of a pose (D,)."""
+        config = replace(
+            self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
+            overlap_weight=0.0,
+        )  # fmt: skip
+        cones = posed_cones(self.body, pose[None])
+        errors = total_errors(self.rig, cones, self._maps, self.points, self._sampling, (), config)
+        return float(errors[0]) / len(self.rig)
+
 
 class NumpyTracker:
     """`start(pose)` once, then `step(observation)` per frame, as `apf.tracker.Tracker`.
@@ -75,15 +85,16 @@ class NumpyTracker:
         """Track one frame further."""
         self.scorer.observe(observation)
         found = self._search()
-        pose = found.pose
+        pose, information = found.pose, found.information
         points: np.ndarray | None = getattr(self.scorer, "points", None)
         if points is not None:
-            pose = refined(self.body, pose, points, self.config)
+            pose, information = refined(self.body, pose, points, self.config)
+        misfit = self.scorer.misfit(pose) if hasattr(self.scorer, "misfit") else np.nan
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
         self._last, self._drift = pose, pose - found.pose + self.config.velocity * change
         self._frame += 1
-        return replace(found, pose=pose)
+        return replace(found, pose=pose, information=information, misfit=misfit)
 
     def _search(self) -> Estimate:
         raise NotImplementedError

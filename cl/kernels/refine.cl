@@ -135,14 +135,15 @@ inline void solve(__local float *system)
 }
 
 // Takes a step from `pose`: the next one into `next`. The best pose met is kept as its difference
-// from the mean in `result`, `shift`, and its cost, `least`; the last step adds it to the result.
+// from the mean in `result`, `shift`, and its cost, `least`; the last step adds it to the result
+// and leaves the lower triangle of its system as `information`, row by row.
 // strength: that of the mean over all voxels; weight: of one voxel in the linear system.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_step(int first, int last, int n_parts, float strength, float weight,
                  __global const float *parts, __global const float *sigma,
                  __global const float2 *limits, __global const float *pose,
                  __global float *next, __global float *least, __global float *shift,
-                 __global float *result)
+                 __global float *information, __global float *result)
 {
     __local float system[N_DOF * ROW], scratch[GROUP];
     const int lane = get_local_id(0);
@@ -159,10 +160,8 @@ void refine_step(int first, int last, int n_parts, float strength, float weight,
         for (int dof = lane; dof < N_DOF; dof += GROUP) shift[dof] = pose[dof] - result[dof];
     barrier(CLK_GLOBAL_MEM_FENCE);
     if (lane == 0 && better) *least = cost;
-    if (last) {
+    if (last)
         for (int dof = lane; dof < N_DOF; dof += GROUP) result[dof] += shift[dof];
-        return;
-    }
     for (int e = lane; e < N_DOF * ROW; e += GROUP) {
         float sum = 0.0f;
         for (int part = 0; part < n_parts; ++part) sum += parts[part * PART + e];
@@ -172,7 +171,9 @@ void refine_step(int first, int last, int n_parts, float strength, float weight,
         if (j == i) sum += prior;
         if (j == N_DOF) sum += prior * (pose[i] - result[i]);
         system[e] = sum;
+        if (last && j <= i) information[i * (i + 1) / 2 + j] = sum;
     }
+    if (last) return;
     barrier(CLK_LOCAL_MEM_FENCE);
     solve(system);
     for (int dof = lane; dof < N_DOF; dof += GROUP) {
