@@ -15,6 +15,8 @@ from cl import UserError
 #: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
 #: an angle's distance from rest, rad. The last two only decide what the joints leave open.
 _JOINT_SIGMA, _SCALE_SIGMA, _ANGLE_SIGMA = 0.01, 0.3, 3.0
+#: Known joints that are asked for, or all of a body with fewer.
+_LEAST_JOINTS = 8
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:
@@ -42,15 +44,17 @@ def fit_to_joints(
     """Body with bone lengths scaled to `joints` (name -> (3,) m), its pose (D,), rms error m.
 
     Least squares over pose and one scale per bone (left and right share one), from four headings.
-    Radii grow with the mean length. Raises UserError if fewer than 8 known joints are given.
+    Radii grow with the mean length. Raises UserError if fewer than 8 known joints, or
+    not all of a body with fewer, are given.
     """
     names = [
         name for name in body.joint_names if name in joints and np.isfinite(joints[name]).all()
     ]
-    if len(names) < 8:
+    if len(names) < min(_LEAST_JOINTS, len(body.joints)):
         raise UserError(
             f"{len(names)} known joints to start from ({', '.join(names) or 'none'}); "
-            f"expected at least 8 of: {', '.join(body.joint_names)}"
+            f"expected at least {min(_LEAST_JOINTS, len(body.joints))} of: "
+            f"{', '.join(body.joint_names)}"
         )
     target = np.stack([joints[name] for name in names])
     chosen = [body.joint_names.index(name) for name in names]
