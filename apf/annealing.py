@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
+from apf.kinematics import pack_defines
 from cl import Array, Device, Launch
 
-_GROUP = 128
+#: Items that work on all particles.
+_LARGEST_GROUP = 1024
+#: To how many bits the exponent's logarithm is found.
+_BITS = 24
 
 
 class ParticleSet:
@@ -24,10 +30,11 @@ class ParticleSet:
         self.config = config
         self.n_dof = body.n_dof
         n = config.n_particles
+        self._defines = _defines(device, n, body.n_dof)
+        self._group, self._pack = self._defines["GROUP"], self._defines["PACK"]
         self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
         self.weights = device.empty((n,), np.float32, "the weights")
         self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
-        self._cumulative = device.empty((n,), np.float32, "the weights")
         self._parents = device.empty((n,), np.int32, "the parents")
         self._motion = device.zeros((body.n_dof, 2), np.float32)
         self._frame = device.zeros((1,), np.uint32)
@@ -49,7 +56,7 @@ class ParticleSet:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
         return self.device.launch(
             self._kernel("diffuse"),
-            (self.n_dof, self.config.n_particles),
+            (-(-self.n_dof // self._pack), self.config.n_particles),
             None,
             np.int32(self.config.n_particles),
             np.int32(layer),
@@ -72,8 +79,8 @@ class ParticleSet:
         A positive `beta` is the exponent whatever the survival."""
         return self.device.launch(
             self._kernel("anneal"),
-            (_GROUP,),
-            (_GROUP,),
+            (self._group,),
+            (self._group,),
             np.int32(self.config.n_particles),
             np.int32(layer),
             np.int32(layer == self.config.n_layers - 1),
@@ -83,7 +90,6 @@ class ParticleSet:
             self._frame,
             errors,
             self.weights,
-            self._cumulative,
             self._parents,
             self.result,
         )
@@ -92,8 +98,8 @@ class ParticleSet:
         """Weighted mean and deviation of set `source`."""
         return self.device.launch(
             self._kernel("estimate"),
-            (self.n_dof * _GROUP,),
-            (_GROUP,),
+            (self.n_dof * self._group,),
+            (self._group,),
             np.int32(self.config.n_particles),
             self.weights,
             self.sets[source],
@@ -114,4 +120,13 @@ class ParticleSet:
         )
 
     def _kernel(self, name: str) -> object:
-        return self.device.kernel("annealing", name, GROUP=_GROUP, N_DOF=self.n_dof)
+        return self.device.kernel("annealing", name, **self._defines)
+
+
+def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
+    """The defines of annealing.cl for `n` particles."""
+    n_betas, largest = (4, _LARGEST_GROUP) if device.is_gpu else (1, 1)
+    defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length())))
+    rounds = math.ceil(_BITS / math.log2(n_betas + 1))
+    run = -(-n // (defines["GROUP"] * defines["PACK"]))
+    return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}

@@ -29,7 +29,8 @@ __kernel void draw(__global const uint4 *counters, uint2 key, __global uint4 *wo
     const int i = get_global_id(0);
     words[i] = philox4x32(counters[i], key);
     uniforms[i] = uniform01(words[i].x);
-    normals[i] = philox_normal(counters[i], key);
+    const vwords counter = {counters[i].x, counters[i].y, counters[i].z, counters[i].w};
+    normals[i] = normal_pack(counter, key);
 }
 __kernel void ends(__global const uint *words, __global float *uniforms)
 {
@@ -43,7 +44,9 @@ def words_of(text: str) -> np.ndarray:
 
 
 def program(device: Device) -> pyopencl.Program:
-    header = (resources.files("cl") / "kernels" / "philox.h").read_text()
+    kernels = resources.files("cl") / "kernels"
+    header = "".join((kernels / name).read_text() for name in ("pack.h", "philox.h"))
+    header = header.replace('#include "pack.h"', "")
     return pyopencl.Program(device.context, header + KERNEL).build(options="-cl-std=CL1.2")
 
 

@@ -1,12 +1,15 @@
 // One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean. Twin:
-// reference/annealing.py. Define: GROUP, N_DOF.
+// reference/annealing.py. Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS, ROUNDS and
+// RUN; that of pack.h.
 #include "philox.h"
 #include "reduction.h"
 
 #define WHOLE_SET 0xFFFFFFFFu
-#define BISECTIONS 40
 // Exponents are searched between 2^-LOG2_BETA_LIMIT and 2^LOG2_BETA_LIMIT.
 #define LOG2_BETA_LIMIT 20.0f
+
+// Effective sample sizes (sum w)^2 / sum w^2 at N_BETAS exponents are found together.
+#define SUMS (2 * N_BETAS)
 
 inline float group_min(__local float *scratch, float value)
 {
@@ -22,114 +25,186 @@ inline float group_min(__local float *scratch, float value)
     return least;
 }
 
-// Effective sample size (sum w)^2 / sum w^2 of w = exp(-beta (error - least)).
-inline float effective_size(__local float *scratch, int n, __global const float *errors,
-                            float least, float beta)
+// Replaces SUMS values of every item by their sums over the group; eight at a time, since
+// barriers are what it costs. scratch: SUMS x GROUP.
+inline void group_sums(__local float *scratch, float values[SUMS])
 {
-    float sum = 0.0f, squares = 0.0f;
-    for (int i = get_local_id(0); i < n; i += GROUP) {
-        const float w = exp(-beta * (errors[i] - least));
-        sum += w;
-        squares += w * w;
+    const int lane = get_local_id(0);
+    for (int v = 0; v < SUMS; ++v) scratch[v * GROUP + lane] = values[v];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    int length = GROUP;
+    for (; length > 8; length /= 8) {
+        const int next = length / 8;
+        for (int item = lane; item < SUMS * next; item += GROUP) {
+            __local float *place = scratch + item / next * GROUP + item % next;
+            float sum = 0.0f;
+            for (int part = 0; part < 8; ++part) sum += place[part * next];
+            *place = sum;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
     }
-    sum = group_sum(scratch, sum);
-    squares = group_sum(scratch, squares);
-    return sum * sum / squares;
+    for (int v = 0; v < SUMS; ++v) {
+        values[v] = 0.0f;
+        for (int i = 0; i < length; ++i) values[v] += scratch[v * GROUP + i];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// Finds beta whose effective sample size is survival_rate * n (by bisection of its logarithm),
-// unless a positive one is given, then weights, normalised, and the parents of systematic
-// resampling; the last layer of a frame counts it. One work-group.
+// Adds up w = exp(-beta excess) and w^2 of this item's packs.
+inline void weigh(const vfloat excess[RUN], float beta, float *sum, float *squares)
+{
+    vfloat total = 0.0f, total2 = 0.0f;
+    for (int k = 0; k < RUN; ++k) {
+        const vfloat w = exp(-beta * excess[k]);
+        total += w;
+        total2 += w * w;
+    }
+    *sum = PACK_SUM(total);
+    *squares = PACK_SUM(total2);
+}
+
+// The logarithm of beta whose effective sample size is `wanted`: the interval shrinks to the part
+// between two of N_BETAS exponents in it, ROUNDS times.
+inline float find_exponent(__local float *scratch, const vfloat excess[RUN], float wanted)
+{
+    float low = -LOG2_BETA_LIMIT, width = 2.0f * LOG2_BETA_LIMIT;
+    for (int round = 0; round < ROUNDS; ++round) {
+        width /= N_BETAS + 1;
+        float sums[SUMS];
+        for (int b = 0; b < N_BETAS; ++b)
+            weigh(excess, exp2(low + (b + 1) * width), &sums[2 * b], &sums[2 * b + 1]);
+        group_sums(scratch, sums);
+        int parts = 0;  // whose effective sample size is too large
+        for (int b = 0; b < N_BETAS; ++b)
+            parts += parts == b && sums[2 * b] * sums[2 * b] > wanted * sums[2 * b + 1];
+        low += parts * width;
+    }
+    return low + 0.5f * width;
+}
+
+// Sum of `value` over the items before this one; *through gets it with its own.
+inline float sum_before(__local float *scratch, float value, float *through)
+{
+    const int lane = get_local_id(0);
+    scratch[lane] = value;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int reach = 1; reach < GROUP; reach *= 2) {
+        const float more = lane >= reach ? scratch[lane - reach] : 0.0f;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        scratch[lane] += more;
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    *through = scratch[lane];
+    return lane ? scratch[lane - 1] : 0.0f;
+}
+
+// The first child at or behind `share` of the total weight: children stand at (i + offset) / n.
+inline int first_child(float share, float offset, int n)
+{
+    const int child = (int)ceil(share * n - offset);
+    return child < 0 ? 0 : child < n ? child : n;
+}
+
+// Finds beta whose effective sample size is survival_rate * n, unless a positive one is given, then
+// weights, normalised, and the parents of systematic resampling; the last layer of a frame counts
+// it. One work-group, of which every item owns RUN packs of particles that follow each other.
 // result: mean (N_DOF), deviation (N_DOF), then per layer effective sample size, beta, least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void anneal(int n, int layer, int last, float survival_rate, float given_beta, uint2 seed,
             __global uint *frame, __global const float *errors, __global float *weights,
-            __global float *cumulative, __global int *parents, __global float *result)
+            __global int *parents, __global float *result)
 {
-    __local float scratch[GROUP];
-    const int lane = get_local_id(0);
-
-    float least = INFINITY;
-    for (int i = lane; i < n; i += GROUP) least = fmin(least, errors[i]);
-    least = group_min(scratch, least);
-
-    float low = -LOG2_BETA_LIMIT, high = LOG2_BETA_LIMIT;
-    const int steps = given_beta > 0.0f ? 0 : BISECTIONS;
-    for (int step = 0; step < steps; ++step) {
-        const float middle = 0.5f * (low + high);
-        const float size = effective_size(scratch, n, errors, least, exp2(middle));
-        if (size > survival_rate * n) low = middle;
-        else high = middle;
+    __local float scratch[SUMS * GROUP];
+    const int lane = get_local_id(0), begin = lane * RUN * PACK;
+    vfloat excess[RUN];
+    float lowest = INFINITY;
+    for (int k = 0; k < RUN; ++k) {
+        const int i = begin + k * PACK;
+        // Beyond the last particle: of no weight.
+#define ERROR(l) (i + 0x##l < n ? errors[i + 0x##l] : INFINITY)
+        excess[k] = PACK_OF(vfloat, ERROR);
+#undef ERROR
+        float lanes[PACK];
+        STORE_PACK(excess[k], lanes);
+        for (int l = 0; l < PACK; ++l) lowest = lanes[l] < lowest ? lanes[l] : lowest;
     }
-    const float beta = given_beta > 0.0f ? given_beta : exp2(0.5f * (low + high));
-    const float size = effective_size(scratch, n, errors, least, beta);
+    lowest = group_min(scratch, lowest);
+    for (int k = 0; k < RUN; ++k) excess[k] -= lowest;
 
-    // Each lane owns a contiguous run of particles, so that the running sum is one scan.
-    const int run = (n + GROUP - 1) / GROUP;
-    const int begin = min(lane * run, n), end = min(begin + run, n);
-    float sum = 0.0f;
-    for (int i = begin; i < end; ++i) {
-        weights[i] = exp(-beta * (errors[i] - least));
-        sum += weights[i];
-    }
-    scratch[lane] = sum;
+    const float beta = given_beta > 0.0f
+                           ? given_beta
+                           : exp2(find_exponent(scratch, excess, survival_rate * n));
+    float sums[SUMS];
+    for (int v = 2; v < SUMS; ++v) sums[v] = 0.0f;
+    weigh(excess, beta, &sums[0], &sums[1]);
+    float through;
+    const float before = sum_before(scratch, sums[0], &through);
     barrier(CLK_LOCAL_MEM_FENCE);
-    float before = 0.0f, total = 0.0f;
-    for (int i = 0; i < GROUP; ++i) {
-        if (i == lane) before = total;
-        total += scratch[i];
-    }
-    for (int i = begin; i < end; ++i) {
-        weights[i] /= total;
-        before += weights[i] * total;
-        cumulative[i] = before / total;
-    }
-    barrier(CLK_GLOBAL_MEM_FENCE);
+    group_sums(scratch, sums);
+    const float total = sums[0];
 
     const float offset =
         uniform01(philox4x32((uint4)(frame[0], layer, WHOLE_SET, 0), seed).x);
-    for (int i = lane; i < n; i += GROUP) {
-        const float position = (i + offset) / n;
-        int first = 0, last = n - 1;  // the first particle whose running sum exceeds position
-        while (first < last) {
-            const int middle = (first + last) / 2;
-            if (cumulative[middle] > position) last = middle;
-            else first = middle + 1;
+    float running = before;
+    int child = first_child(before / total, offset, n);
+    for (int k = 0; k < RUN; ++k) {
+        float lanes[PACK];
+        STORE_PACK(exp(-beta * excess[k]), lanes);
+        for (int l = 0; l < PACK && begin + k * PACK + l < n; ++l) {
+            const int i = begin + k * PACK + l;
+            weights[i] = lanes[l] / total;
+            running += lanes[l];
+            // An item's last particle ends where the next item's first one begins.
+            const bool ends = k == RUN - 1 && l == PACK - 1;
+            const float share = (ends || running > through ? through : running) / total;
+            const int end = i == n - 1 ? n : first_child(share, offset, n);
+            for (; child < end; ++child) parents[child] = i;
         }
-        parents[i] = first;
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
     if (lane == 0) {
         if (last) ++frame[0];
         __global float *diagnostics = result + 2 * N_DOF + 3 * layer;
-        diagnostics[0] = size;
+        diagnostics[0] = sums[0] * sums[0] / sums[1];
         diagnostics[1] = beta;
-        diagnostics[2] = least;
+        diagnostics[2] = lowest;
     }
 }
 
 // Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
 // and in the first layer plus the motion that is expected since the last frame.
 // Its deviation is noise * sigma, but not above spread * the set's own deviation (result, see
-// anneal) where spread is positive.
+// anneal) where spread is positive. An item works on PACK degrees of freedom of a particle.
 __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
                       __global const uint *frame, __global const float *sigma,
                       __global const float2 *limits, __global const float *result,
                       __global const float2 *motion, __global const int *parents,
                       __global const float *poses, __global float *children)
 {
-    const int dof = get_global_id(0), particle = get_global_id(1);
-    if (dof >= N_DOF || particle >= n) return;
-    const uint4 counter = (uint4)(frame[0], layer, particle, dof);
-    float deviation = noise * sigma[dof];
-    if (spread > 0.0f) deviation = fmin(deviation, spread * result[N_DOF + dof]);
-    float value = poses[parents[particle] * N_DOF + dof] +
-                  deviation * philox_normal(counter, seed);
-    if (layer == 0) value += motion[dof].y;
-    const float2 limit = limits[dof];
-    if (value < limit.x) value = 2.0f * limit.x - value;
-    if (value > limit.y) value = 2.0f * limit.y - value;
-    children[particle * N_DOF + dof] = clamp(value, limit.x, limit.y);
+    const int first = get_global_id(0) * PACK, particle = get_global_id(1);
+    if (first >= N_DOF || particle >= n) return;
+    __global const float *pose = poses + parents[particle] * N_DOF;
+#define DOF(l) lane_index(first, 0x##l, N_DOF)
+#define SIGMA(l) sigma[DOF(l)]
+#define SPREAD(l) result[N_DOF + DOF(l)]
+#define POSE(l) pose[DOF(l)]
+#define MOTION(l) motion[DOF(l)].y
+#define LOWER(l) limits[DOF(l)].x
+#define UPPER(l) limits[DOF(l)].y
+    const vuint whole = 0;
+    const vwords counter = {whole + frame[0], whole + (uint)layer, whole + (uint)particle,
+                            PACK_OF(vuint, DOF)};
+    vfloat deviation = noise * PACK_OF(vfloat, SIGMA);
+    if (spread > 0.0f) deviation = least(deviation, spread * PACK_OF(vfloat, SPREAD));
+    vfloat value = PACK_OF(vfloat, POSE) + deviation * normal_pack(counter, seed);
+    if (layer == 0) value += PACK_OF(vfloat, MOTION);
+    const vfloat lower = PACK_OF(vfloat, LOWER), upper = PACK_OF(vfloat, UPPER);
+    value = value < lower ? 2.0f * lower - value : value;
+    value = value > upper ? 2.0f * upper - value : value;
+    float lanes[PACK];
+    STORE_PACK(within(value, lower, upper), lanes);
+    for (int l = 0; l < PACK && first + l < N_DOF; ++l)
+        children[particle * N_DOF + first + l] = lanes[l];
 }
 
 // Song et al. eq. (12): weighted mean of the set, and its standard deviation. One work-group per

@@ -17,6 +17,7 @@ typedef uint vuint;
 #define LANE_OF(pack, l) (pack)
 #define PACK_OF(type, each) ((type)(each(0)))
 #define STORE_PACK(pack, place) (*(place) = (pack))
+#define PACK_SUM(pack) (pack)
 #elif PACK == 8
 typedef float8 vfloat;
 typedef int8 vint;
@@ -28,6 +29,7 @@ typedef uint8 vuint;
 #define PACK_OF(type, each) \
     ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7)))
 #define STORE_PACK(pack, place) vstore8(pack, 0, place)
+#define PACK_SUM(pack) pack_sum4((pack).lo + (pack).hi)
 #else
 typedef float16 vfloat;
 typedef int16 vint;
@@ -40,7 +42,10 @@ typedef uint16 vuint;
     ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7), \
             each(8), each(9), each(A), each(B), each(C), each(D), each(E), each(F)))
 #define STORE_PACK(pack, place) vstore16(pack, 0, place)
+#define PACK_SUM(pack) pack_sum4((pack).lo.lo + (pack).lo.hi + (pack).hi.lo + (pack).hi.hi)
 #endif
+
+inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
 
 // Operators instead of min, fmin, clamp and the like: PoCL does not inline those.
 
