@@ -25,6 +25,8 @@ from psfs.silhouette import Silhouette
 
 #: A camera is named when its IoU is below this share of the others' median.
 LOW_SHARE = 0.7
+#: Where the others' median is lower, they do not agree among themselves, or see nobody.
+AGREEING = 0.2
 #: Voxels of the coarse shapes, at most.
 _VOXELS = 250_000
 #: Silhouettes that fill more of the picture are no person.
@@ -70,7 +72,7 @@ def suspects(
             break
         worst = int(np.nanargmin(scores))
         others = float(np.nanmedian(np.delete(scores, worst)))
-        if not scores[worst] < LOW_SHARE * others:
+        if others < AGREEING or not scores[worst] < LOW_SHARE * others:
             break
         view = left.pop(worst)
         reason = judge.reason(view, left)

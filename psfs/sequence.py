@@ -113,6 +113,14 @@ class Sequence:
             return background_from_frames(self.rig, self.footage.images)
         return None
 
+    @property
+    def empty_scene(self) -> bool:
+        """Are silhouettes told by something else than the frames themselves, in which who keeps
+        still is background?"""
+        if self.background_kind == "mog":
+            return bool(self.footage.background)
+        return self.background_kind != "frames"
+
     @cached_property
     def _mixture(self) -> Mixture:
         plates = self.footage.background

@@ -84,11 +84,21 @@ def foreground_box(
         if found is None:
             raise UserError(
                 f"{sequence.folder}: nothing stands out from the background in "
-                f"{len(picked)} of the selected frames; expected a person in view of the cameras"
+                f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
             )
         margin = np.maximum(_MARGIN * (found[1] - found[0]), _MARGIN_VOXELS * grid.voxel_size)
         low, high = np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
     return low, high
+
+
+def expected_person(sequence: Sequence) -> str:
+    """What to ask for in an error, where nothing stands out from the background."""
+    if sequence.empty_scene:
+        return "a person in view of the cameras"
+    return (
+        "a person who moves, since the background is learnt from the frames themselves, or "
+        "pictures of the empty scene in background/"
+    )
 
 
 def reachable_box(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,7 @@ class Footage:
     masks: list[np.ndarray]
     volume: tuple[np.ndarray, np.ndarray] | None = None
     background: None = None
+    empty_scene: bool = True
     folder: Path = field(default_factory=lambda: Path("footage"))
 
     def __len__(self) -> int:

@@ -27,7 +27,7 @@ from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.preview import preview, write_picture
 from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid, finest_pixel, foreground_box
+from psfs.volume import automatic_grid, expected_person, finest_pixel, foreground_box
 
 #: Voxels this much smaller than a pixel are warned of.
 _FINE = 2.0
@@ -95,7 +95,8 @@ def _run(args: argparse.Namespace) -> None:
     if not job.done:
         raise UserError(
             f"{sequence.folder}: nothing stands out from the background in the volume from "
-            f"{grid.low.round(3)} to {grid.high.round(3)} m; expected a person"
+            f"{grid.low.round(3)} to {grid.high.round(3)} m; "
+            f"expected {expected_person(sequence)}"
         )
     job.report()
 
