@@ -111,7 +111,7 @@ def overlay_picture(
     for place, view in enumerate(chosen):
         camera = rig[view].scaled(scale)
         size = (min(camera.size[0], width), min(camera.size[1], height))
-        picture = cv2.resize(_picture(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(picture_of(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
         picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
         _label(picture, f"{camera.name}   frame {frame.index}")
         y, x = height * (place // columns), width * (place % columns)
@@ -131,7 +131,7 @@ def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
     return columns, key(columns)[0]
 
 
-def _picture(frame: Frame, view: int, camera: Camera) -> np.ndarray:
+def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
     """(h, w, 3) uint8 BGR of one view without the rig's padding."""
     width, height = camera.size
     if frame.images is not None:
