@@ -23,18 +23,20 @@ class SilhouetteConfig:
     mask_clamp: the same for ready masks, which deserve more trust than a background model.
     occlusion_prior: P(O) of Song et al. eq. (5).
     shadow_low, shadow_high: the background may be seen under a light dimmed or brightened by a
-    factor alpha in this range; shadow_low = shadow_high = 1 switches shadows off.
+    factor alpha in this range; shadow_low = shadow_high = 1 switches these shadows off.
     shadow_width_grey, shadow_width_colour: standard deviation of alpha around 1, before a grey
     background and before one of full saturation, linear between: a grey wall under less light
     looks like many clothes, a green carpet under less light like nothing else.
+    floor: height of the floor, m. A shadow that falls there is the same for all cameras: it may
+    be as dark as floor_shadow_low, but the floor is not darker for one camera than for the one
+    that sees it brightest, but for a standard deviation floor_shadow_width of alpha.
     foreground_limit, background_limit: nats that a single pixel may say for the foreground or the
     background in the mean over 3x3 pixels. The limits differ because a silhouette's rim of mixed
     pixels, which fit no background, would widen it. independent: how many independent pixels
     those 3x3 count for.
     learn: let the reconstructed person teach colours and place for the next frame; see
-    `psfs.foreground`. floor: height of the floor, m; there, but for the person's own place, he
-    may cast a shadow that dims to floor_shadow_low, at the price of floor_shadow_cost nats. feet:
-    m; voxels lower than this above the floor may be a shadow themselves and mark no place.
+    `psfs.foreground`. place_inside, place_outside: P(F = 1) of a pixel well within the person's
+    place of the frame before and of one well outside, instead of foreground_prior.
     """
 
     sigma_floor: float = 2.5
@@ -49,14 +51,15 @@ class SilhouetteConfig:
     foreground_limit: float = 4.0
     background_limit: float = 10.0
     independent: float = 2.0
-    learn: bool = True
     floor: float = 0.0
-    floor_shadow_low: float = 0.2
-    floor_shadow_cost: float = 3.0
-    feet: float = 0.1
+    floor_shadow_low: float = 0.15
+    floor_shadow_width: float = 0.05
+    learn: bool = True
+    place_inside: float = 0.95
+    place_outside: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("foreground_prior", "occlusion_prior"):
+        for name in ("foreground_prior", "occlusion_prior", "place_inside", "place_outside"):
             _check_between(name, getattr(self, name), 0.0, 1.0)
         for name in ("clamp", "mask_clamp"):
             _check_between(name, getattr(self, name), 0.0, 0.5)
@@ -65,8 +68,9 @@ class SilhouetteConfig:
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
                 "expected 0 < low <= 1 <= high"
             )
-        positive = ("sigma_floor", "shadow_width_grey", "shadow_width_colour", "independent")
-        for name in (*positive, "foreground_limit", "background_limit"):
+        widths = ("shadow_width_grey", "shadow_width_colour", "floor_shadow_width")
+        limits = ("foreground_limit", "background_limit")
+        for name in ("sigma_floor", *widths, *limits, "independent"):
             _check_between(name, getattr(self, name), 0.0, np.inf)
 
     def shadow_width(self, mean: np.ndarray) -> np.ndarray:

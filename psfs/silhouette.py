@@ -9,11 +9,15 @@ import numpy as np
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
-from psfs.foreground import BINS, CELL, Foreground, cells
+from psfs.floor import CELL, cells, floor_points
+from psfs.foreground import BINS, Foreground
 from psfs.launching import row_group
 
 if TYPE_CHECKING:
     from psfs.background import Background
+
+#: Squared distance, in standard deviations of the noise, of what may still be the floor in shadow.
+FLOOR_LEFT = 9.0
 
 
 class Silhouette:
@@ -45,7 +49,7 @@ class Silhouette:
             self.input = device.empty(shape, np.uint8, "the masks")
             table = device.to_device(self._config.mask_counts(np.arange(256)), "the evidence table")
             maps = (self.input, self._sizes, table, self.evidence)
-            self._launches = [self._launch("mask_silhouette", *maps)]
+            self._launches = [self._launch("mask_silhouette", (rig.width, rig.height), *maps)]
         else:
             self.input = device.empty((*shape, 3), np.uint8, "the pictures")
             self._launches = self._from_pictures(background)
@@ -66,20 +70,26 @@ class Silhouette:
         shape = (len(rig), *cells(rig))
         planes = device.to_device(background_planes(background, config), "the background")
         colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
-        zone = device.zeros(shape, np.uint8, "the shadow zones")
+        place = device.zeros(shape, np.int8, "the person's place")
+        light = device.empty((len(rig), shape[1] + 2, shape[2] + 2), np.uint8, "the floor's light")
         ratios = device.zeros(
             (len(rig), rig.height + 2, rig.width + 2), np.int8, "the likelihood ratios"
         )
         table = device.to_device(config.ratio_counts(), "the evidence table")
+        cameras = device.to_device(rig.packed(), "the cameras")
+        floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.learn:
             self.foreground = Foreground(
-                device, rig, self.input, self.evidence, colours, zone, config
+                device, rig, self.input, self.evidence, colours, place, config
             )
         defines = {
+            "VIEWS": len(rig),
+            "FLOOR": float(config.floor),
             "SHADOW_LOW": float(config.shadow_low),
             "SHADOW_HIGH": float(config.shadow_high),
             "FLOOR_LOW": float(config.floor_shadow_low),
-            "FLOOR_COST": float(config.floor_shadow_cost),
+            "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
+            "FLOOR_LEFT": FLOOR_LEFT,
             "STEPS": float(config.ratio_steps),
             "LOWEST": config.ratio_range[0],
             "HIGHEST": config.ratio_range[1],
@@ -88,20 +98,22 @@ class Silhouette:
             "CELLS_Y": shape[1],
             "CELLS_X": shape[2],
         }
-        inputs = (self.input, planes, self._sizes, colours, zone, ratios)
+        whole = (rig.width, rig.height)
+        on_floor = (cameras, floor, self.input, planes, light)
+        inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
         outputs = (ratios, self._sizes, table, self.evidence)
         return [
-            self._launch("log_ratio", *inputs, **defines),
-            self._launch("silhouette", *outputs, **defines),
+            self._launch("floor_light", (shape[2] + 2, shape[1] + 2), *on_floor, **defines),
+            self._launch("log_ratio", whole, *inputs, **defines),
+            self._launch("silhouette", whole, *outputs, **defines),
         ]
 
-    def _launch(self, name: str, *args: Array, **defines: int | float) -> Launch:
-        rig = self.rig
-        kernel = self._device.kernel(
-            "silhouette", name, WIDTH=rig.width, HEIGHT=rig.height, **defines
-        )
-        size = (rig.width, rig.height, len(rig))
-        return self._device.launch(kernel, size, row_group(self._device, rig.width), *args)
+    def _launch(
+        self, name: str, size: tuple[int, int], *args: Array, **defines: int | float
+    ) -> Launch:
+        device, rig = self._device, self.rig
+        kernel = device.kernel("silhouette", name, WIDTH=rig.width, HEIGHT=rig.height, **defines)
+        return device.launch(kernel, (*size, len(rig)), row_group(device, size[0]), *args)
 
 
 def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:

@@ -12,7 +12,8 @@ from conftest import shared_data
 
 from cl import Device, NumpyDevice
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.foreground import BINS, floor_cells, follows
+from psfs.floor import floor_points
+from psfs.foreground import BINS, follows
 from psfs.grid import VoxelGrid
 from psfs.reconstruct import Reconstructor
 from psfs.reference.foreground import NumpyForeground
@@ -38,7 +39,7 @@ def test_learning_agrees_with_the_twin(device: Device, views: int) -> None:
         assert len(common) >= 0.98 * max(len(cloud), len(expected))
         learnt, learner = ours.silhouette.foreground, twin.foreground
         assert learnt is not None and learner is not None
-        assert (learnt.zone.get() != learner.zone).mean() < 5e-3
+        assert (learnt.place.get() != learner.place).mean() < 0.02
         difference = np.abs(learnt.colours.get().astype(int) - learner.colours)
         assert (difference > 2).mean() < 1e-3 and difference.max() < 20
 
@@ -74,13 +75,39 @@ def test_a_picture_full_of_foreground_teaches_no_colours() -> None:
     assert not learner.colours.any()
 
 
-def test_nobody_casts_no_shadow() -> None:
+def test_the_place_is_where_the_person_stood() -> None:
+    rig, frame, background = scene()
+    twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
+    twin(frame)
+    learner = twin.foreground
+    assert learner is not None
+    likely = (learner.place > 0).repeat(4, 1).repeat(4, 2)[:, : rig.height, : rig.width]
+    masks = frame.masks > 0
+    assert (likely & masks).sum() > 0.95 * masks.sum()
+    assert (likely & masks).sum() > 0.6 * likely.sum()
+    learner.forget_place()
+    assert not learner.place.any()
+
+
+def test_nobody_has_no_place() -> None:
     rig, frame, _ = scene()
     learner = NumpyForeground(rig, SilhouetteConfig())
     evidence = np.zeros((len(rig), rig.height, rig.width), np.int8)
     learner.learn(frame.images, evidence, scenes.small_grid(), np.zeros(0, int))
-    assert not learner.zone.any()
-    assert floor_cells(rig, 0.0).any() and not floor_cells(rig, 0.0).all()
+    assert not learner.place.any()
+
+
+def test_the_floor_is_where_rays_meet_it() -> None:
+    rig, _, _ = scene()
+    points = floor_points(rig, 0.1)
+    there = np.isfinite(points[..., 0])
+    assert there.any() and not there.all()
+    for view, camera in enumerate(rig):
+        rows, columns = np.nonzero(there[view])
+        where = np.column_stack([points[view, rows, columns], np.full(len(rows), 0.1)])
+        pixels, depth = camera.project(where)
+        assert (depth > 0).all()
+        np.testing.assert_allclose(pixels, 4 * np.column_stack([columns, rows]) + 1.5, atol=1e-2)
 
 
 def test_frames_far_apart_do_not_follow() -> None:
@@ -88,7 +115,7 @@ def test_frames_far_apart_do_not_follow() -> None:
 
 
 def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
-    """Measured with all frames: 0.898 (8 cameras); without learning 0.838."""
+    """Measured with all frames: 0.930 (8 cameras), 0.921 (4)."""
     folder = shared_data("synth_walk_8cam")
     sequence = Sequence.open(folder)
     grid = VoxelGrid.covering(np.array([-2.5, -1.0, -0.05]), np.array([2.5, 1.2, 1.95]), 0.03)
@@ -106,4 +133,4 @@ def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
         person = np.stack(truth) > 0
         union = (shown | person).sum(axis=(1, 2))
         scores[learn] = ((shown & person).sum(axis=(1, 2)) / union).mean()
-    assert scores[True] > 0.88 and scores[True] > scores[False] + 0.03
+    assert scores[True] > 0.92 and scores[True] > scores[False] + 0.01

@@ -1,61 +1,56 @@
 // What the reconstructed person teaches about the next frame (psfs/foreground.py): the colours
-// that he wears, and where on the floor his shadow may lie. Cells are CELL x CELL pixels.
-// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; BINS per channel; FLOOR, FEET, HIPS, STRIDE (m);
-// MARGIN (cells);
+// that he wears, and his place in the pictures. Cells are CELL x CELL pixels.
+// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel;
 // NY NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
 #include "camera.h"
 #define N_BINS (BINS * BINS * BINS)
+#define MARKS_X (CELLS_X + 2 * REACH)
+#define MARKS_Y (CELLS_Y + 2 * REACH)
 
-// Marks the cells that show a voxel above the feet, or what lies below such a voxel of a leg,
-// MARGIN wider on every side.
-// `extents` holds, per view, half the width and height of a voxel's box times depth, cells m.
+// Marks the cells that show a voxel. `extents` holds, per view, half the width and height of a
+// voxel's box times depth, cells m. `marks` has a border of REACH cells.
 __kernel void mark(__global const float *restrict cameras, __global const float2 *restrict extents,
                    __global const float *restrict geometry, // origin (3), voxel size
                    __global const int *restrict indices, __global const int *restrict n_surface,
-                   __global uchar *restrict body)
+                   __global uchar *restrict marks)
 {
     const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
-    __global uchar *map = body + (size_t)view * CELLS_X * CELLS_Y;
+    __global uchar *map = marks + (view * MARKS_Y + REACH) * MARKS_X + REACH;
     for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
         const int voxel = indices[i];
         const int x = voxel / (NY * NZ), y = voxel / NZ % NY, z = voxel % NZ;
-        const float px = geometry[0] + (x + 0.5f) * geometry[3];
-        const float py = geometry[1] + (y + 0.5f) * geometry[3];
-        const float height = geometry[2] + (z + 0.5f) * geometry[3] - FLOOR;
-        if (height <= FEET) continue;
-        const int below = height < HIPS ? (int)((height - FEET) / STRIDE) : 0;
-        for (int step = 0; step <= below; ++step) {
-            float2 pixel;
-            const float pz = FLOOR + height - step * STRIDE;
-            const float depth = camera_project(camera, px, py, pz, &pixel);
-            if (depth <= 0.0f) continue;
-            const float2 half_size = extents[view] / depth + MARGIN;
-            const float2 low = fmax(ceil(pixel - half_size), 0.0f);
-            const float2 high = fmin(floor(pixel + half_size), (float2)(CELLS_X - 1, CELLS_Y - 1));
-            for (int row = (int)low.y; row <= (int)high.y; ++row)
-                for (int column = (int)low.x; column <= (int)high.x; ++column)
-                    map[row * CELLS_X + column] = 1;
-        }
+        float2 pixel;
+        const float depth = camera_project(camera, geometry[0] + (x + 0.5f) * geometry[3],
+                                           geometry[1] + (y + 0.5f) * geometry[3],
+                                           geometry[2] + (z + 0.5f) * geometry[3], &pixel);
+        if (depth <= 0.0f) continue;
+        const float2 half_size = extents[view] / depth;
+        const float2 low = fmax(ceil(pixel - half_size), 0.0f);
+        const float2 high = fmin(floor(pixel + half_size), (float2)(CELLS_X - 1, CELLS_Y - 1));
+        for (int row = (int)low.y; row <= (int)high.y; ++row)
+            for (int column = (int)low.x; column <= (int)high.x; ++column)
+                map[row * MARKS_X + column] = 1;
     }
 }
 
-// Where a shadow may lie: on the floor, unless the cell is marked; nowhere when there is nobody.
-// Counts the colours of marked cells that look like foreground. Clears the marks.
-__kernel void observe(__global uchar *restrict body, __global const uchar *restrict on_floor,
+// Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells;
+// none when there is nobody. Counts the colours of marked cells that look like foreground.
+__kernel void observe(__global const uchar *restrict marks, __global const char *restrict odds,
                       __global const int *restrict n_surface,
                       __global const uchar *restrict images, __global const char *restrict evidence,
-                      __global uchar *restrict zone, __global int *restrict counts)
+                      __global char *restrict place, __global int *restrict counts)
 {
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= CELLS_X || y >= CELLS_Y) return;
-    const int cell = (view * CELLS_Y + y) * CELLS_X + x;
-    const int marked = body[cell];
-    body[cell] = 0;
-    zone[cell] = *n_surface >= MIN_SURFACE && on_floor[cell] && !marked;
+    __global const uchar *corner = marks + (view * MARKS_Y + y) * MARKS_X + x;
+    int near = 0;
+    for (int row = 0; row <= 2 * REACH; ++row)
+        for (int column = 0; column <= 2 * REACH; ++column) near += corner[row * MARKS_X + column];
+    place[(view * CELLS_Y + y) * CELLS_X + x] = *n_surface >= MIN_SURFACE ? odds[near] : (char)0;
 
     const int column = CELL * x + CELL / 2, row = CELL * y + CELL / 2;
-    if (!marked || column >= WIDTH || row >= HEIGHT) return;
+    if (!corner[REACH * MARKS_X + REACH] || column >= WIDTH || row >= HEIGHT) return;
     const int pixel = (view * HEIGHT + row) * WIDTH + column;
     if (evidence[pixel] <= 0) return;
     __global const uchar *colour = images + 3 * pixel;

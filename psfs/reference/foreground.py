@@ -7,20 +7,17 @@ from scipy import ndimage
 
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
+from psfs.floor import CELL, cells
 from psfs.footprints import footprints
 from psfs.foreground import (
     BINS,
-    CELL,
-    HIPS,
     KEEP,
-    MARGIN,
     MIN_SURFACE,
     PRIOR,
-    STRIDE,
+    REACH,
     UNIFORM,
-    cells,
-    floor_cells,
     most_samples,
+    place_odds,
 )
 from psfs.grid import VoxelGrid
 
@@ -31,51 +28,46 @@ class NumpyForeground:
     def __init__(self, rig: CameraRig, config: SilhouetteConfig) -> None:
         self.rig, self.config = rig, config
         self.colours = np.zeros(BINS**3, np.int8)
-        self.zone = np.zeros((len(rig), *cells(rig)), bool)
+        self.place = np.zeros((len(rig), *cells(rig)), np.int8)
         self._memory = np.zeros((BINS,) * 3)
         self._total = 0.0
-        self._floor = floor_cells(rig, config.floor)
 
     def learn(
         self, images: np.ndarray, evidence: np.ndarray, grid: VoxelGrid, surface: np.ndarray
     ) -> None:
         """images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels made of
         them, flat indices (N,)."""
-        marked = self.place(grid, surface)
-        self.zone = self._floor & ~marked & (len(surface) >= MIN_SURFACE)
+        marked = self.marks(grid, surface)
+        self.place[:] = 0
+        if len(surface) >= MIN_SURFACE:
+            size = 2 * REACH + 1
+            near = [
+                ndimage.convolve(view.astype(int), np.ones((size, size), int), mode="constant")
+                for view in marked
+            ]
+            self.place = place_odds(self.config)[np.stack(near)]
         self._count(images, evidence, marked)
 
     def forget_place(self) -> None:
-        self.zone[:] = False
+        self.place[:] = 0
 
-    def place(self, grid: VoxelGrid, surface: np.ndarray) -> np.ndarray:
-        """(V, rows, columns) bool: cells that show a voxel above the feet, or what lies below
-        such a voxel of a leg, or that are beside them."""
-        centres = self._with_legs(grid.centres(surface))
+    def marks(self, grid: VoxelGrid, surface: np.ndarray) -> np.ndarray:
+        """(V, rows, columns) bool: cells that show a voxel."""
+        centres = grid.centres(surface)
         coarse = self.rig.scaled(1 / CELL)
         extents = footprints(coarse, grid.voxel_size)
-        marked = np.zeros(self.zone.shape, bool)
+        marked = np.zeros(self.place.shape, bool)
         last = np.array(marked.shape[:0:-1]) - 1
         for view, camera in enumerate(coarse):
             pixels, depth = camera.project(centres)
             pixels, depth = pixels[depth > 0], depth[depth > 0]
-            half = extents[view] / depth[:, None] + MARGIN
+            half = extents[view] / depth[:, None]
             low = np.maximum(np.ceil(pixels - half), 0)
             high = np.minimum(np.floor(pixels + half), last)
             boxes = np.column_stack([low, high])[(low <= high).all(1)].astype(int)
             for x0, y0, x1, y1 in np.unique(boxes, axis=0):
                 marked[view, y0 : y1 + 1, x0 : x1 + 1] = True
         return marked
-
-    def _with_legs(self, centres: np.ndarray) -> np.ndarray:
-        floor, feet = self.config.floor, self.config.feet
-        height = centres[:, 2] - floor
-        below = np.where(height < HIPS, np.floor((height - feet) / STRIDE), 0).astype(int)
-        rows = [
-            centres[(height > feet) & (step <= below)] - [0, 0, step * STRIDE]
-            for step in range(max(0, below.max(initial=0)) + 1)
-        ]
-        return np.concatenate(rows)
 
     def _count(self, images: np.ndarray, evidence: np.ndarray, marked: np.ndarray) -> None:
         middle = CELL // 2

@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
-from psfs.foreground import BINS, CELL
+from psfs.floor import CELL, floor_points
+from psfs.foreground import BINS
+from psfs.silhouette import FLOOR_LEFT
 
 if TYPE_CHECKING:
     from psfs.background import Background
@@ -28,19 +31,16 @@ def silhouette_evidence(
     3x3 pixels, where those outside the pictures say nothing. `foreground` None: it is uniform.
     """
     ratios = []
+    light = floor_light(images, rig, background, config)
     for view, (image, mean, std) in enumerate(
         zip(images, background.mean, background.std, strict=True)
     ):
-        if foreground is None:
-            ratios.append(config.ratio_steps * background_ratio(image, mean, std, config))
-            continue
-        zone = foreground.zone[view].repeat(CELL, 0).repeat(CELL, 1)
-        zone = zone[: image.shape[0], : image.shape[1]]
-        blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
-        colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
-        ratios.append(
-            config.ratio_steps * background_ratio(image, mean, std, config, zone) - colours
-        )
+        ratio = config.ratio_steps * background_ratio(image, mean, std, config, light[view])
+        if foreground is not None:
+            blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
+            ratio -= foreground.colours[(blue * BINS + green) * BINS + red]
+            ratio -= _of_pixels(foreground.place[view], image.shape)
+        ratios.append(ratio)
     lowest, highest = config.ratio_range
     counts = np.floor(np.clip(np.stack(ratios), lowest, highest) + 0.5).astype(int)
     inside = in_pictures(rig)
@@ -61,34 +61,107 @@ def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -
     return np.where(in_pictures(rig), config.mask_counts(masks), 0).astype(np.int8)
 
 
+def floor_light(
+    images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
+) -> np.ndarray:
+    """(V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN where
+    there is no floor.
+
+    For the middle of every cell of CELL x CELL pixels it is the brightest light factor, at most
+    1, that any other camera sees there; a camera whose pixel cannot be floor, shaded or not, has
+    no say, and where none has, it is 1. Steps of 1 / 127; linear between the cells.
+    """
+    factors, left = [], []
+    for image, mean, std in zip(images, background.mean, background.std, strict=True):
+        alpha, distance = light_factor(image, mean, _weight(std, config))
+        factors.append(alpha)
+        left.append(distance)
+    points = floor_points(rig, config.floor)
+    light = np.empty(images.shape[:3])
+    for view, shown in enumerate(points):
+        on_floor = np.isfinite(shown[..., 0])
+        where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor)])
+        brightest = np.zeros(len(where))
+        for other, camera in enumerate(rig):
+            if other == view:
+                continue
+            pixels, depth = camera.project(where)
+            seen = (depth > 0) & np.isfinite(pixels).all(1)
+            x, y = np.floor(np.where(seen[:, None], pixels, -1) + 0.5).astype(int).T
+            seen &= (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
+            alpha, distance = factors[other][y * seen, x * seen], left[other][y * seen, x * seen]
+            seen &= (distance < FLOOR_LEFT) & (alpha < config.shadow_high)
+            brightest = np.maximum(brightest, np.where(seen, alpha, 0))
+        cells = np.ones(on_floor.shape)
+        told = (brightest > 0) & (brightest < 1)
+        cells[on_floor] = np.where(told, np.floor(127 * brightest + 0.5) / 127, 1)
+        between = _between_cells(cells, light.shape[1:])
+        light[view] = np.where(_of_pixels(on_floor, light.shape[1:]), between, np.nan)
+    return light
+
+
+def _of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The values (rows, columns) of the cells for each of their pixels (H, W)."""
+    return cells.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]]
+
+
+def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The same, linear between the middles of the cells."""
+    y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
+    between: np.ndarray = ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
+    return between
+
+
+def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
+    return np.maximum(std, config.sigma_floor).astype(np.float64) ** -2
+
+
+def light_factor(
+    image: np.ndarray, mean: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """alpha (H, W) with alpha mu nearest to the picture, and the squared distance that it leaves.
+
+    image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
+    """
+    image, mean = image.astype(np.float64), mean.astype(np.float64)
+    alpha = (weight * image * mean).sum(-1) / ((weight * mean**2).sum(-1) + 1e-6)
+    return alpha, (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
+
+
 def background_ratio(
     image: np.ndarray,
     mean: np.ndarray,
     std: np.ndarray,
     config: SilhouetteConfig,
-    zone: np.ndarray | None = None,
+    light: np.ndarray | None = None,
 ) -> np.ndarray:
     """(H, W) log of the background's density over the uniform foreground's, (1/256)^3.
 
-    The background is N(I; alpha mu, sigma) with the light factor alpha that fits best within the
-    shadow range, at the price of ((1 - alpha) / width)^2 / 2, or with alpha = 1 if that is better.
-    In the `zone` (H, W) bool of the person's shadow the range is wider and the price at most
-    floor_shadow_cost + (1 - alpha)^2 / 2.
+    The background is N(I; alpha mu, sigma), and the best of three alphas counts: 1; the light
+    factor that fits best within the shadow range, at the price of ((1 - alpha) / width)^2 / 2;
+    and on the floor, where `light` (H, W) is not NaN, the one that fits best, at the price of
+    ((light - alpha) / floor_shadow_width)^2 / 2 if it is darker than `light`, and in any case of
+    (1 - alpha)^2 / 2.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
-    zone = np.zeros(image.shape[:2], bool) if zone is None else zone
-    sigma = np.maximum(std, config.sigma_floor).astype(np.float64)
-    weight = sigma**-2
-    along = (weight * mean**2).sum(-1) + 1e-6
-    lowest = np.where(zone, config.floor_shadow_low, config.shadow_low)
-    alpha = np.clip((weight * image * mean).sum(-1) / along, lowest, config.shadow_high)
+    weight = _weight(std, config)
+    factor, _ = light_factor(image, mean, weight)
+
+    def distance(alpha: np.ndarray) -> np.ndarray:
+        squared: np.ndarray = (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
+        return squared
+
+    least = distance(np.ones(factor.shape))
+    alpha = np.clip(factor, config.shadow_low, config.shadow_high)
     price = ((1 - alpha) / config.shadow_width(mean)) ** 2
-    on_floor = np.minimum(price, 2 * config.floor_shadow_cost + (1 - alpha) ** 2)
-    shaded = (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
-    shaded += np.where(zone, on_floor, price)
-    plain = (weight * (image - mean) ** 2).sum(-1)
-    peak = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(-1)
-    ratio: np.ndarray = peak - 0.5 * np.minimum(plain, shaded)
+    least = np.minimum(least, distance(alpha) + price)
+    if light is not None:
+        alpha = np.clip(factor, config.floor_shadow_low, config.shadow_high)
+        darker = np.maximum(light - alpha, 0) / config.floor_shadow_width
+        on_floor = distance(alpha) + darker**2 + (1 - alpha) ** 2
+        least = np.fmin(least, on_floor)
+    peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
+    ratio: np.ndarray = peak - 0.5 * least
     return ratio
 
 
