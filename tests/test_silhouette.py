@@ -132,7 +132,7 @@ def test_light_on_the_floor(device: Device, views: int) -> None:
     shadow = (images[..., 0] == 60) & ~post & inside
     assert (person & shadow).sum() < 0.15 * shadow.sum()
     core = np.stack([cv2.erode(view.astype(np.uint8), np.ones((5, 5))) > 0 for view in post])
-    assert (person & core).sum() > 0.8 * (core & inside).sum()  # all but what the disc hides
+    assert (person & core).sum() > 0.7 * (core & inside).sum()  # all but what the disc hides
     assert (person & ~post & ~shadow).sum() < 0.02 * post.sum()
 
 
