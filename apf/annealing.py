@@ -8,11 +8,13 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.kinematics import pack_defines
 from cl import Array, Device, Launch
+from psfs.launching import pack_defines
 
 #: Items that work on all particles.
 _LARGEST_GROUP = 1024
+#: Place of the noise among the arguments of `diffuse`.
+_NOISE_PLACE = 2
 #: To how many bits the exponent's logarithm is found.
 _BITS = 24
 
@@ -41,6 +43,7 @@ class ParticleSet:
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
+        self._diffusions: list[tuple[int, Launch]] = []
         self._seed = np.array([config.seed & 0xFFFFFFFF, config.seed >> 32], np.uint32)
 
     def start(self, pose: np.ndarray) -> None:
@@ -54,7 +57,7 @@ class ParticleSet:
 
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
-        return self.device.launch(
+        launch = self.device.launch(
             self._kernel("diffuse"),
             (-(-self.n_dof // self._pack), self.config.n_particles),
             None,
@@ -72,6 +75,14 @@ class ParticleSet:
             self.sets[source],
             self.sets[1 - source],
         )
+        self._diffusions.append((layer, launch))
+        return launch
+
+    def widen(self, factor: float) -> None:
+        """Spread by `factor` times the noise of the config from now on."""
+        for layer, launch in self._diffusions:
+            noise = np.float32(factor * self.config.layer_noise[layer])
+            launch.set_arg(_NOISE_PLACE, noise)
 
     def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
         """Weights from `errors` (N,) at the layer's survival rate, and the next parents.

@@ -27,7 +27,8 @@ class Estimate:
     ess, beta, least_error: (n_layers,) effective sample size, exponent, error of the best particle.
     information: (D, D) of the refinement's linear system, about the inverse of the pose's
     covariance; zero or (0, 0) where nothing was refined. misfit: of the pose, see
-    `VoxelLikelihood.misfit_launcher`; NaN of a scorer that knows none.
+    `VoxelLikelihood.misfit_launcher`; NaN of a scorer that knows none. confidence, lost, restart:
+    see `apf.recovery`, which fills them in.
     """
 
     pose: np.ndarray
@@ -37,6 +38,9 @@ class Estimate:
     least_error: np.ndarray
     information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     misfit: float = float("nan")
+    confidence: float = float("nan")
+    lost: bool = False
+    restart: int = 0
 
 
 class Tracker:
@@ -76,11 +80,23 @@ class Tracker:
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further: Voxels, or what else the scorer observes."""
+        self.observe(observation)
+        return self.search()
+
+    def observe(self, observation: Any) -> None:
+        """Enqueue what the scorer keeps of an observation, the first half of `step`."""
         self.scorer.observe(observation)
+
+    def search(self) -> Estimate:
+        """The estimate for what was observed, the second half of `step`."""
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
         return unpacked(self._report.get(), self.body.n_dof)
+
+    def widen(self, factor: float) -> None:
+        """Spread the next frames' particles by `factor` times the noise of the config."""
+        self._particles.widen(factor)
 
     def _frame_launches(self, source: int) -> list[Launch]:
         """A frame that starts from the particles in set `source`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 import re
@@ -146,6 +147,16 @@ class Device:
         device = select_device("auto", profile)
         assert isinstance(device, Device)
         return device
+
+    def sibling(self) -> Device:
+        """The same device, memory and programs with a queue of its own, for another thread.
+
+        Queues do not wait for each other: `finish()` one before another uses what it wrote.
+        """
+        other = copy.copy(self)
+        other.queue = pyopencl.CommandQueue(self.context, properties=self.queue.properties)
+        other.transfers = Transfers()
+        return other
 
     @property
     def name(self) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -164,17 +165,26 @@ class Sequence:
             self.notes.append(f"frame rates differ: {min(rates):g} to {max(rates):g}")
         return rates[0]
 
-    def _decoded(self, indices: range) -> Generator[Frame, None, None]:
-        """Frames in order, all views of a frame at the same time."""
+    @contextmanager
+    def reader(self) -> Iterator[Callable[[int], Frame]]:
+        """`read(index)` for frames in any order, cheapest forwards; all views at the same time.
+
+        Raises UserError as `frames` does.
+        """
         decoders = [media.open() for media in self._views]
         workers = min(len(decoders), os.cpu_count() or 1)
         with ThreadPoolExecutor(workers, thread_name_prefix="psfs-decode") as pool:
             try:
-                for index in indices:
-                    yield self._frame(index, decoders, pool)
+                yield lambda index: self._frame(index, decoders, pool)
             finally:
                 for decoder in decoders:
                     decoder.close()
+
+    def _decoded(self, indices: range) -> Generator[Frame, None, None]:
+        """Frames in order."""
+        with self.reader() as read:
+            for index in indices:
+                yield read(index)
 
     def _frame(self, index: int, decoders: list[Decoder], pool: ThreadPoolExecutor) -> Frame:
         pictures = list(pool.map(lambda decoder: decoder.read(index), decoders))

@@ -153,3 +153,14 @@ def test_bad_settings() -> None:
         SirConfig(sigma_z=-1)
     with pytest.raises(UserError, match="expected 1"):
         NumpySirParticleFilter(NumpyDevice(), SONG, None, FilterConfig(n_layers=2))
+
+
+def test_widened_it_spreads_further(device: Device) -> None:
+    tracker = ParticleSwarm(device, SONG, Distance(device, SONG, 65), config_of("pso", n_layers=1))
+    deviations = []
+    for factor in (1.0, 4.0):
+        tracker.widen(factor)
+        tracker.start(SONG.rest_pose)
+        deviations.append(tracker.step(SONG.rest_pose).deviation)
+    free = np.isinf(SONG.lower)
+    assert np.all(deviations[1][free] > 2 * deviations[0][free])
