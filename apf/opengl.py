@@ -159,13 +159,19 @@ class OpenGLRenderer:
         for drawing in (self._fill, self._lines):
             self._set_sizes(drawing.program, n_vertices, len(edged))
 
+    @property
+    def name(self) -> str:
+        """What renders."""
+        return str(self._context.info["GL_RENDERER"])
+
     def draw(self, poses: np.ndarray) -> np.ndarray:
         """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D), as `rendering.draw_hypotheses`."""
         shapes = self.shapes(poses)
-        out = [
-            self.read(self.render(shapes, first))
-            for first in range(0, len(shapes.pixels), self.n_tiles)
-        ]
+        out = []
+        for first in range(0, len(shapes.pixels), self.n_tiles):
+            count = self.upload(shapes, first)
+            self.render(count)
+            out.append(self.read(count))
         shape = (len(poses), len(self.rig), self.rig.height, self.rig.width, 2)
         return np.concatenate(out).reshape(shape)
 
@@ -201,11 +207,17 @@ class OpenGLRenderer:
             parts.append(np.stack(columns, -1))
         return _by_picture(pixels, parts)
 
-    def render(self, shapes: Shapes, first: int) -> int:
-        """Draw the pictures from `first` on, as many as there are tiles; returns their number."""
+    def upload(self, shapes: Shapes, first: int) -> int:
+        """Take the pictures from `first` on, as many as there are tiles; returns their number."""
         pixels = shapes.pixels[first : first + self.n_tiles]
         self._pixels.write(pixels.tobytes())
         self._parts.write(shapes.parts[first : first + self.n_tiles].tobytes())
+        for drawing in (self._fill, self._lines):
+            drawing.program["first"].value = first % len(self.rig)
+        return len(pixels)
+
+    def render(self, count: int) -> None:
+        """Draw the `count` pictures that were uploaded last; without waiting."""
         self._write_to(True)
         self._frame.clear()
         self._pixels.bind_to_storage_buffer(0)
@@ -214,10 +226,8 @@ class OpenGLRenderer:
         owners.bind_to_storage_buffer(3)
         for drawing, shape in ((self._fill, triangles), (self._lines, lines)):
             shape.bind_to_storage_buffer(2)
-            drawing.program["first"].value = first % len(self.rig)
-            drawing.array.render(drawing.mode, vertices=drawing.n_vertices, instances=len(pixels))
+            drawing.array.render(drawing.mode, vertices=drawing.n_vertices, instances=count)
             self._write_to(False)  # lines leave the number of the part that they cross
-        return len(pixels)
 
     def _write_to(self, numbers: bool) -> None:
         self._frame.color_mask = (numbers, True, True, True)

@@ -19,12 +19,16 @@ def draw_hypotheses(
 ) -> list[list[Picture]]:
     """Pictures by camera and pose of `poses` (N, D): of the body's cones, or of its mesh."""
     if mesh is None:
-        edged = np.array([cone.in_images for cone in body.cones])
-        cones = posed_cones(body, poses)
-        return [[flat_body(camera, posed, edged) for posed in cones] for camera in rig]
+        return draw_cones(body, rig, posed_cones(body, poses))
     vertices, middles = mesh.posed(body, poses)
     posed = list(zip(vertices, middles, strict=True))
     return [[mesh_body(camera, mesh, *shape) for shape in posed] for camera in rig]
+
+
+def draw_cones(body: BodyModel, rig: CameraRig, cones: np.ndarray) -> list[list[Picture]]:
+    """Pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
+    edged = np.array([cone.in_images for cone in body.cones])
+    return [[flat_body(camera, posed, edged) for posed in cones] for camera in rig]
 
 
 def flat_body(camera: Camera, cones: np.ndarray, edged: np.ndarray) -> Picture:
