@@ -13,16 +13,21 @@ import numpy as np
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.methods import Method, observer_of, tracker_of
+from apf.recovery import Watched
 from apf.reference.kinematics import posed_joints
 from apf.track import Track
 from apf.tracker import Estimate
+from apf.uncertainty import joint_covariance
 from cl import Device, NumpyDevice
+from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 
 #: Frame rate that the sigmas of body models are stated for.
 _SIGMA_FPS = 60.0
+#: The search for a lost person: so much more noise, so many times the layers.
+_WIDER, _LONGER = 4.0, 2
 
 
 def track_sequence(
@@ -47,7 +52,7 @@ def track_sequence(
     step = (selection.step or 1) if selection else 1
     observe = observer_of(device, sequence, grid, method, reconstruction)
     scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
-    tracker = tracker_of(device, body, sequence.rig, grid, scaled)
+    tracker = watched(device, body, sequence.rig, grid, scaled)
     seen = ((frame.index, observe(frame)) for frame in sequence.frames(selection))
     frames, estimates = track_voxels(tracker, pose, seen, progress)
     made_by: dict[str, Any] = {
@@ -63,6 +68,23 @@ def track_sequence(
             "shape": list(grid.shape),
         }
     return track_of(body, sequence.fps, frames, estimates, made_by)
+
+
+def watched(
+    device: Device | NumpyDevice,
+    body: BodyModel,
+    rig: CameraRig,
+    grid: VoxelGrid | None,
+    method: Method,
+) -> Watched:
+    """The tracker of `method` that knows when it has lost the person, see `apf.recovery`."""
+    search = method.filter
+    wider = replace(search, noise=_WIDER * search.noise, n_layers=_LONGER * search.n_layers)
+
+    def wide() -> Any:
+        return tracker_of(device, body, rig, grid, replace(method, filter=wider))
+
+    return Watched(tracker_of(device, body, rig, grid, method), wide)
 
 
 def at_rate(config: FilterConfig, fps: float) -> FilterConfig:
@@ -106,13 +128,19 @@ def track_of(
     made_by: dict[str, Any],
 ) -> Track:
     """The track of these estimates, one per frame; made_by: what its `config` tells as JSON."""
-    poses = np.stack([estimate.pose for estimate in estimates])
-    diagnostics: dict[str, Any] = {
-        name: np.stack([getattr(estimate, name) for estimate in estimates])
-        for name in ("ess", "beta", "deviation")
-    }
+
+    def stacked(name: str) -> np.ndarray:
+        return np.stack([getattr(estimate, name) for estimate in estimates])
+
+    poses = stacked("pose")
+    told = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "restart")
+    diagnostics: dict[str, Any] = {name: stacked(name) for name in told}
     # The log weight of the best particle at exponent 1, Song et al. eq. (16).
-    diagnostics["best_log_weight"] = -np.stack([estimate.least_error for estimate in estimates])
+    diagnostics["best_log_weight"] = -stacked("least_error")
+    covariance = joint_covariance(body, poses, stacked("information"), stacked("deviation"))
+    diagnostics["covariance"] = np.where(
+        diagnostics["lost"][:, None, None, None], np.nan, covariance
+    )
     return Track(
         body_name=body.name,
         dof_names=body.dof_names,

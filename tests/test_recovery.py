@@ -1,0 +1,123 @@
+"""Trackers that know when they have lost the person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from apf.recovery import (
+    GLOBAL_RESTART,
+    LOCAL_RESTART,
+    TRACKED,
+    RecoveryConfig,
+    Watched,
+)
+from apf.tracker import Estimate
+from cl import UserError
+
+
+@dataclass
+class OnALine:
+    """Follows a person on a line, if he is not farther than `reach` away."""
+
+    reach: float
+    n_layers: int = 2
+    at: float = 0.0
+    starts: list[float] = field(default_factory=list)
+
+    def start(self, pose: np.ndarray) -> None:
+        self.at = float(pose[0])
+        self.starts.append(self.at)
+
+    def step(self, person: float) -> Estimate:
+        if abs(person - self.at) <= self.reach:
+            self.at = person
+        misfit = min(2.0, 0.2 + abs(person - self.at))
+        ones = np.ones(self.n_layers)
+        return Estimate(np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit)
+
+
+def watched(everywhere: bool = False) -> Watched:
+    return Watched(
+        OnALine(0.1),
+        lambda: OnALine(1.0, n_layers=4),
+        (lambda person: [np.array([-9.0]), np.array([person + 0.5])]) if everywhere else None,
+    )
+
+
+def run(tracker: Watched, places: list[float]) -> list[Estimate]:
+    tracker.start(np.zeros(1))
+    return [tracker.step(place) for place in places]
+
+
+def test_a_good_track_is_left_alone() -> None:
+    found = run(watched(), [0.05 * k for k in range(10)])
+    assert not any(e.lost for e in found) and all(e.restart == TRACKED for e in found)
+    assert all(e.confidence > 0.9 for e in found)
+
+
+def test_a_jump_is_found_around_the_last_good_pose() -> None:
+    found = run(watched(), [0.0, 0.05, 0.9, 0.95])
+    assert [e.restart for e in found] == [TRACKED, TRACKED, LOCAL_RESTART, TRACKED]
+    assert not any(e.lost for e in found)
+    assert found[2].pose[0] == 0.9
+    assert len(found[2].ess) == len(found[0].ess)  # though the wide search has more layers
+
+
+def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
+    found = run(watched(), [0.0, 0.05, 50.0, 50.0, 0.1, 0.15])
+    assert [e.lost for e in found] == [False, False, True, True, False, False]
+    assert [e.pose[0] for e in found] == [0.0, 0.05, 0.05, 0.05, 0.1, 0.15]
+    assert found[2].confidence < 0.1 < 0.9 < found[4].confidence
+    assert all(e.restart == TRACKED for e in found)
+
+
+def test_a_person_elsewhere_is_searched_everywhere() -> None:
+    tracker = watched(everywhere=True)
+    found = run(tracker, [0.0, 50.0, 50.05])
+    assert [e.restart for e in found] == [TRACKED, GLOBAL_RESTART, TRACKED]
+    assert [e.pose[0] for e in found] == [0.0, 50.0, 50.05]
+
+
+def test_the_search_everywhere_is_tried_now_and_then() -> None:
+    calls = []
+    config = RecoveryConfig(retry=3)
+    tracker = Watched(OnALine(0.1), lambda: OnALine(1.0), lambda p: calls.append(p) or [], config)
+    assert all(e.lost for e in run(tracker, [50.0 + k for k in range(7)]))
+    assert calls == [50.0, 53.0, 56.0]
+
+
+def test_the_limit_follows_what_is_usual() -> None:
+    tracker = watched()
+    tracker.start(np.zeros(1))
+    config = tracker.config
+    assert tracker.limit == config.unknown
+    tracker.step(0.0)
+    assert tracker.limit == config.least  # twice 0.2, and not less
+    tracker._good.extend([0.35] * 9)
+    assert tracker.limit == pytest.approx(0.7)
+    tracker._good.extend([0.8] * 30)
+    assert tracker.limit == config.worst
+    tracker.start(np.zeros(1))
+    assert tracker.limit == config.unknown
+
+
+def test_scorers_without_a_misfit_are_trusted() -> None:
+    class Blind(OnALine):
+        def step(self, person: float) -> Estimate:
+            ones = np.ones(2)
+            return Estimate(np.zeros(1), ones, ones, ones, ones)
+
+    found = run(Watched(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
+    assert not any(e.lost for e in found) and all(np.isnan(e.confidence) for e in found)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ratio": 1.0}, {"least": 0.0}, {"worst": 0.3}, {"window": 0}, {"retry": 0}],
+)
+def test_settings_are_checked(wrong: dict) -> None:
+    with pytest.raises(UserError, match="expected"):
+        RecoveryConfig(**wrong)
