@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from rich import box
 from rich.table import Table
@@ -28,7 +29,8 @@ class Grid:
         """On the terminal; the first column to the left, figures to the right."""
         table = Table(box=box.SIMPLE)
         for k, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if k else "left", no_wrap=not k)
+            justify: Literal["left", "right"] = "right" if self._is_figures(k) else "left"
+            table.add_column(column, justify=justify, no_wrap=not k)
         for row in self.rows:
             table.add_row(*(cell.strip("*_") for cell in row))
         stdout.print(f"\n[bold]{self.title}[/bold]")
@@ -38,11 +40,13 @@ class Grid:
 
     def markdown(self) -> str:
         """With its title in bold above and its note below."""
-        lines = [
-            "| " + " | ".join(cells) + " |"
-            for cells in (self.columns, ["---", *["--:"] * (len(self.columns) - 1)], *self.rows)
-        ]
+        rule = ["--:" if self._is_figures(k) else "---" for k in range(len(self.columns))]
+        lines = ["| " + " | ".join(cells) + " |" for cells in (self.columns, rule, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines, *(["", self.note] if self.note else [])])
+
+    def _is_figures(self, column: int) -> bool:
+        cells = [row[column].lstrip("-") for row in self.rows]
+        return column > 0 and all(not cell or cell[0].isdigit() for cell in cells)
 
 
 def number(value: float | None, digits: int = 3) -> str:

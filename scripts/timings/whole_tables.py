@@ -52,7 +52,7 @@ def print_report(results: Results) -> None:
         stage_table(stages).show()
 
 
-def table_2(results: Results) -> Grid:
+def table_2(results: Results, where: str = "Song table 2") -> Grid:
     """Average time per frame of every run."""
     n_runs = results.settings["repetitions"]["opencl"]
     song = papers()["song2012"]["tables"]["2"]
@@ -70,7 +70,7 @@ def table_2(results: Results) -> Grid:
         )
     heads = [f"run {k + 1}, ms" for k in range(n_runs)]
     return Grid(
-        "Song table 2: average time per frame",
+        f"{where}: average time per frame",
         ["program", *heads, "average, ms", "frames", "frames/s", "error, mm"],
         rows,
         "Each run's first frame, which is worked on twice, is left out of our averages; the "
@@ -78,7 +78,7 @@ def table_2(results: Results) -> Grid:
     )
 
 
-def table_3(results: Results) -> Grid:
+def table_3(results: Results, where: str = "Song table 3") -> Grid:
     """Who is how many times as fast as whom."""
     found = columns(results)
     song = {name: final for name, _, final in papers()["song2012"]["tables"]["3"]["rows"]}
@@ -88,7 +88,7 @@ def table_3(results: Results) -> Grid:
             beside = _songs_ratio(slower, column, song)
             rows.append([f"{title} : {other}", ratio(average(slower) / average(column)), beside])
     return Grid(
-        "Song table 3: acceleration ratios", ["ratio of the average times", "ours", "Song et al."],
+        f"{where}: acceleration ratios", ["ratio of the average times", "ours", "Song et al."],
         rows, "Song's CPU is C++ on one core, its CPU+TBB that on 4 cores.",
     )  # fmt: skip
 
@@ -116,7 +116,7 @@ def table_4(results: Results, step: int = 1) -> Grid:
         ours = [run[frame - 1] if frame <= len(run) else None for run in runs]
         rows.append([str(frame), *(number(ms, 4) for ms in ours), *map(quoted, values)])
     return Grid(
-        "Song table 4: time of each frame, ms",
+        "Time of each frame, ms",
         ["frame", *heads, *(f"Song: {name}" for name in song["columns"][1:])],
         rows, song["note"],
     )  # fmt: skip

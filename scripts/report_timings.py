@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Pages and plots of what compare_timings.py measured.
+
+    scripts/report_timings.py [FOLDER ...] [-o OUT] [--readme]
+
+makes OUT/report.md, OUT/report.html (one file, figures inside) and OUT/figures/ from folders of
+results, one per machine: all of scripts/results/ unless told otherwise. With --readme also the
+README's table between its marks, and its picture docs/timings.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from timings import report_figures
+from timings.report_machines import read_machines
+from timings.report_page import write_report
+from timings.report_readme import update_readme
+
+from psfs.commandline import run_command, stdout
+
+_ROOT = Path(__file__).resolve().parent.parent
+_RESULTS = _ROOT / "scripts" / "results"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="report_timings.py", description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
+    parser.add_argument("-o", "--out", type=Path, default=_RESULTS, metavar="OUT")
+    parser.add_argument("--readme", action="store_true", help="bring the README up to date")
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    parser.set_defaults(run=_run)
+    return run_command(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    folders = args.folders or sorted(path for path in _RESULTS.glob("*") if path.is_dir())
+    machines = read_machines(folders)
+    write_report(machines, args.out)
+    stdout.print(f"wrote {args.out / 'report.md'} and report.html", soft_wrap=True)
+    if args.readme:
+        picture = _ROOT / "docs" / "timings.png"
+        report_figures.write_figure(report_figures.headline(machines), picture)
+        update_readme(_ROOT / "README.md", machines)
+        stdout.print(f"wrote README.md and {picture}", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+"""The machines whose results are reported: a folder of results' files each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cl import UserError
+from timings.results import Results, read_results
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """name: of the folder. title: from what the results say of devices. results: by comparison."""
+
+    name: str
+    title: str
+    results: Mapping[str, Results]
+
+
+def read_machines(folders: list[Path]) -> list[Machine]:
+    """One of each folder that holds results. Raises UserError if there is none at all."""
+    machines = []
+    for folder in folders:
+        files = sorted(folder.glob("*.json"))
+        results = {file.stem: read_results(file) for file in files}
+        if results:
+            machines.append(Machine(folder.name, _title(results), results))
+    if not machines:
+        shown = ", ".join(str(folder) for folder in folders) or "no folder"
+        raise UserError(f"{shown}: no results; expected *.json of compare_timings.py")
+    # The machine with the fewest devices first: pages lead from small to large.
+    return sorted(machines, key=lambda m: len(_environment(m.results)["devices"]))
+
+
+def _environment(results: Mapping[str, Results]) -> dict:
+    return next(iter(results.values())).environment
+
+
+def _title(results: Mapping[str, Results]) -> str:
+    machine = _environment(results)
+    gpus = [device["name"] for device in machine["devices"] if device["kind"] == "gpu"]
+    units = [d["compute_units"] for d in machine["devices"] if d["kind"] == "cpu"]
+    cores = max(units, default=machine["cores"])
+    cpu = f"{short_cpu(machine['cpu'])}, {cores} core{'s' * (cores > 1)}"
+    return " with ".join([*gpus, cpu])
+
+
+def short_cpu(name: str) -> str:
+    """A processor's name without what only lawyers need."""
+    for noise in ("(R)", "(TM)", " CPU", " Processor"):
+        name = name.replace(noise, "")
+    return " ".join(name.split("@")[0].split())
+
+
+def device_title(label: str, machine: Machine) -> str:
+    """What to call a place in pages: PoCL's names say neither OpenCL nor CPU."""
+    if label.startswith(("pthread", "cpu-")):
+        cores = label.rsplit(", ", 1)[-1]
+        return f"{short_cpu(_environment(machine.results)['cpu'])}, {cores}"
+    return label

@@ -1,0 +1,290 @@
+"""The report: Markdown from results' files, and the same as one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markdown_it import MarkdownIt
+
+from apf.body import load_body
+from psfs.files import written_whole
+from timings import report_figures as figures
+from timings import report_peers, report_rymut
+from timings.report_machines import Machine, device_title
+from timings.tables import Grid, number
+from timings.whole_tables import (
+    average,
+    columns,
+    papers,
+    stage_table,
+    table_2,
+    table_3,
+    table_4,
+)
+
+FIGURES = "figures"
+_CSS = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; margin: 0 auto;
+  max-width: 70rem; padding: 1.5rem; background: #fff; }
+h1, h2, h3 { line-height: 1.2; margin-top: 2.2rem; }
+h1 { margin-top: 0; } h2 { border-bottom: 1px solid #ccc; padding-bottom: .25rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; margin: .4rem 0; font-size: .9rem;
+  font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .7rem; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
+th { border-bottom: 2px solid #999; text-align: left; } tbody tr:hover { background: #f5f8fb; }
+td:first-child, th:first-child { padding-left: 0; }
+td em { color: #7a6a3f; } img { max-width: 100%; display: block; margin: 1rem 0; }
+code { font-size: .88em; background: #f3f3f3; padding: .1em .3em; border-radius: 3px; }
+summary { cursor: pointer; color: #0072B2; margin: .6rem 0; }
+"""
+
+
+def write_report(machines: Sequence[Machine], folder: Path) -> None:
+    """report.md, report.html (which holds its figures) and figures/*.svg into `folder`."""
+    draw: dict[str, Callable[[Sequence[Machine]], Any]] = {
+        "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
+        "amdahl": figures.amdahl, "roofline": figures.roofline, "scaling": figures.scaling,
+    }  # fmt: skip
+    for name, figure in draw.items():
+        figures.write_figure(figure(machines), folder / FIGURES / f"{name}.svg")
+    text = page(machines)
+    with written_whole(folder / "report.md") as temporary:
+        temporary.write_text(text)
+    with written_whole(folder / "report.html") as temporary:
+        temporary.write_text(html(text, folder))
+
+
+def html(text: str, folder: Path) -> str:
+    """The Markdown `text` as a page that needs no other file."""
+    body = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
+
+    def embedded(match: re.Match[str]) -> str:
+        data = base64.b64encode((folder / match[1]).read_bytes()).decode()
+        return f'src="data:image/svg+xml;base64,{data}"'
+
+    body = re.sub(rf'src="({FIGURES}/[^"]+\.svg)"', embedded, body)
+    body = body.replace("<table>", '<div class="scroll"><table>')
+    body = body.replace("</table>", "</table></div>")
+    title = text.splitlines()[0].removeprefix("# ")
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n{body}</body>\n</html>\n"
+    )
+
+
+def page(machines: Sequence[Machine]) -> str:
+    """The report's Markdown."""
+    parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
+    parts += [_growth(machines), report_peers.peers(machines), report_rymut.tables(machines)]
+    parts.append(_left_out(machines))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def figure(name: str, alt: str) -> str:
+    return f"![{alt}]({FIGURES}/{name}.svg)"
+
+
+def _opening(machines: Sequence[Machine]) -> str:
+    settings = machines[0].results["whole"].settings
+    nx, ny, nz = settings["shape"]
+    lead, config = headline_sentences(machines), settings["filter"]
+    return f"""# OpenCL against the CPU: timings of psfs-apf
+
+One run per machine measures everything on it, in the same minutes: the NumPy twins on one thread,
+the OpenCL kernels on one core and on all cores of the CPU (through PoCL), and on the GPU, in the
+setting of Song et al. 2012: {settings["views"]} cameras of 640 x 480 pixels, {nx} x {ny} x {nz}
+voxels, {config["n_particles"]} particles, {config["n_layers"]} layers. A frame goes from its
+pictures in host memory to the pose and the coloured surface voxels in host memory.
+
+{lead}
+
+{figure("headline", "Milliseconds per frame on every device, beside Song et al.")}
+
+Everything on this page is made by `scripts/report_timings.py` from the files under
+`scripts/results/`, which hold all raw samples; only the papers' own figures were typed
+(`scripts/timings/papers.json`). The same on another machine:
+
+```sh
+python scripts/compare_timings.py all -o scripts/results/NAME
+python scripts/report_timings.py
+```"""
+
+
+def headline_sentences(machines: Sequence[Machine]) -> str:
+    """What the fastest machine's whole frame takes, and the two ratios that Song et al. print."""
+    machine = machines[-1]
+    by_kind = {figures.column_kind(column): (title, column)
+               for title, column in columns(machine.results["whole"])}  # fmt: skip
+    best = by_kind.get("gpu") or by_kind["cpu"]
+    ms = average(best[1])
+    sentences = [f"**{machine.title}**: a whole frame takes {number(ms)} ms on {best[0]}"]
+    song = {name: final for name, _, final in papers()["song2012"]["tables"]["3"]["rows"]}
+    pairs = {"numpy": "GPU / CPU", "cpu": "GPU / CPU+TBB (4 cores)"}
+    for kind, name in pairs.items():
+        if kind in by_kind and by_kind[kind] is not best:
+            title, column = by_kind[kind]
+            print_of_song = (
+                f" (Song et al., {name}: {song[name]:.0f} x)" if "gpu" in by_kind else ""
+            )
+            sentences.append(f"{number(average(column) / ms)} x as fast as {title}{print_of_song}")
+    return ", ".join(sentences) + "."
+
+
+def _machines(machines: Sequence[Machine]) -> str:
+    rows = []
+    for machine in machines:
+        results = machine.results["whole"]
+        about = results.environment
+        devices = "; ".join(
+            f"{d['name']} ({d['platform']}, {d['driver']})" for d in about["devices"]
+        )
+        packages = about["packages"]
+        shown = ("numpy", "pyopencl", "pocl-binary-distribution", "open3d")
+        versions = ", ".join(f"{name} {packages.get(name) or 'absent'}" for name in shown)
+        rows.append([
+            machine.title, about["cpu"], devices, f"Python {about['python']}, {versions}",
+            f"{results.made[:10]}, commit {results.commit}", f"{about['load']:.1f}",
+            f"`{results.command}`",
+        ])  # fmt: skip
+    heads = ["machine", "CPU", "OpenCL devices (platform, driver)", "versions", "measured",
+             "load before", "command"]  # fmt: skip
+    turned = [
+        [head, *cells] for head, *cells in zip(heads[1:], *(r[1:] for r in rows), strict=True)
+    ]
+    grid = Grid("What was measured on", ["", *(row[0] for row in rows)], turned)
+    return "## Machines\n\n" + grid.markdown()
+
+
+def _song(machines: Sequence[Machine]) -> str:
+    song = papers()["song2012"]
+    parts = [
+        "## The tables of Song et al.", f"{song['citation']}. Theirs: {song['setting']}.",
+        "### Song table 1", _table_1().markdown(), "### Song table 2",
+    ]  # fmt: skip
+    each = [(machine, machine.results["whole"]) for machine in machines]
+    parts += [table_2(results, machine.title).markdown() for machine, results in each]
+    parts += ["### Song table 3"]
+    parts += [table_3(results, machine.title).markdown() for machine, results in each]
+    parts += ["### Song table 4", figure("per_frame", "Time of each frame, ours and Song's")]
+    for machine, results in each:
+        parts += [
+            f"<details><summary>{machine.title}: all frames of all runs, beside Song's</summary>",
+            table_4(results).markdown(), "</details>",
+        ]  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def _table_1() -> Grid:
+    cones = load_body("song31").cones
+    seen = [cone for cone in cones if cone.in_images]
+    rows = []
+    for (place, part), cone in zip(papers()["song2012"]["tables"]["1"]["rows"], seen, strict=True):
+        length = float(np.linalg.norm(cone.end - cone.start))
+        radii = " to ".join(f"{100 * r:.1f}" for r in cone.radii)
+        rows.append([str(place), part, f"`{cone.name}`", f"{100 * length:.0f}", radii])
+    more = ", ".join(f"`{cone.name}`" for cone in cones if not cone.in_images)
+    return Grid(
+        "The 10 cylinders of the human body, 31 degrees of freedom",
+        ["cylinder", "Song et al.", "ours (body `song31`)", "length, cm", "radii, cm"], rows,
+        f"Before they are fitted to a person. {more} account for voxels only.",
+    )  # fmt: skip
+
+
+def _where_time_goes(machines: Sequence[Machine]) -> str:
+    parts = ["## Where the time goes", figure("stages", "Share of every stage on every device")]
+    for machine in machines:
+        for section in machine.results["whole"].starting("stages "):
+            titled = {**section, "label": device_title(section["label"], machine)}
+            parts.append(stage_table(titled).markdown())
+    parts += [_numpy_parts(machines), "### Roofline", _ROOFLINE, figure("roofline", "Rooflines")]
+    parts += ["### Amdahl", _AMDAHL, figure("amdahl", "Speed-up over cores")]
+    parts.append(_waiting(machines).markdown())
+    return "\n\n".join(part for part in parts if part)
+
+
+_ROOFLINE = """A stage under the sloping line moves bytes more slowly than a plain copy does, one
+under the level line computes more slowly than plain multiply-adds do. Bytes and operations are
+counted for the plain algorithm (`scripts/timings/stages.py`), so that a stage which skips work, as
+occupancy does, can lie above."""
+_AMDAHL = """Fitted to the whole frames' times: the share that does not get faster with cores."""
+
+
+def _numpy_parts(machines: Sequence[Machine]) -> str:
+    """NumPy's three parts beside the devices' of the same machine."""
+    grids = []
+    for machine in machines:
+        results = machine.results["whole"]
+        twin = results.sections.get("column NumPy")
+        if not twin:
+            continue
+        numpy_ms = {part: float(np.mean([ms for run in twin["runs"]
+                                         for ms in run["parts"][part].samples[1:]]))
+                    for part in twin["runs"][0]["parts"]}  # fmt: skip
+        sections = results.starting("stages ")
+        heads = [device_title(section["label"], machine) for section in sections]
+        rows = []
+        for part, ms in numpy_ms.items():
+            row = [part, number(ms)]
+            for section in sections:
+                mine = figures.part_ms(section["stages"], part)
+                row += [number(mine), f"{number(ms / mine)} x"]
+            rows.append(row)
+        wide = [cell for head in heads for cell in (f"{head}, ms", "NumPy : it")]
+        grids.append(Grid(f"Parts of a frame, {machine.title}",
+                          ["part", "NumPy, ms", *wide], rows).markdown())  # fmt: skip
+    return "\n\n".join(grids)
+
+
+def _waiting(machines: Sequence[Machine]) -> Grid:
+    """Whole frames beside the device's busy time, streaming, making it, and the first frame."""
+    rows = []
+    for machine in machines:
+        results = machine.results["whole"]
+        for title, column in columns(results):
+            if column["kind"] == "numpy":
+                continue
+            stages = results.sections.get(f"stages {column['label']}")
+            busy = stages and sum(timing.median for timing in stages["stages"].values())
+            built = results.sections.get(f"compilation {column['label']}") or {}
+            rows.append([
+                f"{machine.title}: {title}", number(average(column)), number(busy),
+                number(column["streamed"].median), number(column["first_frame_ms"]),
+                number(column["setup_ms"]), number(built.get("empty")), number(built.get("filled")),
+            ])  # fmt: skip
+    return Grid(
+        "Warm-up, compilation and waiting, ms",
+        ["device", "whole frame", "device busy", "streamed, per frame", "first frame",
+         "making it", "new machine", "next time"], rows,
+        "Streamed: the next frame is uploaded while this one is computed. Making it: buffers and "
+        "kernels, from the compilers' caches. New machine and next time: making it and the first "
+        "frame in a fresh process with the compilers' caches empty and filled.",
+    )  # fmt: skip
+
+
+def _growth(machines: Sequence[Machine]) -> str:
+    return "\n\n".join([
+        "## Growth",
+        "One setting varies, all others stay Song et al.'s; medians of whole frames.",
+        figure("scaling", "Time of a frame over voxels, cameras, particles, layers"),
+    ])  # fmt: skip
+
+
+def _left_out(machines: Sequence[Machine]) -> str:
+    rows = [
+        [machine.title, name, section, reason]
+        for machine in machines
+        for name, results in machine.results.items()
+        for section, reason in results.left_out.items()
+    ]
+    if not rows:
+        return ""
+    grid = Grid("Not measured", ["machine", "comparison", "section", "reason"], rows)
+    return "## What is missing\n\n" + grid.markdown()

@@ -1,0 +1,80 @@
+"""The reconstruction against its peers, and the tracker's rate: tables of `psfs` and `apf`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from timings.measure import Timing
+from timings.psfs_report import compared
+from timings.report_machines import Machine, device_title
+from timings.results import Results
+from timings.tables import NONE, Grid, number
+
+
+def peers(machines: Sequence[Machine]) -> str:
+    """The chapters on the two halves alone, as far as they were measured."""
+    reconstruction = [
+        _reconstruction(machine, machine.results["psfs"]).markdown()
+        for machine in machines
+        if "psfs" in machine.results
+    ]
+    tracking = [
+        _tracking(machine, machine.results["apf"]).markdown()
+        for machine in machines
+        if "apf" in machine.results
+    ]
+    parts = []
+    if reconstruction:
+        parts += ["## Reconstruction alone, against its peers", _PEERS, *reconstruction]
+    if tracking:
+        parts += ["## Tracking alone", *tracking]
+    return "\n\n".join(parts)
+
+
+_PEERS = """From pictures in host memory to surface voxels on the device. Dense: all voxels of the
+grid; sparse: only bricks that can be occupied, with the same result. Open3D carves the same masks,
+cameras and grid, its dense grid made beforehand; it keeps a voxel where any of its corners hits."""
+
+
+def _reconstruction(machine: Machine, results: Results) -> Grid:
+    carving = results.sections.get("open3d", {}).get("carving")
+    twin = results.sections.get("numpy", {}).get("whole")
+    rows = []
+    for label, timing in compared(results):
+        device, *rest = label.rsplit(", ", label.count(", ") - 1) if "cores" in label else [label]
+        name = ", ".join([device_title(device, machine), *rest])
+        rows.append([name, number(timing.median), _spread(timing), number(timing.least),
+                     _faster(carving, timing), _faster(twin, timing)])  # fmt: skip
+    nx, ny, nz = results.settings["shape"]
+    return Grid(
+        f"{machine.title}: {results.settings['views']} cameras, {nx} x {ny} x {nz} voxels",
+        ["program", "median, ms", "quartiles", "least", "Open3D : it", "NumPy : it"], rows,
+    )  # fmt: skip
+
+
+def _spread(timing: Timing) -> str:
+    return f"{number(timing.low)} to {number(timing.high)}"
+
+
+def _faster(peer: Timing | None, timing: Timing) -> str:
+    return NONE if peer is None else f"{number(peer.median / timing.median)} x"
+
+
+def _tracking(machine: Machine, results: Results) -> Grid:
+    settings = results.settings
+    rows = []
+    for device in results.starting("device "):
+        rate = settings["scored"] * settings["views"] / (1e-3 * device["scoring"].median)
+        rows.append([device_title(device["label"], machine),
+                     *(number(device[part].median) for part in ("tracking", "both", "scoring")),
+                     number(rate)])  # fmt: skip
+    twin = results.sections.get("numpy")
+    if twin:
+        rate = twin["particles"] * settings["views"] / (1e-3 * twin["layer"].median)
+        rows.insert(0, ["NumPy, one layer", NONE, NONE, number(twin["layer"].median), number(rate)])
+    return Grid(
+        f"{machine.title}: {settings['particles']} particles, {settings['layers']} layers",
+        ["device", "tracking, ms", "pictures to pose, ms", f"{settings['scored']:,} poses, ms",
+         "poses x cameras per second"], rows,
+        f"NumPy scores {twin['particles']} poses in its layer." if twin else "",
+    )  # fmt: skip

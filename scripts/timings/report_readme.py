@@ -1,0 +1,54 @@
+"""The README's table of timings, between two marks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from cl import UserError
+from psfs.files import written_whole
+from timings.report_machines import Machine
+from timings.report_page import headline_sentences
+from timings.tables import Grid, number, quoted, ratio
+from timings.whole_tables import average, columns, papers
+
+_BEGIN, _END = "<!-- timings: begin -->", "<!-- timings: end -->"
+
+
+def update_readme(path: Path, machines: Sequence[Machine]) -> None:
+    """Replace what stands between the marks. Raises UserError if they are not there."""
+    text = path.read_text()
+    pattern = re.compile(f"{re.escape(_BEGIN)}.*?{re.escape(_END)}", re.DOTALL)
+    if len(pattern.findall(text)) != 1:
+        raise UserError(f"{path}: expected {_BEGIN} and {_END}, once")
+    made = f"{_BEGIN}\n{headline(machines)}\n{_END}"
+    with written_whole(path) as temporary:
+        temporary.write_text(pattern.sub(lambda _: made, text))
+
+
+def headline(machines: Sequence[Machine]) -> str:
+    """Whole frames on every machine beside Song et al.'s."""
+    rows = []
+    for machine in machines:
+        found = columns(machine.results["whole"])
+        slowest = average(found[0][1])
+        for title, column in found:
+            ms = average(column)
+            against = ratio(slowest / ms)
+            rows.append([machine.title, title, number(ms), f"{1e3 / ms:,.3g}", against])
+    song = papers()["song2012"]["tables"]["2"]["rows"]
+    for name, *_, ms in song:
+        against = ratio(song[0][-1] / ms)
+        rows.append(["_Song et al. 2012_", f"_{name}_", quoted(ms), f"{1e3 / ms:,.3g}", against])
+    results = machines[-1].results["whole"]
+    nx, ny, nz = results.settings["shape"]
+    config = results.settings["filter"]
+    grid = Grid(
+        f"One frame: reconstruction, colour and tracking; {results.settings['views']} cameras "
+        f"640 x 480, {nx} x {ny} x {nz} voxels, {config['n_particles']} particles x "
+        f"{config['n_layers']} layers",
+        ["machine", "program", "ms per frame", "frames/s", "slowest : it"], rows,
+    )  # fmt: skip
+    picture = "![Milliseconds per frame on every device](docs/timings.png)"
+    return f"{headline_sentences(machines)}\n\n{picture}\n\n{grid.markdown()}"
