@@ -73,6 +73,11 @@ class SilhouetteConfig:
         for name in ("sigma_floor", *widths, *limits, "independent"):
             _check_between(name, getattr(self, name), 0.0, np.inf)
 
+    @property
+    def floor_lit(self) -> float:
+        """Light factor above which the floor passes for lit."""
+        return 1 - 2 * self.floor_shadow_width
+
     def shadow_width(self, mean: np.ndarray) -> np.ndarray:
         """Standard deviation (...) of the light factor before a background of colour (..., 3)."""
         brightest = mean.max(-1)

@@ -89,6 +89,7 @@ class Silhouette:
             "SHADOW_HIGH": float(config.shadow_high),
             "FLOOR_LOW": float(config.floor_shadow_low),
             "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
+            "FLOOR_LIT": float(config.floor_lit),
             "FLOOR_LEFT": FLOOR_LEFT,
             "STEPS": float(config.ratio_steps),
             "LOWEST": config.ratio_range[0],

@@ -1,6 +1,6 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py).
 // Defines: WIDTH, HEIGHT; for pictures also VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW,
-// FLOOR_WEIGHT (1 / variance of the light factor), STEPS (counts of log ratio per nat), LOWEST and
+// FLOOR_LIT, FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance), STEPS (counts of log ratio per nat), LOWEST and
 // HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of the cells.
 #include "camera.h"
 
@@ -38,6 +38,7 @@ inline float light_factor(__global const uchar *colour, __global const float *pl
 // in steps of 1 / 127, times 2, plus 1 where there is floor at all. A camera whose pixel cannot be
 // floor, shaded or not, has no say; where nobody has, the floor is lit. The person who hides
 // the floor from some cameras may be dark like a shadow, but others see the floor beside him.
+// A cell whose middle shows the floor lit asks nobody.
 // `points` holds the floor behind a cell (x, y), NaN if there is none. `light` has a border of one
 // cell, which repeats the outermost.
 __kernel void floor_light(__global const float *restrict cameras,
@@ -51,15 +52,20 @@ __kernel void floor_light(__global const float *restrict cameras,
     const int x = min(max(column - 1, 0), CELLS_X - 1), y = min(max(row - 1, 0), CELLS_Y - 1);
     const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
     const int on_floor = point.x == point.x;
+    const int middle = min(CELL * y + CELL / 2, HEIGHT - 1) * WIDTH +
+                       min(CELL * x + CELL / 2, WIDTH - 1);
+    float left;
+    const float own = light_factor(images + 3 * (view * PIXELS + middle),
+                                   background + (size_t)view * 8 * PIXELS + middle, &left);
+    const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
     float brightest = 0.0f;
-    for (int other = 0; on_floor && other < VIEWS; ++other) {
+    for (int other = 0; asks && other < VIEWS; ++other) {
         if (other == view) continue;
         __global const float *camera = cameras + other * CAMERA_FLOATS;
         float2 pixel;
         const float depth = camera_project(camera, point.x, point.y, FLOOR, &pixel);
         const int at = camera_offset(camera, pixel, WIDTH);
         if (depth <= 0.0f || at < 0) continue;
-        float left;
         const float alpha = light_factor(images + 3 * (other * PIXELS + at),
                                          background + (size_t)other * 8 * PIXELS + at, &left);
         if (left < FLOOR_LEFT && alpha < SHADOW_HIGH && alpha > brightest) brightest = alpha;

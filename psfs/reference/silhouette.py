@@ -69,7 +69,8 @@ def floor_light(
 
     For the middle of every cell of CELL x CELL pixels it is the brightest light factor, at most
     1, that any other camera sees there; a camera whose pixel cannot be floor, shaded or not, has
-    no say, and where none has, it is 1. Steps of 1 / 127; linear between the cells.
+    no say, and where none has, it is 1. So it is where a cell's middle shows the floor lit. Steps
+    of 1 / 127; linear between the cells.
     """
     factors, left = [], []
     for image, mean, std in zip(images, background.mean, background.std, strict=True):
@@ -80,6 +81,7 @@ def floor_light(
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])
+        lit = (factors[view] > config.floor_lit) & (left[view] < FLOOR_LEFT)
         where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor)])
         brightest = np.zeros(len(where))
         for other, camera in enumerate(rig):
@@ -93,7 +95,7 @@ def floor_light(
             seen &= (distance < FLOOR_LEFT) & (alpha < config.shadow_high)
             brightest = np.maximum(brightest, np.where(seen, alpha, 0))
         cells = np.ones(on_floor.shape)
-        told = (brightest > 0) & (brightest < 1)
+        told = (brightest > 0) & (brightest < 1) & ~_of_middles(lit)[on_floor]
         cells[on_floor] = np.where(told, np.floor(127 * brightest + 0.5) / 127, 1)
         between = _between_cells(cells, light.shape[1:])
         light[view] = np.where(_of_pixels(on_floor, light.shape[1:]), between, np.nan)
@@ -103,6 +105,15 @@ def floor_light(
 def _of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The values (rows, columns) of the cells for each of their pixels (H, W)."""
     return cells.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]]
+
+
+def _of_middles(pixels: np.ndarray) -> np.ndarray:
+    """The values (H, W) of pixels for each cell: that of the pixel in its middle."""
+    rows, columns = (-(-n // CELL) for n in pixels.shape)
+    y = np.minimum(CELL * np.arange(rows) + CELL // 2, pixels.shape[0] - 1)
+    x = np.minimum(CELL * np.arange(columns) + CELL // 2, pixels.shape[1] - 1)
+    middles: np.ndarray = pixels[np.ix_(y, x)]
+    return middles
 
 
 def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
