@@ -8,6 +8,9 @@ import numpy as np
 
 from cl import UserError
 
+#: Frame rate that the sigmas of body models are stated for.
+SIGMA_FPS = 60.0
+
 
 @dataclass(frozen=True)
 class FilterConfig:

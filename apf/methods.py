@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
@@ -15,12 +15,13 @@ from apf.sir import SirConfig, SirParticleFilter
 from apf.swarm import ParticleSwarm, SwarmConfig
 from apf.tracker import AnnealedParticleFilter
 from cl import Device, NumpyDevice, UserError
+from psfs.background import Background
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
 from psfs.names import listed
 from psfs.reconstruct import reconstructor_for
-from psfs.sequence import Frame, Sequence
+from psfs.sequence import Frame
 
 SEARCHES = ("apf", "pso", "sir")
 #: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
@@ -128,9 +129,22 @@ def _twin(device: NumpyDevice, body: BodyModel, rig: CameraRig, scorer: Any, met
     return NumpyAnnealedParticleFilter(device, body, rig, None, method.filter, scorer=scorer)
 
 
+class Footage(Protocol):
+    """As much of a `Sequence` as says what its frames are."""
+
+    @property
+    def rig(self) -> CameraRig: ...
+
+    @property
+    def background(self) -> Background | None: ...
+
+    @property
+    def has_images(self) -> bool: ...
+
+
 def observer_of(
     device: Device | NumpyDevice,
-    sequence: Sequence,
+    sequence: Footage,
     grid: VoxelGrid | None,
     method: Method,
     reconstruction: ReconstructionConfig | None = None,
@@ -144,7 +158,7 @@ def observer_of(
         assert grid is not None, "voxels have a grid"
         return reconstructor_for(device, rig, grid, background, reconstruction)
     config = method.features
-    if sequence.footage.images is None:
+    if not sequence.has_images:
         config = replace(config, edges="outline")
     features = features_for(device, rig, background, config)
 

@@ -103,6 +103,11 @@ class Sequence:
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetched(self._decoded(indices), depth)
 
+    @property
+    def has_images(self) -> bool:
+        """Whether frames have pictures, not masks only."""
+        return self.footage.images is not None
+
     @cached_property
     def background(self) -> Background | None:
         """The empty scene, or None when frames come with masks. Decoded on first use."""
