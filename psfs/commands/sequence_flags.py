@@ -16,11 +16,17 @@ from psfs.sequence import Sequence
 from psfs.settings import BACKGROUND_KINDS
 
 #: The flags that become overrides of `Sequence.open`.
-_KEYS = ("calibration", "unit", "up", "fps", "background", "threshold", "volume", "cameras")
+_KEYS = (
+    *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
+    *("volume", "cameras"),
+)
 
 
-def add_sequence_flags(parser: argparse.ArgumentParser, frames: bool = True) -> None:
-    """The positional FOLDER and the flags; `frames` adds --frames."""
+def add_sequence_flags(
+    parser: argparse.ArgumentParser, frames: bool = True, fps: bool = True
+) -> None:
+    """The positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps."""
+    parser.set_defaults(fps=None)
     # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
     # argument looks like a negative number, by this pattern.
     parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
@@ -33,9 +39,15 @@ def add_sequence_flags(parser: argparse.ArgumentParser, frames: bool = True) -> 
         "--unit", metavar="U", help="unit of the calibration: m, cm, mm, 0.76mm or metres per unit"
     )
     group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
-    group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+    if fps:
+        group.add_argument("--fps", type=float, metavar="N", help="frames per second")
     group.add_argument(
         "--background", choices=BACKGROUND_KINDS, help="how silhouettes are told from the scene"
+    )
+    group.add_argument(
+        "--key",
+        metavar="#rrggbb",
+        help="the screen's colour for --background chroma (default: found in the pictures)",
     )
     group.add_argument(
         "--threshold", type=float, metavar="T", help="brightness 0..1 for --background threshold"
