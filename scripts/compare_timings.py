@@ -14,12 +14,26 @@ from __future__ import annotations
 import argparse
 import sys
 
-from timings import all_timings, methods_timings, objective_timings, psfs_timings, whole_timings
+from timings import (
+    all_timings,
+    apf_timings,
+    methods_timings,
+    objective_timings,
+    psfs_timings,
+    whole_timings,
+)
 
 from psfs.commandline import run_command
 
 #: One module per subcommand; `all`, which runs the others in this order, comes last.
-SUBCOMMANDS = (whole_timings, psfs_timings, methods_timings, objective_timings, all_timings)
+SUBCOMMANDS = (
+    whole_timings,
+    psfs_timings,
+    apf_timings,
+    methods_timings,
+    objective_timings,
+    all_timings,
+)
 
 
 def main() -> int:

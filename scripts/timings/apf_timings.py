@@ -1,0 +1,203 @@
+"""`compare_timings.py apf`: how many hypotheses are scored per second, and a frame's two halves.
+
+Against particles, layers and cameras, on every device, on one core, and by the NumPy twin.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from apf.likelihood import VoxelLikelihood
+from apf.reference.search import NumpyVoxelLikelihood
+from apf.tracker import AnnealedParticleFilter
+from cl import NumpyDevice, UserError
+from psfs.commandline import add_command
+from psfs.reconstruct import Reconstructor
+from psfs.reference.reconstruct import NumpyReconstructor
+from timings.apf_tables import print_report
+from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
+from timings.measure import (
+    Place,
+    Timing,
+    apart,
+    cpu_place,
+    fewer_cores,
+    only_cores,
+    places,
+    timed,
+)
+from timings.results import Results, add_timing_flags
+from timings.whole_frame import Problem, make_problem
+
+#: Hypotheses that all devices score at once, and what they and their layers grow to.
+SCORED = 2000
+PARTICLES = (50, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
+LAYERS = (1, 2, 5, 10, 20)
+CAMERAS = (1, 2, 4, 6, 8)
+#: What a CPU grows to: the others take seconds each.
+_MOST_ON_CPU = 5000
+#: The twin takes seconds for these; time grows with their number.
+_SCORED_BY_TWIN = 50
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "apf", _run, help="the tracker: hypotheses scored per second")
+    add_timing_flags(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    found, quick = places(), args.quick
+    if not found:
+        raise UserError("no OpenCL device; expected at least a CPU's")
+    runs = 8 if quick else 40
+    problem = make_problem(6 if quick else 20)
+    settings = {"views": VIEWS, "shape": SHAPE, "scored": SCORED, "filter": asdict(problem.config)}
+    results = Results.begin("apf", args, settings)
+    results.section("numpy", partial(by_twin, problem))
+    for place in found:
+        for cores in fewer_cores(place):
+            measure = partial(apart, only_cores(cores), _on_cpu, problem, runs)
+            results.section(f"device {place.label}, {cores} used", measure)
+        results.section(f"device {place.label}", partial(on_place, place, problem, runs))
+    for place in found:
+        for what, measure in _growths(place, problem, quick).items():
+            results.section(f"{what}, {place.label}", measure)
+    print_report(results)
+
+
+def by_twin(problem: Problem) -> dict[str, Any]:
+    """Scoring by the NumPy twin."""
+    scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
+    reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
+    scorer = NumpyVoxelLikelihood(device, problem.body, scene.rig, grid, problem.config)
+    scorer.observe(reconstruct(scene.frames[0]))
+    poses = spread(problem, _SCORED_BY_TWIN)
+    scoring = timed(lambda: scorer(poses), 3, warm_up=0)
+    return {"scored": _SCORED_BY_TWIN, "scoring": scoring}
+
+
+def _on_cpu(problem: Problem, runs: int) -> dict[str, Any]:
+    return on_place(cpu_place(), problem, runs)
+
+
+def on_place(place: Place, problem: Problem, runs: int) -> dict[str, Any]:
+    """All about one device: scoring, a frame's halves by the clock, kernels by events."""
+    return {
+        "label": place.label,
+        "scoring": scoring(place, problem, SCORED, runs),
+        **halves(place, problem, runs),
+        "kernels": kernels(place, problem, runs),
+    }
+
+
+def spread(problem: Problem, n: int) -> np.ndarray:
+    """(n, D) float32 poses, spread as a first layer spreads them."""
+    noise = np.random.default_rng(0).normal(size=(n, problem.body.n_dof))
+    poses = problem.pose + problem.config.noise * problem.body.sigma * noise
+    return poses.astype(np.float32)
+
+
+def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
+    """Wall-clock time to score `n` poses once, voxels and maps being there."""
+    device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
+    reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
+    config = replace(problem.config, n_particles=n)
+    scorer = VoxelLikelihood(device, problem.body, scene.rig, grid, config)
+    scorer.observe(reconstruct(scene.frames[0]))
+    launches = scorer.launcher(device.to_device(spread(problem, n)))
+
+    def score() -> None:
+        for launch in launches:
+            launch()
+        device.finish()
+
+    return timed(score, runs, 3)
+
+
+class Halves:
+    """A reconstructor and a tracker at work on a scene without end."""
+
+    def __init__(self, place: Place, problem: Problem, profile: bool = False) -> None:
+        scene, grid = problem.scene, grid_of(problem.shape)
+        self.device = place.device(profile)
+        self.reconstruct = Reconstructor(self.device, scene.rig, grid, scene.background)
+        self.tracker = AnnealedParticleFilter(
+            self.device, problem.body, scene.rig, grid, problem.config
+        )
+        self.tracker.start(problem.pose)
+        self._frames = playing(scene.frames)
+
+    def both(self) -> None:
+        """Pictures in, pose out."""
+        self.tracker.step(self.reconstruct(next(self._frames)))
+
+    def reconstruction(self) -> None:
+        """Pictures in, voxels left on the device."""
+        self.reconstruct(next(self._frames))
+        self.device.finish()
+
+    def tracking(self) -> None:
+        """The voxels that are there in, pose out."""
+        self.tracker.step(self.reconstruct.voxels)
+
+
+def halves(place: Place, problem: Problem, runs: int) -> dict[str, Timing]:
+    """By the clock: both halves of a frame together, and each alone."""
+    at_work = Halves(place, problem)
+    return {
+        "both": timed(at_work.both, runs, 3),
+        "reconstruction": timed(at_work.reconstruction, runs, 1),
+        "tracking": timed(at_work.tracking, runs, 1),
+    }
+
+
+def kernels(place: Place, problem: Problem, runs: int) -> dict[str, dict[str, Timing]]:
+    """By the device's events: time per frame of every kernel and copy, by half."""
+    at_work = Halves(place, problem, profile=True)
+    profiler = at_work.device.profiler
+    assert profiler is not None
+    rows: dict[str, dict[str, list[float]]] = {"reconstruction": {}, "tracking": {}}
+    for run in range(runs + 2):
+        for half, kept in rows.items():
+            profiler.clear()
+            getattr(at_work, half)()
+            for name, ms in profiler.collect().items():
+                if run >= 2:
+                    kept.setdefault(name, []).append(sum(ms))
+    return {
+        half: {name: Timing(tuple(ms)) for name, ms in kept.items()} for half, kept in rows.items()
+    }
+
+
+def _growths(place: Place, problem: Problem, quick: bool) -> dict[str, Callable[[], Any]]:
+    runs = 4 if quick else 15
+    most = _MOST_ON_CPU if place.cores else max(PARTICLES)
+    counts = {"particles": PARTICLES, "layers": LAYERS, "cameras": CAMERAS}
+    if quick:
+        counts = {what: values[1:6:3] for what, values in counts.items()}
+    counts["particles"] = tuple(n for n in counts["particles"] if n <= most)
+    return {
+        what: partial(growth, place, problem, what, values, runs) for what, values in counts.items()
+    }
+
+
+def growth(
+    place: Place, problem: Problem, what: str, values: tuple[int, ...], runs: int
+) -> list[dict[str, Any]]:
+    """A row per value of `what`, all else as it is: scoring, and the halves of a frame."""
+    rows = []
+    for value in values:
+        name = {"particles": "n_particles", "layers": "n_layers"}.get(what, what)
+        changed = problem.smaller(**{name: value})
+        scored = value if what == "particles" else SCORED
+        row: dict[str, Any] = {"value": value, "scored": scored, "cameras": len(changed.scene.rig)}
+        if what != "layers":
+            row["scoring"] = scoring(place, changed, scored, runs)
+        rows.append(row | halves(place, changed, runs))
+    return rows
