@@ -121,11 +121,22 @@ class BodyModel:
         """Names of the bones that are scaled together: left and right share one."""
         return list(dict.fromkeys(_group(bone.name) for bone in self.bones))
 
-    def scaled(self, lengths: Mapping[str, float], radii: float = 1.0) -> BodyModel:
+    @property
+    def radius_groups(self) -> list[str]:
+        """Names of the cones whose radii are scaled together: left and right share one."""
+        return list(dict.fromkeys(_group(cone.name) for cone in self.cones))
+
+    def scaled(
+        self, lengths: Mapping[str, float], radii: float | Mapping[str, float] = 1.0
+    ) -> BodyModel:
         """The body with what is fixed to each bone (children's offsets, cones, joints) scaled.
 
-        lengths: factor per scale group, 1 where absent; radii: factor for all cone radii.
+        lengths: factor per scale group, 1 where absent; radii: factor for all cone radii, or per
+        radius group, 1 where absent.
         """
+        if not isinstance(radii, Mapping):
+            radii = dict.fromkeys(self.radius_groups, radii)
+        width = [radii.get(_group(cone.name), 1.0) for cone in self.cones]
         factor = [lengths.get(_group(bone.name), 1.0) for bone in self.bones]
         bones = tuple(
             bone if bone.parent < 0 else replace(bone, offset=bone.offset * factor[bone.parent])
@@ -136,9 +147,9 @@ class BodyModel:
                 cone,
                 start=cone.start * factor[cone.bone],
                 end=cone.end * factor[cone.bone],
-                radii=(cone.radii[0] * radii, cone.radii[1] * radii),
+                radii=(cone.radii[0] * girth, cone.radii[1] * girth),
             )
-            for cone in self.cones
+            for cone, girth in zip(self.cones, width, strict=True)
         )
         joints = tuple(replace(j, position=j.position * factor[j.bone]) for j in self.joints)
         return replace(self, bones=bones, cones=cones, joints=joints)

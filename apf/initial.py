@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from apf.body import BodyModel
 from apf.reference.kinematics import posed_joints
 from cl import UserError
+from psfs.files import written_whole
 
 #: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
 #: an angle's distance from rest, rad. The last two only decide what the joints leave open.
@@ -36,6 +37,12 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
             f"one per degree of freedom of {body.name}"
         )
     return values[: body.n_dof]
+
+
+def write_pose(path: Path, pose: np.ndarray) -> None:
+    """Write `pose` (D,) as a text file that `read_pose` reads back."""
+    with written_whole(path) as temporary:
+        np.savetxt(temporary, pose, fmt="%.9g")
 
 
 def fit_to_joints(

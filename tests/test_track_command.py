@@ -40,7 +40,14 @@ def track(folder: Path, out: Path, *more: str) -> int:
 def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
     assert track(walk, tmp_path / "out") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"track.npz", "joints.trc", "joints.csv", "body.toml", "overlay.mp4"}
+    assert names == {
+        "track.npz",
+        "joints.trc",
+        "joints.csv",
+        "body.toml",
+        "start.txt",
+        "overlay.mp4",
+    }
     found = Track.load(tmp_path / "out")
     assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
     assert found.diagnostics["ess"].shape == (FRAMES, 5)
@@ -129,6 +136,7 @@ def test_bad_sequences(
         ["--voxel-size", "0.0002"],  # more than there is memory for
         ["--device", "abacus"],
         ["--cameras", "cam01,cam99"],
+        ["--height", "178"],
     ],
 )
 def test_bad_flags(
@@ -139,9 +147,17 @@ def test_bad_flags(
     complains(walk, tmp_path / "out", capfd, *(word.format(tmp=tmp_path) for word in more))
 
 
-def test_no_first_pose(walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["track", str(walk), "-o", str(tmp_path / "out")]) == 2
-    assert "--init" in capfd.readouterr().err
+def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
+    """Started by itself; what it found can be given again, and gives the same track."""
+    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
+    plain = [*few, "--no-overlay", "-o"]
+    assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
+    evaluation = evaluate(Track.load(tmp_path / "a"), load_truth(walk / "truth.npz"))
+    assert evaluation.mean_error < 0.08
+    again = ["--body", str(tmp_path / "a/body.toml"), "--init", str(tmp_path / "a/start.txt")]
+    assert main(["track", str(walk), *plain, str(tmp_path / "b"), *again]) == 0
+    first, second = (Track.load(tmp_path / name) for name in "ab")
+    np.testing.assert_allclose(second.joints, first.joints, atol=1e-4)
 
 
 def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more: str) -> None:

@@ -15,17 +15,18 @@ from apf.bodytrack import is_bodytrack, read_body
 from apf.config import FilterConfig
 from apf.evaluate import load_truth
 from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
-from apf.initial import fit_to_joints, read_pose
+from apf.initial import fit_to_joints, read_pose, write_pose
 from apf.joint_names import match_joints
 from apf.methods import OBJECTIVES, SEARCH_DEFAULTS, Method
 from apf.objective import ObjectiveConfig
 from apf.overlay import write_overlay
 from apf.pipeline import track_sequence
 from apf.sir import SirConfig
+from apf.start import start_of
 from apf.swarm import SwarmConfig
 from apf.track import Track
 from apf.trc import CONVENTIONS
-from cl import UserError, select_device
+from cl import Device, NumpyDevice, UserError, select_device
 from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
 from psfs.commands.sequence_flags import (
     add_all_cameras_flag,
@@ -33,8 +34,12 @@ from psfs.commands.sequence_flags import (
     open_trusted,
     selected_frames,
 )
+from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
+
+#: A start whose rival, looking the other way, fits nearly as well is told of.
+_DOUBT = 1.1
 
 #: Settings of the search that have a flag of their own.
 _SETTINGS = {
@@ -90,7 +95,10 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar="P",
         help="first pose: a text file with a value per degree of freedom (radians, metres), or "
         "joints (npz or TRC) to whose first frame body and pose are fitted "
-        "(default: the sequence's own, where it has one)",
+        "(default: the sequence's own, where it has one; else found in the first voxels)",
+    )
+    parser.add_argument(
+        "--height", type=float, metavar="M", help="stature of the person, m, if it is known"
     )
     parser.add_argument(
         "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC given to --init"
@@ -102,19 +110,21 @@ def register(commands: argparse._SubParsersAction) -> None:
     add_device_flag(parser)
 
 
-def add_method_flags(parser: argparse.ArgumentParser) -> None:
-    """--method, --objective and the flags of their settings."""
+def add_method_flags(
+    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel"
+) -> None:
+    """--method and --objective with their defaults, and the flags of their settings."""
     parser.add_argument(
         "--method",
-        default="apf",
+        default=method,
         help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
-        "(default: apf)",
+        f"(default: {method})",
     )
     parser.add_argument(
         "--objective",
-        default="voxel",
+        default=objective,
         help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
-        "which need no reconstruction (default: voxel)",
+        f"which need no reconstruction (default: {objective})",
     )
     group = parser.add_argument_group("search")
     rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
@@ -153,14 +163,20 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
 def run(args: argparse.Namespace) -> None:
     method = chosen_method(args)
+    if args.height is not None and not 0.5 <= args.height <= 2.5:
+        raise UserError(f"--height is {args.height}; expected 0.5 to 2.5 metres")
     device = select_device(args.device)
     sequence, _ = open_trusted(args, device)
     frames = selected_frames(args, sequence)
-    body, pose = first_pose(sequence, frames[0], args.body, args.init, args.convention)
+    given = first_pose(sequence, frames[0], args.body, args.init, args.convention)
     selection = slice(frames.start, frames.stop, frames.step)
     grid = None
-    if method.uses_voxels:
+    if method.uses_voxels or given is None:
         grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
+    if given is None:
+        assert grid is not None
+        given = found_start(device, sequence, grid, selection, args)
+    body, pose = given
     bar = progress_bar()
     task = bar.add_task("tracking", total=len(frames))
 
@@ -175,6 +191,7 @@ def run(args: argparse.Namespace) -> None:
     finally:
         if bar.live.is_started:  # stopping prints a line
             bar.stop()
+    write_pose(args.output / "start.txt", pose)
     write_track(args.output, sequence, track, body, overlay=not args.no_overlay)
     if len(track) < len(frames):
         stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
@@ -184,17 +201,15 @@ def run(args: argparse.Namespace) -> None:
 
 def first_pose(
     sequence: Sequence, frame: int, body_name: str | None, init: Path | None, convention: str
-) -> tuple[BodyModel, np.ndarray]:
-    """The body to track and its pose (D,) in the first `frame`. Raises UserError."""
+) -> tuple[BodyModel, np.ndarray] | None:
+    """The body to track and its pose (D,) in the first `frame`, or None if there is none given.
+
+    Raises UserError.
+    """
     own = body_name is None and is_bodytrack(sequence.folder)
     body = read_body(sequence.folder) if own else load_body(body_name or "song31")
     if init is None:
-        if not own:
-            raise UserError(
-                f"{sequence.folder}: no first pose; expected --init with a pose file, or joints "
-                "(npz or TRC) to fit"
-            )
-        return body, body.rest_pose
+        return (body, body.rest_pose) if own else None
     if init.suffix.lower() not in (".npz", ".trc"):
         return body, read_pose(init, body)
     truth = load_truth(init, convention)
@@ -207,6 +222,31 @@ def first_pose(
     }
     body, pose, _ = fit_to_joints(body, joints)
     return body, pose
+
+
+def found_start(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid,
+    selection: slice,
+    args: argparse.Namespace,
+) -> tuple[BodyModel, np.ndarray]:
+    """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
+    own_shape = args.body is not None and Path(args.body).suffix == ".toml"
+    template = load_body(args.body or "song31")
+    found = start_of(
+        device,
+        sequence,
+        grid,
+        template,
+        selection,
+        height=args.height,
+        keep_shape=own_shape,
+        seed=args.seed or 0,
+    )
+    if found.rival < _DOUBT:
+        stderr.print("the person might look the other way: fits the voxels nearly as well")
+    return found.body, found.pose
 
 
 def write_track(

@@ -1,0 +1,149 @@
+"""From stored voxels of the first frames to a body of the person's size and its first pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.reference.kinematics import bone_matrices
+from apf.start.search import Hypothesis, PoseSearch, forward, misfit
+from apf.start.shape import Cloud, fit_shape, stature
+from apf.start.stored import person_points
+from apf.tracker import tracker_for
+from cl import Device, NumpyDevice, UserError
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+
+#: Fewest surface voxels that can be a person.
+_FEWEST = 200
+#: A person who walks looks where he goes: share that a misfit grows by when he goes backwards, and
+#: the way, m, from which on that counts.
+_BACKWARDS, _WAY = 0.15, 0.3
+#: Misfit above which no body was found.
+_HOPELESS = 0.55
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
+    frames used. misfit: of `pose`, 0 is perfect. rival: how much worse the best hypothesis that
+    looks the other way is, as a factor of the misfit; infinite where there is none."""
+
+    body: BodyModel
+    pose: np.ndarray
+    poses: np.ndarray
+    misfit: float
+    rival: float
+
+    @property
+    def height(self) -> float:
+        """Stature, m."""
+        return stature(self.body)
+
+
+def find_start(
+    device: Device | NumpyDevice,
+    voxels: Sequence[Any],
+    rig: CameraRig,
+    grid: VoxelGrid,
+    template: BodyModel,
+    noise: float,
+    height: float | None = None,
+    keep_shape: bool = False,
+    seed: int = 0,
+) -> Start:
+    """Find a person in the `voxels` (see `stored`) of the first frames, some time apart.
+
+    In the first, the middle and the last frame a search over all headings; from the frame where it
+    fits best the body is tracked to both ends, and its shape fitted to all frames. Then once more
+    from the frame that fits best, with that shape. noise: of a tracker from one of the frames to
+    the next, see `FilterConfig`. height: known stature, m. keep_shape: the template is the person's
+    own body. Raises UserError if no frame shows a person.
+    """
+    clouds = [Cloud(points) for points in _people(voxels)]
+    search = PoseSearch(device, rig, grid, template, height, keep_shape, seed)
+    config = FilterConfig(noise=noise, seed=seed)
+
+    def follow(body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
+        """Poses (M, D) from the one in frame `anchor` to both ends."""
+        poses = np.tile(pose, (len(voxels), 1))
+        for order in (range(anchor, len(voxels)), range(anchor, -1, -1)):
+            tracker = tracker_for(device, body, rig, grid, config)
+            tracker.start(pose)
+            for k in order:
+                poses[k] = tracker.step(voxels[k]).pose
+        return poses
+
+    def shaped(shape: np.ndarray, pose: np.ndarray, anchor: int) -> _Fit:
+        poses = follow(search.model.body(shape), pose, anchor)
+        shape, poses = fit_shape(
+            template, clouds, shape, poses, height, free=() if keep_shape else None
+        )
+        body = search.model.body(shape)
+        misfits = [misfit(body, pose, cloud) for pose, cloud in zip(poses, clouds, strict=True)]
+        return _Fit(body, shape, poses, np.array(misfits))
+
+    anchor, hypotheses = _best_frame(search, voxels, clouds)
+    fits = []
+    for hypothesis in hypotheses:
+        found = search.with_limbs(voxels[anchor], clouds[anchor], hypothesis)
+        fits.append(shaped(found.shape, found.pose, anchor))
+    fits.sort(key=lambda fit: fit.score)
+    best = int(np.argmin(fits[0].misfits))
+    final = shaped(fits[0].shape, fits[0].poses[best], best)
+    if final.misfits.mean() > fits[0].misfits.mean():
+        final = fits[0]
+    if final.misfits.mean() > _HOPELESS:
+        raise UserError(
+            f"no standing or walking person was found in the first frames (misfit "
+            f"{final.misfits.mean():.2f}; expected less than {_HOPELESS}); give --init"
+        )
+    rival = fits[1].score / fits[0].score if len(fits) > 1 else np.inf
+    return Start(final.body, final.poses[0], final.poses, float(final.misfits.mean()), rival)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A body of scales `shape` (S,), poses (M, D) and misfits (M,) in all frames."""
+
+    body: BodyModel
+    shape: np.ndarray
+    poses: np.ndarray
+    misfits: np.ndarray
+
+    @property
+    def score(self) -> float:
+        """The mean misfit, more if the person walks backwards."""
+        places = bone_matrices(self.body, self.poses)[1][:, 0, :2]
+        steps = np.diff(places, axis=0)
+        way = float(np.linalg.norm(steps, axis=1).sum())
+        if way < _WAY:
+            return float(self.misfits.mean())
+        ahead = np.stack([forward(self.body, pose) for pose in self.poses[:-1]])
+        backwards = max(0.0, -float(np.sum(steps * ahead)) / way)
+        return float(self.misfits.mean()) * (1 + _BACKWARDS * backwards)
+
+
+def _people(voxels: Sequence[Any]) -> list[np.ndarray]:
+    people = [person_points(frame.grid, frame.cloud().indices) for frame in voxels]
+    if not people or min(map(len, people)) < _FEWEST:
+        raise UserError(
+            f"one of the first frames has {min(map(len, people), default=0)} surface voxels; "
+            f"expected at least {_FEWEST} of a person: choose --frames where somebody is in view"
+        )
+    return people
+
+
+def _best_frame(
+    search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
+) -> tuple[int, list[Hypothesis]]:
+    """The frame in which the search fits best, and its hypotheses."""
+    tried = sorted({0, len(clouds) // 2, len(clouds) - 1})
+    found = {k: search(voxels[k], clouds[k]) for k in tried}
+    best = min(tried, key=lambda k: found[k][0].misfit)
+    return best, found[best]

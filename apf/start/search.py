@@ -1,0 +1,201 @@
+"""The global search in one frame: where a person stands, which way, how tall, in what pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.initial import fit_to_joints
+from apf.reference.kinematics import bone_matrices, posed_cones, posed_joints
+from apf.reference.likelihood import overlap_errors
+from apf.start.shape import Cloud, Shape, angular, contacts, fit_shape, stature, surface_places
+from apf.tracker import tracker_for
+from cl import Device, NumpyDevice
+from psfs.camera import CameraRig
+from psfs.grid import VoxelGrid
+
+#: Headings that are tried, and how many of them are looked at closely.
+_HEADINGS, _KEPT = 8, 3
+#: Deviations of the search by kind of axis of the root, m and rad.
+_ROOT = {"tx": 0.08, "ty": 0.08, "tz": 0.06, "rx": 0.15, "ry": 0.15, "rz": 0.35}
+#: Those of the other angles: a share of what their limits span, at most so many rad; in the
+#: search for a whole body, and for a limb.
+_SPAN, _WIDEST = {"body": 0.2, "limb": 0.25}, {"body": 0.6, "limb": 0.8}
+#: Bones that a limb hangs on.
+_LIMBS = ("l_upper_arm", "r_upper_arm", "l_thigh", "r_thigh")
+#: Starts from which a limb is searched for.
+_LIMB_STARTS = 4
+#: Distance, m, at which a point is half unexplained when hypotheses are compared.
+_SCALE = 0.04
+#: Unexplained share that counts as much as bending a joint by a quarter of its range, and as
+#: parts wholly in each other.
+_BEND, _OVERLAP = 0.003, 0.1
+#: Share of the points below the feet or above the head.
+_STRAY = 0.002
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A pose (D,) of the template scaled by `shape` (S,), and how badly it fits (0 is perfect)."""
+
+    shape: np.ndarray
+    pose: np.ndarray
+    misfit: float
+
+
+class PoseSearch:
+    """Searches single frames for a person of unknown size and pose: `search(voxels, cloud)`."""
+
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        template: BodyModel,
+        height: float | None,
+        keep_shape: bool,
+        seed: int,
+        n_particles: int = 200,
+    ) -> None:
+        self.device, self.rig, self.grid = device, rig, grid
+        self.template, self.height = template, height
+        self.model = Shape(template)
+        self.free = () if keep_shape else (0, 1)
+        self.random = np.random.default_rng(seed)
+        self.config = FilterConfig(
+            n_particles=n_particles, n_layers=10, noise=1.0, noise_decay=0.75, seed=seed
+        )
+
+    def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
+        """The best hypothesis and, if any, the best that looks the other way; best first.
+
+        voxels: what a tracker observes; cloud: the person's points among them.
+        """
+        shape = np.zeros(len(self.model.deviation))
+        low, high = np.quantile(cloud.tree.data[:, 2], (_STRAY, 1 - _STRAY))
+        if self.free:
+            shape[0] = np.log((self.height or high - low) / stature(self.template))
+        body = self.model.body(shape)
+        tracker = self._tracker(search_body(body))
+        found = []
+        for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
+            tracker.start(standing_pose(body, cloud.tree.data, heading))
+            estimate = tracker.step(voxels)
+            found.append((estimate.least_error[-1], estimate.pose))
+        poses = [pose for _, pose in sorted(found, key=lambda entry: entry[0])[:_KEPT]]
+        hypotheses = [self.polished(cloud, shape, pose) for pose in poses]
+        best = min(hypotheses, key=lambda h: h.misfit)
+        hypotheses.append(self.polished(cloud, best.shape, self._turned_round(best)))
+        return one_per_side(self.template, hypotheses)
+
+    def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+        """One limb after the other searched for again, anywhere within its limits."""
+        body = self.model.body(hypothesis.shape)
+        for limb in (bone.name for bone in body.bones if bone.name in _LIMBS):
+            loose = search_body(body, limb)
+            moving = loose.sigma > 0
+            tracker = self._tracker(loose)
+            found = []
+            for start in self._limb_starts(hypothesis.pose, moving):
+                tracker.start(start)
+                pose = tracker.step(voxels).pose
+                found.append((misfit(body, pose, cloud), pose))
+            pose = min(found, key=lambda entry: entry[0])[1]
+            other = self.polished(cloud, hypothesis.shape, pose)
+            if other.misfit < hypothesis.misfit:
+                hypothesis = other
+        return hypothesis
+
+    def polished(self, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
+        """The pose and the size and girth of the body brought onto the cloud."""
+        shape, poses = fit_shape(
+            self.template, [cloud], shape, pose[None], self.height, steps=6, free=self.free
+        )
+        return Hypothesis(shape, poses[0], misfit(self.model.body(shape), poses[0], cloud))
+
+    def _tracker(self, body: BodyModel) -> Any:
+        return tracker_for(self.device, body, self.rig, self.grid, self.config)
+
+    def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
+        """Poses whose `moving` part is as it was, at rest, and anywhere else."""
+        rest = self.template.rest_pose
+        starts = [pose, np.where(moving, rest, pose)]
+        while len(starts) < _LIMB_STARTS:
+            anywhere = self.random.uniform(self.template.lower[moving], self.template.upper[moving])
+            start = pose.copy()
+            start[moving] = (rest[moving] + anywhere) / 2
+            starts.append(start)
+        return starts
+
+    def _turned_round(self, hypothesis: Hypothesis) -> np.ndarray:
+        """The pose (D,) that looks the other way with its joints where the other side's were."""
+        body = self.model.body(hypothesis.shape)
+        joints = posed_joints(body, hypothesis.pose[None])[0]
+        swap = {"l_": "r_", "r_": "l_"}
+        names = [swap.get(name[:2], name[:2]) + name[2:] for name in body.joint_names]
+        return fit_to_joints(body, dict(zip(names, joints, strict=True)))[1]
+
+
+def search_body(body: BodyModel, limb: str | None = None) -> BodyModel:
+    """`body` with the deviations of a search that knows no pose; of one limb (`l_thigh`: what
+    hangs on that bone), or of everything."""
+    kind = "body" if limb is None else "limb"
+    moving = {limb}
+    sigma = np.zeros(body.n_dof)
+    for bone in body.bones:
+        root = bone.parent < 0
+        if not root and body.bones[bone.parent].name in moving:
+            moving.add(bone.name)
+        for axis in bone.axes:
+            if limb is None or bone.name in moving:
+                span = body.upper[axis.dof] - body.lower[axis.dof]
+                wide = min(_WIDEST[kind], _SPAN[kind] * span)
+                sigma[axis.dof] = _ROOT[axis.kind] if root else wide
+    return replace(body, sigma=sigma)
+
+
+def standing_pose(body: BodyModel, points: np.ndarray, heading: float) -> np.ndarray:
+    """The rest pose (D,) on the points (N, 3): feet at the lowest, the trunk amid the middle."""
+    low, high = np.quantile(points[:, 2], (_STRAY, 1 - _STRAY))
+    share = (points[:, 2] - low) / (high - low)
+    middle = points[(share > 0.5) & (share < 0.75)].mean(0)
+    pose = body.rest_pose.copy()
+    cones = posed_cones(body, pose[None])[0]
+    lowest = min((cones[:, 2] - cones[:, 3]).min(), (cones[:, 6] - cones[:, 7]).min())
+    root = {axis.kind: axis for axis in body.bones[0].axes}
+    for kind, value in (("tx", middle[0]), ("ty", middle[1]), ("rz", heading)):
+        pose[root[kind].dof] = root[kind].sign * value
+    pose[root["tz"].dof] += root["tz"].sign * (low - lowest)
+    return pose
+
+
+def misfit(body: BodyModel, pose: np.ndarray, cloud: Cloud) -> float:
+    """Share of the cloud, and of the body's surface, that the other leaves unexplained (0 to 1);
+    more for parts that lie in each other and for contortions."""
+    cones = posed_cones(body, pose[None])[0]
+    found = contacts(cloud, cones, surface_places(body), _SCALE)
+    # The weights are share / (1 + u)^2 with u = gap^2 / scale^2; unexplained is u / (1 + u).
+    unexplained = np.sum(found.share * (1 - np.sqrt(found.weight / found.share))) / 2
+    inner = angular(body)
+    range_ = (body.upper - body.lower)[inner]
+    bends = np.sum(((pose - body.rest_pose)[inner] / (range_ / 4)) ** 2)
+    overlap = overlap_errors(cones[None], body.apart)[0]
+    return float(unexplained + _BEND * bends + _OVERLAP * overlap)
+
+
+def one_per_side(template: BodyModel, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The best hypothesis, and the best of those that look more than 90 degrees away from it."""
+    ordered = sorted(hypotheses, key=lambda h: h.misfit)
+    ahead = forward(template, ordered[0].pose)
+    others = [h for h in ordered if ahead @ forward(template, h.pose) < 0]
+    return [ordered[0], *others[:1]]
+
+
+def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """(2,) horizontal part of where the root's x axis points."""
+    return bone_matrices(body, pose[None])[0][0, 0, :2, 0]

@@ -1,0 +1,41 @@
+"""The automatic start of a sequence's selected frames."""
+
+from __future__ import annotations
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.pipeline import at_rate
+from apf.start.find import Start, find_start
+from apf.start.stored import stored
+from cl import Device, NumpyDevice
+from psfs.config import ReconstructionConfig
+from psfs.grid import VoxelGrid
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Sequence
+
+#: Frames that a start looks at, and the time, s, that they are spread over.
+_FRAMES, _TIME = 10, 0.8
+
+
+def start_of(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid,
+    template: BodyModel,
+    selection: slice | None = None,
+    reconstruction: ReconstructionConfig | None = None,
+    height: float | None = None,
+    keep_shape: bool = False,
+    seed: int = 0,
+) -> Start:
+    """Find the person in the first of the selected frames of `sequence`; see `find_start`."""
+    chosen = range(len(sequence))[selection or slice(None)]
+    skip = max(1, round(_TIME / _FRAMES * sequence.fps / abs(chosen.step)))
+    frames = chosen[: skip * _FRAMES : skip]
+    reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
+    voxels = [
+        stored(device, reconstruct(frame))
+        for frame in sequence.frames(slice(frames.start, frames.stop, frames.step))
+    ]
+    noise = at_rate(FilterConfig(), sequence.fps / frames.step).noise
+    return find_start(device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed)
