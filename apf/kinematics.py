@@ -7,12 +7,11 @@ import numpy as np
 from apf.body import AXES, BodyModel
 from apf.reference.kinematics import CONE_FLOATS
 from cl import Array, Device, Launch
+from psfs.launching import pack_defines, pack_size
 
 #: Place in a cone's row where the kernel finds the number of its bone.
 _BONE_PLACE = 11
 _GROUP = 64
-#: Particles that a CPU's work-item works on at once.
-_CPU_PACK = 8
 
 
 class Kinematics:
@@ -43,17 +42,6 @@ class Kinematics:
                 self.cones,
             )
         ]
-
-
-def pack_defines(device: Device, group: int) -> dict[str, int]:
-    """PACK and GROUP of pack.h: GPUs take `group` items for each particle, CPUs one item for
-    several, in vectors."""
-    return {"PACK": 1, "GROUP": group} if device.is_gpu else {"PACK": _CPU_PACK, "GROUP": 1}
-
-
-def pack_size(n: int, defines: dict[str, int]) -> tuple[int]:
-    """The global size for `n` particles: a work-group for every pack of them."""
-    return (-(-n // defines["PACK"]) * defines["GROUP"],)
 
 
 def body_defines(body: BodyModel) -> dict[str, int]:

@@ -8,10 +8,11 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.kinematics import body_defines, pack_body, pack_defines, pack_size
+from apf.kinematics import body_defines, pack_body
 from cl import Array, Device, Launch, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
+from psfs.launching import pack_defines, pack_size
 from psfs.reconstruct import Voxels
 from psfs.reprojection import Reprojection
 

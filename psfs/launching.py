@@ -6,6 +6,8 @@ from cl import Device
 
 #: Largest work-group along a row on CPUs.
 _LONGEST = 1024
+#: Numbers that a CPU's work-item works on at once: 256-bit vectors, which PoCL's compiler prefers.
+_CPU_PACK = 8
 
 
 def row_group(device: Device, n: int) -> tuple[int, int, int]:
@@ -18,3 +20,14 @@ def row_group(device: Device, n: int) -> tuple[int, int, int]:
         return (32, 4, 1)
     parts = -(-n // _LONGEST)
     return (-(-n // parts), 1, 1)
+
+
+def pack_defines(device: Device, group: int) -> dict[str, int]:
+    """PACK and GROUP of pack.h: GPUs take `group` items for a piece of work (a particle, a tile)
+    where CPUs take one item, which works on PACK numbers at once."""
+    return {"PACK": 1, "GROUP": group} if device.is_gpu else {"PACK": _CPU_PACK, "GROUP": 1}
+
+
+def pack_size(n: int, defines: dict[str, int]) -> tuple[int]:
+    """The global size for `n` particles: a work-group for every pack of them."""
+    return (-(-n // defines["PACK"]) * defines["GROUP"],)

@@ -8,8 +8,12 @@ from cl import Array, Device, UserError
 from psfs.camera import CameraRig
 from psfs.footprints import footprints
 from psfs.grid import VoxelGrid
-from psfs.launching import row_group
+from psfs.launching import pack_defines
 from psfs.reconstruct import Voxels
+
+#: Items that work on a tile of the maps, and its edge, px, which reprojection.cl knows.
+_GROUP = 256
+_TILE = 32
 
 
 class Reprojection:
@@ -38,31 +42,31 @@ class Reprojection:
         self._shape = grid.shape
         self._voxels: Voxels | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
-        reach = self.radius
+        tiles = -(-height // _TILE) * -(-width // _TILE)
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
-        self._silhouette = device.empty((views, height, width), np.uint8, "the silhouettes")
-        far = device.empty((views, height + 2 * reach, width), np.uint8, "the edges")
-        gap = device.empty((views, height, width + 2 * reach), np.uint8, "the edge distances")
-        far.fill(255)
-        gap.fill(reach + 1)
+        # One row more before and behind, and a mark for every tile that is touched.
+        pixels = (views * height + 2) * width
+        self._silhouette = device.empty((pixels,), np.uint8, "the silhouettes")
+        self._tiles = device.empty((views * tiles,), np.uint8, "the tiles")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
-        table = device.to_device(proximity_table(self.sigma, reach), "the proximity table")
-        self._defines = {"WIDTH": width, "HEIGHT": height, "RADIUS": reach}
-        self._passes = [
-            device.launch(
-                device.kernel("reprojection", name, **self._defines, NY=1, NZ=1),
-                (width, height, views),
-                row_group(device, width),
-                *arrays,
-            )
-            for name, arrays in (
-                ("boundary", (self._silhouette, sizes, far)),
-                ("column_gap", (far, gap)),
-                ("edge_proximity", (self._silhouette, gap, table, self.maps)),
-            )
-        ]
+        table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
+        _, ny, nz = grid.shape
+        self._defines = pack_defines(device, _GROUP) | {
+            "WIDTH": width, "HEIGHT": height, "RADIUS": self.radius, "NY": ny, "NZ": nz
+        }  # fmt: skip
+        group = self._defines["GROUP"]
+        self._edges = device.launch(
+            device.kernel("reprojection", "edge_proximity", **self._defines),
+            (tiles * group, views),
+            (group, 1),
+            self._silhouette,
+            sizes,
+            self._tiles,
+            table,
+            self.maps,
+        )
 
     def __call__(self, voxels: Voxels) -> Array:
         """Enqueue the maps of `voxels`. Raises UserError if their grid has another shape."""
@@ -74,20 +78,19 @@ class Reprojection:
             self._geometry.set(geometry)
             self._extents.set(footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
         self._silhouette.fill(0)
+        self._tiles.fill(0)
         self._splat()
-        for launch in self._passes:
-            launch()
+        self._edges()
         return self.maps
 
     def _attach(self, voxels: Voxels) -> None:
         """Make the splatting read the buffers of `voxels`."""
         if voxels.grid.shape != self._shape:
             raise UserError(f"the voxels' grid is {voxels.grid.shape}; expected {self._shape}")
-        _, ny, nz = self._shape
         self._voxels = voxels
         self._extents = self.device.empty((len(self.rig), 2), np.float32, "the footprints")
         self._splat = self.device.launch(
-            self.device.kernel("reprojection", "splat", **self._defines, NY=ny, NZ=nz),
+            self.device.kernel("reprojection", "splat", **self._defines),
             (16384 if self.device.is_gpu else 512, len(self.rig)),
             (64, 1),
             self._cameras,
@@ -96,6 +99,7 @@ class Reprojection:
             voxels.surface,
             voxels.count,
             self._silhouette,
+            self._tiles,
         )
         self._grid = None
 

@@ -1,92 +1,156 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
-// proximity. Defines: WIDTH HEIGHT of the stack of maps, RADIUS of the proximity in pixels, and
-// for `splat` NY NZ of the grid. Two scratch stacks spare the distance passes their bounds
-// checks: `far` has RADIUS rows of 255 above and below every view, `gap` RADIUS columns left and
-// right of it.
+// proximity. Twin: reference/reprojection.py. Defines: WIDTH HEIGHT of the stack of maps, RADIUS of
+// the proximity in pixels, NY NZ of the grid, GROUP, and that of pack.h. The maps are made tile by
+// tile, and only those near the silhouette at any cost.
 #include "camera.h"
+#include "pack.h"
+
+#define TILE 32
+#define TILES_X ((WIDTH + TILE - 1) / TILE)
+#define TILES_Y ((HEIGHT + TILE - 1) / TILE)
+// Tiles beyond a tile that its pixels can see.
+#define REACH ((RADIUS + TILE - 1) / TILE)
+// Columns that a tile's pixels can see.
+#define SPAN (TILE + 2 * RADIUS)
+
+// Whole numbers at or below; operators only, see pack.h.
+inline vfloat whole_below(vfloat value)
+{
+    const vfloat whole = TO_FLOAT(TO_INT(value));
+    return whole > value ? whole - 1.0f : whole;
+}
+
+// The box that a voxel covers in a map, and the tiles that it lies on.
+inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *tiles)
+{
+    for (int y = y0; y <= y1; ++y)
+        for (int x = x0; x <= x1; ++x) map[y * WIDTH + x] = 255;
+    for (int y = y0 / TILE; x0 <= x1 && y <= y1 / TILE && y0 <= y1; ++y)
+        for (int x = x0 / TILE; x <= x1 / TILE; ++x) tiles[y * TILES_X + x] = 1;
+}
 
 // Every voxel covers the bounding box of its projected cube: all pixel centres inside, or the
-// nearest pixel if there is none. All writers write 255, so their order does not matter.
-// `extents` holds, per view, half the width and height of the box times depth, px m.
+// nearest pixel if there is none. All writers write the same, so their order does not matter.
+// A row precedes the stack of silhouettes. `extents` holds, per view, half the width and height of the box times depth, px m.
 __kernel void splat(__global const float *restrict cameras, __global const float2 *restrict extents,
                     __global const float *restrict geometry, // origin (3), voxel size
                     __global const int *restrict indices, __global const int *restrict n_surface,
-                    __global uchar *restrict silhouette)
+                    __global uchar *restrict silhouette, __global uchar *restrict tiles)
 {
-    const int view = get_global_id(1);
+    const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
-    __global uchar *map = silhouette + (size_t)view * WIDTH * HEIGHT;
-    const int last_x = (int)camera[23] - 1, last_y = (int)camera[24] - 1, n = *n_surface;
-    for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const int voxel = indices[i];
-        const int x = voxel / (NY * NZ), y = voxel / NZ % NY, z = voxel % NZ;
-        float2 pixel;
-        const float depth = camera_project(camera, geometry[0] + (x + 0.5f) * geometry[3],
-                                           geometry[1] + (y + 0.5f) * geometry[3],
-                                           geometry[2] + (z + 0.5f) * geometry[3], &pixel);
-        if (depth <= 0.0f) continue;
-        const float2 half_size = extents[view] / depth;
-        const float2 nearest = rint(pixel);
-        const float2 low = fmax(fmin(ceil(pixel - half_size), nearest), 0.0f);
-        const float2 high = fmin(fmax(floor(pixel + half_size), nearest),
-                                 (float2)(last_x, last_y));
-        for (int row = (int)low.y; row <= (int)high.y; ++row)
-            for (int column = (int)low.x; column <= (int)high.x; ++column)
-                map[row * WIDTH + column] = 255;
+    __global uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
+    for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
+#define VOXEL(l) indices[lane_index(first, 0x##l, n)]
+#define X(l) (VOXEL(l) / (NY * NZ) + 0.5f)
+#define Y(l) (VOXEL(l) / NZ % NY + 0.5f)
+#define Z(l) (VOXEL(l) % NZ + 0.5f)
+        vfloat px, py;
+        const vfloat depth = camera_project_pack(
+            camera, geometry[0] + PACK_OF(vfloat, X) * geometry[3],
+            geometry[1] + PACK_OF(vfloat, Y) * geometry[3],
+            geometry[2] + PACK_OF(vfloat, Z) * geometry[3], &px, &py);
+        const vfloat half_x = extents[view].x / depth, half_y = extents[view].y / depth;
+        const vfloat nearest_x = whole_below(px + 0.5f), nearest_y = whole_below(py + 0.5f);
+        float seen[PACK], x0[PACK], y0[PACK], x1[PACK], y1[PACK];
+        STORE_PACK(depth, seen);
+        STORE_PACK(most(least(-whole_below(half_x - px), nearest_x), 0.0f), x0);
+        STORE_PACK(most(least(-whole_below(half_y - py), nearest_y), 0.0f), y0);
+        STORE_PACK(least(most(whole_below(px + half_x), nearest_x), camera[23] - 1.0f), x1);
+        STORE_PACK(least(most(whole_below(py + half_y), nearest_y), camera[24] - 1.0f), y1);
+        for (int l = 0; l < PACK; ++l)
+            if (seen[l] > 0.0f)
+                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map,
+                      tiles + view * TILES_X * TILES_Y);
     }
 }
 
-// 0 on the silhouette's boundary (inside, with a 4-neighbour outside), 255 elsewhere. The border
-// of the picture is no boundary: nothing is known beyond it.
-__kernel void boundary(__global const uchar *restrict silhouette,
-                       __global const int2 *restrict sizes, __global uchar *restrict far)
+// Does the silhouette touch a tile that this one can see?
+inline bool near_silhouette(int tile_x, int tile_y, __global const uchar *tiles)
 {
-    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
-    if (x >= WIDTH || y >= HEIGHT) return;
-    __global const uchar *map = silhouette + (size_t)view * WIDTH * HEIGHT;
-    const int here = y * WIDTH + x;
-    const int width = sizes[view].x, height = sizes[view].y;
-    const int inside = map[x > 0 ? here - 1 : here] & map[x < width - 1 ? here + 1 : here] &
-                       map[y > 0 ? here - WIDTH : here] & map[y < height - 1 ? here + WIDTH : here];
-    const int edge = (map[here] != 0) & (inside == 0);
-    far[((size_t)view * (HEIGHT + 2 * RADIUS) + y + RADIUS) * WIDTH + x] = edge ? 0 : 255;
+    int near = 0;
+    for (int y = tile_y - REACH; y <= tile_y + REACH; ++y)
+        for (int x = tile_x - REACH; x <= tile_x + REACH; ++x)
+            if (x >= 0 && y >= 0 && x < TILES_X && y < TILES_Y) near |= tiles[y * TILES_X + x];
+    return near;
 }
 
-// Distance along the column to the nearest boundary pixel, RADIUS + 1 if there is none in reach.
-__kernel void column_gap(__global const uchar *restrict far, __global uchar *restrict gap)
+// One row further along columns x0 to x1 of a picture: distance to the last boundary pixel met,
+// RADIUS + 1 if it is out of reach. The boundary lies inside the silhouette, with a 4-neighbour
+// outside; the border of the picture is no boundary: nothing is known beyond it.
+inline void pass_row(__global const uchar *row, int2 size, int x0, int x1, int y,
+                     __local uchar *distance)
 {
-    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
-    if (x >= WIDTH || y >= HEIGHT) return;
-    __global const uchar *top = far + ((size_t)view * (HEIGHT + 2 * RADIUS) + y) * WIDTH + x;
-    uchar nearest = RADIUS + 1;
+    const uchar top = y == 0 ? 255 : 0, bottom = y == size.y - 1 ? 255 : 0;
+    for (int x = x0 + (int)get_local_id(0); x < x1; x += GROUP) {
+        const uchar left = x == 0 ? 255 : 0, right = x == size.x - 1 ? 255 : 0;
+        const uchar inside = (row[x - 1] | left) & (row[x + 1] | right) &
+                             (row[x - WIDTH] | top) & (row[x + WIDTH] | bottom);
+        const uchar edge = row[x] & ~inside, last = distance[x - x0];
+        const uchar next = last <= RADIUS ? last + 1 : last;
+        distance[x - x0] = edge ? 0 : next;
+    }
+}
+
+// Maps of one tile: silhouette and, by `proximity` (up to RADIUS^2, then 0), the exact squared
+// distance to the nearest boundary pixel. One work-group per tile and view. `silhouette` has a row
+// more before and behind.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void edge_proximity(__global const uchar *restrict silhouette, __global const int2 *restrict sizes,
+                    __global const uchar *restrict tiles, __global const uchar *restrict proximity,
+                    __global uchar2 *restrict maps)
+{
+    __local uchar gap[TILE * SPAN], distance[SPAN];
+    const int lane = get_local_id(0), view = get_global_id(1);
+    const int tile_x = get_group_id(0) % TILES_X, tile_y = get_group_id(0) / TILES_X;
+    const int left = tile_x * TILE, top = tile_y * TILE;
+    const int n_rows = min(TILE, HEIGHT - top), n_columns = min(TILE, WIDTH - left);
+    __global const uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
+    __global uchar2 *out = maps + (size_t)view * WIDTH * HEIGHT + top * WIDTH + left;
+    const int column_step = GROUP < TILE ? GROUP : TILE, row_step = GROUP / column_step;
+    // A tile from which no silhouette can be seen looks at nothing; it does not return, because
+    // PoCL 3 miscompiles that.
+    const bool near =
+        near_silhouette(tile_x, tile_y, tiles + view * TILES_X * TILES_Y);
+    const int2 size = sizes[view];
+    const int x0 = max(left - RADIUS, 0), y0 = max(top - RADIUS, 0);
+    const int x1 = near ? min(left + TILE + RADIUS, size.x) : x0;
+    const int y1 = near ? min(top + TILE + RADIUS, size.y) : y0;
+    const int skipped = x0 - (left - RADIUS);
+    // Items keep to their own columns until the whole tile is known.
+    for (int c = lane; c < (near ? TILE * SPAN : 0); c += GROUP) gap[c] = RADIUS + 1;
+    for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int y = y0; y < min(top + TILE, y1); ++y) {
+        pass_row(map + y * WIDTH, size, x0, x1, y, distance);
+        if (y >= top)
+            for (int c = lane; c < x1 - x0; c += GROUP)
+                gap[(y - top) * SPAN + skipped + c] = distance[c];
+    }
+    for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
+    for (int y = y1 - 1; y >= top; --y) {
+        pass_row(map + y * WIDTH, size, x0, x1, y, distance);
+        if (y < top + TILE)
+            for (int c = lane; c < x1 - x0; c += GROUP) {
+                __local uchar *place = gap + (y - top) * SPAN + skipped + c;
+                *place = distance[c] < *place ? distance[c] : *place;
+            }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int y = lane / TILE; y < n_rows; y += row_step) {
+        __global const uchar *row = map + (top + y) * WIDTH + left;
+        for (int x = lane % TILE; x < (near ? n_columns : 0); x += column_step) {
+            __local const uchar *here = gap + y * SPAN + x;
+            ushort squared = RADIUS * RADIUS + 1;
 #pragma unroll
-    for (int dy = -RADIUS; dy <= RADIUS; ++dy)
-    {
-        const uchar edge = top[(dy + RADIUS) * WIDTH];
-        const uchar reach = dy < 0 ? -dy : dy;
-        const uchar here = edge > reach ? edge : reach;
-        nearest = here < nearest ? here : nearest;
+            for (int dx = -RADIUS; dx <= RADIUS; ++dx) {
+                const ushort g = here[dx + RADIUS];
+                const ushort there = g * g + dx * dx;
+                squared = there < squared ? there : squared;
+            }
+            out[y * WIDTH + x] = (uchar2)(row[x], proximity[squared]);
+        }
+        for (int x = lane % TILE; x < (near ? 0 : n_columns); x += column_step)
+            out[y * WIDTH + x] = (uchar2)(0);
     }
-    gap[((size_t)view * HEIGHT + y) * (WIDTH + 2 * RADIUS) + x + RADIUS] = nearest;
-}
-
-// Exact squared distance to the nearest boundary pixel, by `proximity` (up to RADIUS^2, then 0);
-// the result is (silhouette, proximity) per pixel.
-__kernel void edge_proximity(__global const uchar *restrict silhouette,
-                             __global const uchar *restrict gap,
-                             __global const uchar *restrict proximity,
-                             __global uchar2 *restrict maps)
-{
-    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
-    if (x >= WIDTH || y >= HEIGHT) return;
-    __global const uchar *left = gap + ((size_t)view * HEIGHT + y) * (WIDTH + 2 * RADIUS) + x;
-    ushort squared = RADIUS * RADIUS + 1;
-#pragma unroll
-    for (int dx = -RADIUS; dx <= RADIUS; ++dx) {
-        const ushort g = left[dx + RADIUS];
-        const ushort here = g * g + dx * dx;
-        squared = here < squared ? here : squared;
-    }
-    const size_t at = (size_t)view * WIDTH * HEIGHT + y * WIDTH + x;
-    maps[at] = (uchar2)(silhouette[at], proximity[squared]);
 }
