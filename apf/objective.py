@@ -9,7 +9,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.meshes import FRUSTUM_VERTICES, BodyMesh, cone_mesh
-from apf.rendering import renderer_for
+from apf.rendering import renderer_for, silhouette_shape
 from cl import Array, Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.launching import row_group
@@ -125,8 +125,7 @@ class ImageObjective:
         self.config = config = config or ObjectiveConfig()
         self.n_hypotheses = n_hypotheses
         shape, n_labels = (len(rig), rig.height, rig.width), config.n_labels
-        self._words = -(-rig.width // 32)
-        bits = (len(rig), n_labels, rig.height, self._words)
+        bits = silhouette_shape(rig, n_labels)
         self._silhouettes = device.empty(bits, np.uint32, "the silhouettes")
         self._proximity = device.empty(shape, np.uint8, "the edge proximity")
         self._roi = device.empty((len(rig), 4), np.int32, "the regions of interest")
@@ -171,13 +170,14 @@ class ImageObjective:
         return [*self._renderer.launcher(poses, *arrays), score]
 
     def _prepare(self, maps: Array, roi: Array, labels: Array | None) -> list[Launch]:
-        height, views = self.rig.height, len(self.rig)
+        views, n_labels, words, pitch = self._silhouettes.shape
         return [
             self.device.launch(
                 self._kernel("pack_maps"),
-                (self._words, height, views),
-                row_group(self.device, self._words),
-                np.int32(height),
+                (pitch, words, views),
+                row_group(self.device, pitch),
+                np.int32(self.rig.height),
+                np.int32(pitch),
                 maps,
                 labels,
                 roi,
@@ -187,9 +187,9 @@ class ImageObjective:
             ),
             self.device.launch(
                 self._kernel("silhouette_areas"),
-                (views * self.config.n_labels * _GROUP,),
+                (views * n_labels * _GROUP,),
                 (_GROUP,),
-                np.int32(height * self._words),
+                np.int32(words * pitch),
                 self._silhouettes,
                 self._areas,
             ),

@@ -13,8 +13,11 @@ from apf.meshes import BodyMesh
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
 
-#: Work-items of a group: rows of a picture. A CPU does them one after the other anyway.
-_ROWS = 128
+#: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
+#: PACK rows in vectors, one lot after the other.
+_ROWS, _PACK = 128, 8
+#: 32-bit words of a Part in parts.h.
+_PART_WORDS = 24
 #: Work-items of a group that draws a mesh, and the words of local memory that it draws into.
 _MESH_GROUP, _LOCAL_WORDS = 256, 7168
 
@@ -36,9 +39,11 @@ class FlatRenderer:
         self.n_parts, self.n_labels = len(body.cones), int(labels.max()) + 1
         self._kinematics = Kinematics(device, body, n)
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        edged = [cone.in_images for cone in body.cones]
-        table = np.stack([labels, edged], -1).astype(np.int32)
-        self._labels = device.to_device(table, "the labels")
+        edged = np.array([cone.in_images for cone in body.cones], np.int32)
+        self._edged = device.to_device(edged, "the parts with edges")
+        self._labels = device.to_device(labels.astype(np.int32), "the labels")
+        shape = (len(rig), n, self.n_parts, _PART_WORDS)
+        self._parts = device.empty(shape, np.float32, "the parts in the pictures")
         shape = (len(rig), n, 2 + 2 * self.n_labels)
         self.counts = device.empty(shape, np.int32, "the counted pixels")
 
@@ -52,40 +57,49 @@ class FlatRenderer:
     ) -> list[Launch]:
         """The launches that count `poses` (N, D), arguments set.
 
-        roi: (V, 4) int32, ends excluded. silhouettes: (V, L, H, words) uint32, bit i of word w is
-        pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
+        roi: (V, 4) int32, ends excluded. silhouettes: uint32 of `silhouette_shape`, bit i of word w
+        is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
         gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
         """
-        rows = _ROWS if self.device.is_gpu else 1
-        drawn = () if pictures is None else (pictures,)
-        count = self.device.launch(
-            self._kernel("count_pixels", rows, bool(drawn)),
-            (self.n_hypotheses * rows, len(self.rig)),
-            (rows, 1),
-            np.int32(self.n_hypotheses),
-            np.int32(self.rig.height),
+        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
+        n, views = self.n_hypotheses, len(self.rig)
+        place = self.device.launch(
+            self.device.kernel("parts", "place_parts", N_PARTS=self.n_parts),
+            (n * self.n_parts, views),
+            (64, 1),
+            np.int32(n),
             self._kinematics.cones,
             self._cameras,
+            self._edged,
+            self._parts,
+        )
+        defines = {"DRAW": 1} if pictures is not None else {}
+        kernel = self.device.kernel(
+            "render",
+            "count_pixels",
+            N_PARTS=self.n_parts,
+            N_LABELS=self.n_labels,
+            WIDTH=self.rig.width,
+            GROUP=rows,
+            PACK=pack,
+            **defines,
+        )
+        count = self.device.launch(
+            kernel,
+            (n * rows, views),
+            (rows, 1),
+            np.int32(n),
+            np.int32(self.rig.height),
+            np.int32(silhouettes.shape[-1]),
+            self._parts,
             roi,
             self._labels,
             silhouettes,
             proximity,
             self.counts,
-            *drawn,
+            *(() if pictures is None else (pictures,)),
         )
-        return [*self._kinematics.launcher(poses), count]
-
-    def _kernel(self, name: str, rows: int, drawn: bool) -> Any:
-        defines = {"DRAW": 1} if drawn else {}
-        return self.device.kernel(
-            "render",
-            name,
-            N_PARTS=self.n_parts,
-            N_LABELS=self.n_labels,
-            WIDTH=self.rig.width,
-            GROUP=rows,
-            **defines,
-        )
+        return [*self._kinematics.launcher(poses), place, count]
 
 
 class MeshRenderer:
@@ -148,6 +162,7 @@ class MeshRenderer:
             (group, 1),
             np.int32(n),
             np.int32(self.rig.height),
+            np.int32(silhouettes.shape[-1]),
             self._pixels,
             self._triangles,
             roi,
@@ -232,13 +247,18 @@ def draw_hypotheses(
     n, shape = len(poses), (len(rig), rig.height, rig.width)
     renderer = renderer_for(device, body, rig, n, mesh=mesh)
     pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
-    silhouettes = device.zeros((*shape[:2], -(-shape[2] // 32)), np.uint32, "the silhouettes")
+    silhouettes = device.zeros(silhouette_shape(rig, 1), np.uint32, "the silhouettes")
     proximity = device.zeros(shape, np.uint8, "the edge proximity")
     roi = device.to_device(whole_pictures(rig), "the regions of interest")
     on_device = device.to_device(np.asarray(poses, np.float32), "the poses")
     for launch in renderer.launcher(on_device, roi, silhouettes, proximity, pictures):
         launch()
     return pictures.get()
+
+
+def silhouette_shape(rig: CameraRig, n_labels: int) -> tuple[int, int, int, int]:
+    """(V, L, words of a row, rows) of silhouettes as bits, with rows to spare for vectors."""
+    return len(rig), n_labels, -(-rig.width // 32), rig.height + _PACK - 1
 
 
 def whole_pictures(rig: CameraRig) -> np.ndarray:

@@ -76,6 +76,12 @@ def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:
     rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6), soft_mesh(body))
 
 
+def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Device, "is_gpu", True)
+    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
+    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6), soft_mesh(body))
+
+
 @pytest.mark.parametrize("n_labels", [1, 3])
 def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
     """In pictures so high that a body takes several bands."""

@@ -90,6 +90,14 @@ def test_pictures_equal_the_twins(device: Device, name: str, size: tuple[int, in
     rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 8))
 
 
+def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On any device: one row per work-item, many items per picture."""
+    monkeypatch.setattr(Device, "is_gpu", True)
+    body, rig = bodies.named("song31"), scenes.ring(2, (333, 240))
+    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6))
+    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 6))
+
+
 @pytest.mark.parametrize("n_labels", [1, 3])
 def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
     body, rig = load_body("song31"), scenes.ring(3, (161, 123))

@@ -5,15 +5,15 @@
 #define N_COUNTS (2 + 2 * N_LABELS)
 
 // Of feature maps (V, height, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
-// rendered parts: silhouettes (V, N_LABELS, height, WORDS) as bits and the proximity alone, within
+// rendered parts: silhouettes (V, N_LABELS, WORDS, pitch) as bits and the proximity alone, within
 // the regions of interest roi (V, 4), ends excluded, which are copied to regions. parts: (V, height, WIDTH) the label of each
 // pixel, from 1; with a single label the silhouette's own channel is taken.
-__kernel void pack_maps(int height, __global const uchar2 *maps, __global const uchar *parts,
+__kernel void pack_maps(int height, int pitch, __global const uchar2 *maps, __global const uchar *parts,
                         __global const int4 *roi, __global int4 *regions,
                         __global uint *silhouettes, __global uchar *proximity)
 {
-    const int word = get_global_id(0), row = get_global_id(1), view = get_global_id(2);
-    if (word >= WORDS || row >= height) return;
+    const int row = get_global_id(0), word = get_global_id(1), view = get_global_id(2);
+    if (word >= WORDS || row >= pitch) return;
     const int4 region = roi[view];
     if (word == 0 && row == 0) regions[view] = region;
     const size_t at = ((size_t)view * height + row) * WIDTH;
@@ -33,7 +33,7 @@ __kernel void pack_maps(int height, __global const uchar2 *maps, __global const 
 #endif
         }
     for (int l = 0; l < N_LABELS; ++l)
-        silhouettes[(((size_t)view * N_LABELS + l) * height + row) * WORDS + word] = bits[l];
+        silhouettes[(((size_t)view * N_LABELS + l) * WORDS + word) * pitch + row] = bits[l];
 }
 
 // areas (V * N_LABELS,): set bits of each silhouette (V * N_LABELS, n_words). Eq. (4.29), (4.36).

@@ -66,7 +66,7 @@ inline uint inner_bits(__local const uint *mask, int words, int word)
 // rows at a time is drawn into local memory, one bit per part and pixel, with a row more above and
 // below. sizes: (V,) the largest region to look at.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void count_pixels(int n_particles, int height, __global const float2 *all_pixels,
+void count_pixels(int n_particles, int height, int pitch, __global const float2 *all_pixels,
                   __global const int4 *triangles, __global const int4 *roi,
                   __global const int2 *labels, __global const uint *silhouettes,
                   __global const uchar *proximity, __global int *counts
@@ -140,14 +140,14 @@ void count_pixels(int n_particles, int height, __global const float2 *all_pixels
                 if (first > last) continue;
                 const int at = triangle.w * plane + (row - top) * words - first_word;
                 for (int word = first >> 5; word <= last >> 5; ++word)
-                    atomic_or(&masks[at + word], span_bits(first, last, word));
+                    atomic_or(&masks[at + word], bits_between(first, last + 1, word));
             }
         }
         barrier(CLK_LOCAL_MEM_FENCE);
         const int n_cells = (min(rows, last_row - top) * words);
         for (int i = lane; i < n_cells; i += GROUP) {
             const int row = top + 1 + i / words, word = first_word + i % words;
-            const uint regarded = span_bits(region.x, region.z - 1, word);
+            const uint regarded = bits_between(region.x, region.z, word);
             uint covered = ~regarded, edges = 0;
             for (int k = 0; regarded && k < N_PARTS; ++k) {
                 const int p = order[k];
@@ -158,9 +158,9 @@ void count_pixels(int n_particles, int height, __global const float2 *all_pixels
                 if (labels[p].y) edges |= seen & ~inner_bits(mask, words, word - first_word);
 #if N_LABELS > 1
                 const int label = labels[p].x;
-                const size_t at = ((size_t)view * N_LABELS + label) * height + row;
+                const size_t at = ((size_t)view * N_LABELS + label) * WORDS + word;
                 area[label] += popcount(seen);
-                overlap[label] += popcount(seen & silhouettes[at * WORDS + word]);
+                overlap[label] += popcount(seen & silhouettes[at * pitch + row]);
 #endif
 #ifdef DRAW
                 const size_t at_row = ((size_t)particle * get_num_groups(1) + view) * height + row;
@@ -175,7 +175,8 @@ void count_pixels(int n_particles, int height, __global const float2 *all_pixels
 #if N_LABELS == 1
             covered &= regarded;
             area[0] += popcount(covered);
-            overlap[0] += popcount(covered & silhouettes[at_row * WORDS + word]);
+            const size_t at = (size_t)view * WORDS + word;
+            overlap[0] += popcount(covered & silhouettes[at * pitch + row]);
 #endif
             edge_count += popcount(edges);
             for (; edges; edges &= edges - 1)

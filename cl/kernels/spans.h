@@ -1,26 +1,38 @@
-// Rows of pixels as 32-bit words: bit i of word w is pixel 32 w + i.
+// Pixels of PACK rows at once, as 32-bit words: bit i of word w is pixel 32 w + i. A span of pixels
+// is packed as its first one and, in the upper half, the one after its last.
+#include "pack.h"
 
-// The bits from `first` on, both counted from the word's own first pixel.
-inline uint bits_from(int first)
+#if PACK == 1
+#define LOAD_ROWS(place) (*(place))
+#elif PACK == 8
+#define LOAD_ROWS(place) vload8(0, place)
+#else
+#define LOAD_ROWS(place) vload16(0, place)
+#endif
+
+// The numbers 0, 1, ... of a pack's lanes.
+#define LANE_NUMBER(l) 0x##l
+#define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
+
+// The bits from `first` on, counted from the word's own first pixel.
+inline vuint bits_from(vint first)
 {
-    return first <= 0 ? 0xffffffffu : first >= 32 ? 0u : 0xffffffffu << first;
+    const vuint bits = (vuint)(0xffffffffu) << TO_UINT(first & 31);
+    return first <= 0 ? (vuint)(0xffffffffu) : first >= 32 ? (vuint)(0) : bits;
 }
 
-// The bits of pixels `first`..`last` that lie in word `word`; none if first > last.
-inline uint span_bits(int first, int last, int word)
+// The bits of the pixels from `first` to before `end` that lie in word `word`.
+inline vuint bits_between(vint first, vint end, int word)
 {
-    return bits_from(first - 32 * word) & ~bits_from(last + 1 - 32 * word);
+    return bits_from(first - 32 * word) & ~bits_from(end - 32 * word);
 }
 
-// The pixels within [low, high] as integers; operators instead of ceil and floor, which PoCL does
-// not inline. Not for negative `low`.
-inline int first_pixel(float low)
-{
-    const int whole = (int)low;
-    return whole + (low > (float)whole);
-}
+inline vuint span_bits(vint span, int word) { return bits_between(span & 0xffff, span >> 16, word); }
 
-inline int last_pixel(float high)
+// The span of the pixels within [low, high], 0 <= low, -1 <= high < 32767. Operators instead of
+// ceil and floor, which PoCL does not inline.
+inline vint span_within(vfloat low, vfloat high)
 {
-    return high < 0.0f ? -1 : (int)high;
+    const vint before = TO_INT(low), last = TO_INT(high + 1.0f);
+    return (low > TO_FLOAT(before) ? before + 1 : before) | last << 16;
 }
