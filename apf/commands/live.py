@@ -1,0 +1,191 @@
+"""`apf live`: a skeleton while it happens, from cameras or a recording played at its own rate."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.commands.track import (
+    add_method_flags,
+    chosen_method,
+    first_pose,
+    found_start,
+    write_files,
+)
+from apf.evaluate import evaluate, load_truth
+from apf.live import Live, LiveResult
+from apf.live_captures import cameras_of
+from apf.live_sources import Replay, Source
+from apf.live_timeline import Timeline
+from apf.methods import Method
+from apf.pipeline import track_of
+from apf.track import Track
+from apf.trc import CONVENTIONS
+from cl import Device, UserError, select_device
+from psfs.commandline import add_command, add_device_flag, stderr, stdout
+from psfs.commands.sequence_flags import (
+    add_sequence_flags,
+    open_sequence,
+    selected_frames,
+    stated,
+)
+from psfs.grid import VoxelGrid
+from psfs.runs import write_json
+from psfs.volume import automatic_grid
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "live", run, "Track while it happens; frames may be dropped.")
+    add_sequence_flags(parser, fps=False)  # --fps is the result's rate here
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    parser.add_argument(
+        "--captures",
+        nargs="+",
+        metavar="C",
+        help="cameras in the order of the calibration that lies in FOLDER (or that FOLDER is): USB "
+        "numbers, URLs or videos (default: play the recording in FOLDER at its own rate)",
+    )
+    parser.add_argument(
+        "--empty",
+        type=float,
+        default=2.0,
+        metavar="S",
+        help="seconds of the empty scene that --captures begin with, unless FOLDER/background "
+        "shows it (default: 2)",
+    )
+    parser.add_argument(
+        "--fps",
+        dest="budget",
+        type=float,
+        metavar="N",
+        help="poses per second to be reached, by a search of the size that allows it (default: as "
+        "many as frames, unless --particles or --layers says a size)",
+    )
+    parser.add_argument("--body", metavar="B", help="as for apf track")
+    parser.add_argument("--init", type=Path, metavar="P", help="first pose, as for apf track")
+    parser.add_argument("--height", type=float, metavar="M", help="as for apf track")
+    parser.add_argument(
+        "--convention", choices=CONVENTIONS, default="y-up", help="axes of TRC files"
+    )
+    parser.add_argument(
+        "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
+    )
+    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    add_method_flags(parser, "pso", "sp")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    method = chosen_method(args)
+    device = select_device(args.device)
+    if not isinstance(device, Device):
+        raise UserError("--device numpy is no device for live tracking; expected an OpenCL device")
+    if args.budget is not None and not 0.1 <= args.budget <= 1000:
+        raise UserError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
+    truth = load_truth(args.truth, args.convention) if args.truth else None
+    source, grid, body, pose = (
+        _captures(args, method) if args.captures else _replay(args, method, device)
+    )
+    sized_by_hand = args.n_particles is not None or args.n_layers is not None
+    budget = args.budget or (None if sized_by_hand else source.fps)
+    live = Live(device, source, grid, body, pose, method, budget)
+    status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
+    with status as shown:
+        result = live.run(lambda now, timeline: _show(shown, now, timeline))
+    if not result.frames:
+        raise UserError("no frame was tracked; expected at least one before the end")
+    track = _track(body, source, result, {**method.described(), "device": device.name})
+    summary = {**live.timeline.summary(), "sizes": result.sizes, "error_mm": None}
+    if truth is not None:
+        summary["error_mm"] = evaluate(track, truth).summary()["mean_error_mm"]
+    write_files(args.output, track, body)
+    write_json(args.output / "live.json", summary)
+    live.timeline.plot(args.output / "timeline.png")
+    _tell(summary, args.output)
+
+
+def _replay(
+    args: argparse.Namespace, method: Method, device: Device
+) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
+    """A recorded sequence, where voxels are needed their grid, body and first pose."""
+    sequence = open_sequence(args)
+    frames = selected_frames(args, sequence)
+    selection = slice(frames.start, frames.stop, frames.step)
+    start = first_pose(sequence, frames[0], args.body, args.init, args.convention)
+    grid = None
+    if method.uses_voxels or start is None:
+        grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
+    if start is None:
+        assert grid is not None
+        start = found_start(device, sequence, grid, selection, args)
+    return Replay(sequence, frames), grid, *start
+
+
+def _captures(
+    args: argparse.Namespace, method: Method
+) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
+    """Cameras, the grid of --volume where voxels are needed, body and first pose."""
+    grid = None
+    if method.uses_voxels:
+        if args.volume is None:
+            raise UserError("cameras have no volume yet; expected --volume, or another --objective")
+        low, high = np.array(args.volume)
+        grid = VoxelGrid.covering(low, high, args.voxel_size or 0.025)
+    place = SimpleNamespace(folder=Path(args.folder))
+    start = first_pose(place, 0, args.body, args.init, args.convention)  # type: ignore[arg-type]
+    if start is None:
+        raise UserError("cameras have no first pose; expected --init with a pose file or joints")
+    source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)
+    return source, grid, *start
+
+
+def _track(body: BodyModel, source: Source, result: LiveResult, made_by: dict[str, Any]) -> Track:
+    """The track of what was found. Searches differ in their layers: those that lack are NaN."""
+    most = max(len(estimate.ess) for estimate in result.estimates)
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, (0, most - len(values)), constant_values=np.nan)
+
+    estimates = [
+        replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
+        for e in result.estimates
+    ]
+    return track_of(body, source.fps, result.frames, estimates, made_by)
+
+
+def _show(status: Any, result: LiveResult, timeline: Timeline) -> None:
+    if status is None or len(result.frames) < 2:
+        return
+    latencies, intervals = timeline.latencies()[-30:], timeline.intervals()[-30:]
+    _, particles, layers = result.sizes[-1]
+    status.update(
+        f"{len(result.frames)} poses, {1 / intervals.mean():.1f} per second, latency "
+        f"{1000 * latencies.mean():.0f} ms, {sum(timeline.dropped.values())} frames dropped, "
+        f"{particles} x {layers}; Ctrl-C ends"
+    )
+
+
+def _tell(summary: dict[str, Any], folder: Path) -> None:
+    """The figures of a run, on standard output."""
+    latency = summary["latency_ms"]
+    dropped = ", ".join(f"{count} before {stage}" for stage, count in summary["dropped"].items())
+    stdout.print(f"{summary['results']} poses, {summary['fps']} per second; dropped: {dropped}")
+    stdout.print(
+        f"latency {latency['mean']:.0f} ms, 95 % {latency['p95']:.0f}, most {latency['max']:.0f}: "
+        f"{summary['latency_frames']} frames of that rate"
+    )
+    for stage, ms in summary["stages_ms"].items():
+        if ms is not None:
+            stdout.print(f"  {stage}: {ms['mean']:.1f} ms, 95 % {ms['p95']:.1f}")
+    sizes = ", then ".join(f"{particles} x {layers}" for _, particles, layers in summary["sizes"])
+    stdout.print(f"particles x iterations: {sizes}")
+    if summary["error_mm"] is not None:
+        stdout.print(f"mean error {summary['error_mm']:.1f} mm over the tracked frames")
+    stdout.print(f"{folder}: track.npz, joints.trc, live.json, timeline.png", soft_wrap=True)
