@@ -18,7 +18,7 @@ from apf.reference.kinematics import posed_joints
 from apf.track import Track
 from apf.tracker import Estimate
 from apf.uncertainty import joint_covariance
-from cl import Device, NumpyDevice
+from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
@@ -84,7 +84,22 @@ def watched(
     def wide() -> Any:
         return tracker_of(device, body, rig, grid, replace(method, filter=wider))
 
-    return Watched(tracker_of(device, body, rig, grid, method), wide)
+    def everywhere(voxels: Any) -> list[np.ndarray]:
+        from apf.start.find import find_start  # which tracks, too
+        from apf.start.stored import stored
+
+        assert grid is not None, "voxels have a grid"
+        seen = [stored(device, voxels)]
+        try:
+            found = find_start(
+                device, seen, rig, grid, body, search.noise, keep_shape=True, seed=search.seed
+            )
+        except UserError:
+            return []  # nobody is there
+        return [found.pose]
+
+    tracker = tracker_of(device, body, rig, grid, method)
+    return Watched(tracker, wide, everywhere if method.uses_voxels else None)
 
 
 def at_rate(config: FilterConfig, fps: float) -> FilterConfig:

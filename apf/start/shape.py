@@ -178,7 +178,7 @@ def fit_shape(
     distance at which points count half in the first and in the last step, m.
     """
     model = Shape(template)
-    chosen = np.arange(len(shape)) if free is None else np.asarray(free)
+    chosen = np.arange(len(shape)) if free is None else np.asarray(free, int)
     more = _STEP * np.eye(len(shape))[chosen]
     prior = model.deviation[chosen] ** -2.0
     loose = _pose_prior(template)
