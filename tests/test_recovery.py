@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scenes
 
+import apf.start.find
+from apf.body import load_body
+from apf.methods import Method
+from apf.pipeline import track_of, track_voxels, watched
 from apf.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
@@ -14,8 +20,12 @@ from apf.recovery import (
     RecoveryConfig,
     Watched,
 )
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones, posed_joints
+from apf.start.stored import StoredVoxels
 from apf.tracker import Estimate
-from cl import UserError
+from cl import Device, UserError
+from psfs.grid import VoxelCloud, VoxelGrid
 
 
 @dataclass
@@ -39,7 +49,7 @@ class OnALine:
         return Estimate(np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit)
 
 
-def watched(everywhere: bool = False) -> Watched:
+def on_a_line(everywhere: bool = False) -> Watched:
     return Watched(
         OnALine(0.1),
         lambda: OnALine(1.0, n_layers=4),
@@ -53,13 +63,13 @@ def run(tracker: Watched, places: list[float]) -> list[Estimate]:
 
 
 def test_a_good_track_is_left_alone() -> None:
-    found = run(watched(), [0.05 * k for k in range(10)])
+    found = run(on_a_line(), [0.05 * k for k in range(10)])
     assert not any(e.lost for e in found) and all(e.restart == TRACKED for e in found)
     assert all(e.confidence > 0.9 for e in found)
 
 
 def test_a_jump_is_found_around_the_last_good_pose() -> None:
-    found = run(watched(), [0.0, 0.05, 0.9, 0.95])
+    found = run(on_a_line(), [0.0, 0.05, 0.9, 0.95])
     assert [e.restart for e in found] == [TRACKED, TRACKED, LOCAL_RESTART, TRACKED]
     assert not any(e.lost for e in found)
     assert found[2].pose[0] == 0.9
@@ -67,7 +77,7 @@ def test_a_jump_is_found_around_the_last_good_pose() -> None:
 
 
 def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
-    found = run(watched(), [0.0, 0.05, 50.0, 50.0, 0.1, 0.15])
+    found = run(on_a_line(), [0.0, 0.05, 50.0, 50.0, 0.1, 0.15])
     assert [e.lost for e in found] == [False, False, True, True, False, False]
     assert [e.pose[0] for e in found] == [0.0, 0.05, 0.05, 0.05, 0.1, 0.15]
     assert found[2].confidence < 0.1 < 0.9 < found[4].confidence
@@ -75,7 +85,7 @@ def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
 
 
 def test_a_person_elsewhere_is_searched_everywhere() -> None:
-    tracker = watched(everywhere=True)
+    tracker = on_a_line(everywhere=True)
     found = run(tracker, [0.0, 50.0, 50.05])
     assert [e.restart for e in found] == [TRACKED, GLOBAL_RESTART, TRACKED]
     assert [e.pose[0] for e in found] == [0.0, 50.0, 50.05]
@@ -90,7 +100,7 @@ def test_the_search_everywhere_is_tried_now_and_then() -> None:
 
 
 def test_the_limit_follows_what_is_usual() -> None:
-    tracker = watched()
+    tracker = on_a_line()
     tracker.start(np.zeros(1))
     config = tracker.config
     assert tracker.limit == config.unknown
@@ -121,3 +131,60 @@ def test_scorers_without_a_misfit_are_trusted() -> None:
 def test_settings_are_checked(wrong: dict) -> None:
     with pytest.raises(UserError, match="expected"):
         RecoveryConfig(**wrong)
+
+
+SONG = load_body("song31")
+GRID = VoxelGrid.covering(np.array([-0.8, -0.7, -0.1]), np.array([1.9, 0.7, 1.9]), 0.04)
+
+
+def walker(frame: int, jump: float = 0.0) -> np.ndarray:
+    """A pose (31,) of one who walks along x with an arm out, so that his front can be told."""
+    pose = SONG.rest_pose.copy()
+    for name, value in (
+        ("pelvis.tx", 0.012 * frame + jump),
+        ("l_upper_arm.rx", 0.9),
+        ("r_thigh.ry", 0.3),
+        ("l_calf.ry", 0.5),
+    ):
+        pose[SONG.dof_names.index(name)] += value
+    return pose
+
+
+def seen(device: Device, pose: np.ndarray | None) -> StoredVoxels:
+    """The surface voxels of a pose; none of None."""
+    indices = np.zeros(0, np.int32)
+    if pose is not None:
+        distance = distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
+        shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
+        indices = np.flatnonzero(shell).astype(np.int32)
+    return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))
+
+
+def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames 4 to 6 show nobody; from frame 7 on the person stands a metre further on, where the
+    search everywhere, which test_start.py tests, finds him roughly."""
+
+    def found(device: Device, voxels: list[StoredVoxels], *_: object, **__: object) -> object:
+        if not len(voxels[0].cloud()):
+            raise UserError("nobody")
+        return SimpleNamespace(pose=walker(7, 1.05))
+
+    monkeypatch.setattr(apf.start.find, "find_start", found)
+    poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
+    method = Method.of(n_particles=100, n_layers=6)
+    tracker = watched(device, SONG, scenes.ring(4), GRID, method)
+    frames = ((k, seen(device, pose)) for k, pose in enumerate(poses))
+    indices, estimates = track_voxels(tracker, walker(0), frames)
+    track = track_of(SONG, 60.0, indices, estimates, {})
+    # The search everywhere is tried in every fifth lost frame: in frames 4 and 9.
+    assert track.lost.tolist() == [False] * 4 + [True] * 5 + [False]
+    assert GLOBAL_RESTART in track.diagnostics["restart"]
+    assert np.all(track.confidence[track.lost] < 0.5)
+    assert np.all(track.confidence[~track.lost] >= 0.5)
+    assert np.isnan(track.covariance[track.lost]).all()
+    assert np.isfinite(track.covariance[~track.lost]).all()
+    true = posed_joints(SONG, np.stack([walker(0), walker(9, 1.0)]))
+    for row, place in ((0, 0), (-1, 1)):
+        assert np.linalg.norm(track.joints[row] - true[place], axis=-1).mean() < 0.08
