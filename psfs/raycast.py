@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,8 @@ def load_open3d() -> Any:
     library = libusb_package.get_library_path()
     if library:
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    # In notebooks Open3D would start a web server, and say so.
+    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
     import open3d
 
     return open3d
