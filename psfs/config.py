@@ -30,6 +30,7 @@ class SilhouetteConfig:
     floor: height of the floor, m. A shadow that falls there is the same for all cameras: it may
     be as dark as floor_shadow_low, but the floor is not darker for one camera than for the one
     that sees it brightest, but for a standard deviation floor_shadow_width of alpha.
+    key_spread: before a screen of one colour, least standard deviation of its chromaticity.
     foreground_limit, background_limit: nats that a single pixel may say for the foreground or the
     background in the mean over 3x3 pixels. The limits differ because a silhouette's rim of mixed
     pixels, which fit no background, would widen it. independent: how many independent pixels
@@ -54,6 +55,7 @@ class SilhouetteConfig:
     floor: float = 0.0
     floor_shadow_low: float = 0.15
     floor_shadow_width: float = 0.05
+    key_spread: float = 0.03
     learn: bool = True
     place_inside: float = 0.95
     place_outside: float = 0.3
@@ -70,7 +72,7 @@ class SilhouetteConfig:
             )
         widths = ("shadow_width_grey", "shadow_width_colour", "floor_shadow_width")
         limits = ("foreground_limit", "background_limit")
-        for name in ("sigma_floor", *widths, *limits, "independent"):
+        for name in ("sigma_floor", "key_spread", *widths, *limits, "independent"):
             _check_between(name, getattr(self, name), 0.0, np.inf)
 
     @property

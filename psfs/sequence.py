@@ -17,6 +17,7 @@ import numpy as np
 from cl import UserError
 from psfs.background import Background, background_from_frames, background_from_plates
 from psfs.camera import CameraRig
+from psfs.chroma import key_from_media
 from psfs.layouts import Footage, recognised
 from psfs.media import Decoder, Media
 from psfs.mixture import Mixture
@@ -117,6 +118,11 @@ class Sequence:
         if self.background_kind == "frames":
             assert self.footage.images is not None
             return background_from_frames(self.rig, self.footage.images)
+        if self.background_kind == "chroma":
+            plates = self.footage.background
+            assert self.footage.images is not None
+            media = plates or self.footage.images
+            return key_from_media(self.rig, media, bool(plates), self.settings.key)
         return None
 
     @property
@@ -149,6 +155,7 @@ class Sequence:
             "threshold": (footage.images and self.settings.threshold, "images and `threshold`"),
             "frames": (footage.images, "images"),
             "mog": (footage.images, "images"),
+            "chroma": (footage.images, "images"),
         }
         there, what = needs[kind]
         if not there:

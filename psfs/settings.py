@@ -11,6 +11,7 @@ import numpy as np
 
 from cl import UserError
 from psfs.calibration.common import naming
+from psfs.chroma import parse_colour
 from psfs.names import listed
 from psfs.toml import read_toml
 from psfs.units import Unit, metres_per_unit, z_up_from
@@ -18,8 +19,9 @@ from psfs.units import Unit, metres_per_unit, z_up_from
 #: How silhouettes are told from the background. "gaussian": empty plate (`background/`);
 #: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
 #: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
-#: from the empty plate or, without one, from the sequence's own frames.
-BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog")
+#: from the empty plate or, without one, from the sequence's own frames; "chroma": a screen of one
+#: colour, `key` or found in the empty plate or the frames.
+BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "chroma")
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class Settings:
     """The keys of `sequence.toml`; None where nothing is said.
 
     unit: of the calibration. up: axis of the calibration's world. fps: frames per second.
-    background: one of `BACKGROUND_KINDS`. threshold: 0..1; dilate, erode: pixels. volume:
+    background: one of `BACKGROUND_KINDS`. key: the screen's colour, "#rrggbb". threshold: 0..1;
+    dilate, erode: pixels. volume:
     ((x0, y0, z0), (x1, y1, z1)) in metres, Z up. calibration: path, relative to the folder.
     cameras: names of those to use.
     """
@@ -36,6 +39,7 @@ class Settings:
     up: str | None = None
     fps: float | None = None
     background: str | None = None
+    key: str | None = None
     threshold: float | None = None
     dilate: int | None = None
     erode: int | None = None
@@ -56,6 +60,8 @@ class Settings:
             raise UserError(
                 f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
             )
+        if self.key is not None:
+            parse_colour(self.key)
         if self.volume is not None:
             object.__setattr__(self, "volume", _volume(self.volume))
         if self.cameras is not None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
+from psfs.chroma import ChromaKey, key_launch
 from psfs.config import SilhouetteConfig
 from psfs.floor import CELL, cells, floor_points
 from psfs.foreground import BINS, Foreground
@@ -26,10 +27,11 @@ class Silhouette:
     A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `SilhouetteConfig.evidence`. One
     byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
     for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
-    hold 0. `background` None: the maps come from ready masks.
+    hold 0. `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
-    from a reconstruction; `foreground` is None for masks and where `config.learn` is off.
+    from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
+    needs nothing learnt, and where `config.learn` is off.
     """
 
     def __init__(
@@ -67,23 +69,42 @@ class Silhouette:
 
     def _from_pictures(self, background: Background) -> list[Launch]:
         device, rig, config = self._device, self.rig, self._config
-        shape = (len(rig), *cells(rig))
+        bordered, whole = (len(rig), rig.height + 2, rig.width + 2), (rig.width, rig.height)
+        ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
+        if isinstance(background, ChromaKey):
+            before = [key_launch(device, rig, background, config, self.input, ratios)]
+        else:
+            before = self._before_scene(background, ratios)
+        table = device.to_device(config.ratio_counts(), "the evidence table")
+        outputs = (ratios, self._sizes, table, self.evidence)
+        return [*before, self._launch("silhouette", whole, *outputs, **self._defines())]
+
+    def _before_scene(self, background: Background, ratios: Array) -> list[Launch]:
+        """Pictures to log ratios of scene over foreground."""
+        device, rig, config = self._device, self.rig, self._config
+        rows, columns = cells(rig)
         planes = device.to_device(background_planes(background, config), "the background")
         colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
-        place = device.zeros(shape, np.int8, "the person's place")
-        light = device.empty((len(rig), shape[1] + 2, shape[2] + 2), np.uint8, "the floor's light")
-        ratios = device.zeros(
-            (len(rig), rig.height + 2, rig.width + 2), np.int8, "the likelihood ratios"
-        )
-        table = device.to_device(config.ratio_counts(), "the evidence table")
+        place = device.zeros((len(rig), rows, columns), np.int8, "the person's place")
+        light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.learn:
             self.foreground = Foreground(
                 device, rig, self.input, self.evidence, colours, place, config
             )
-        defines = {
-            "VIEWS": len(rig),
+        on_floor = (cameras, floor, self.input, planes, light)
+        inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
+        whole, bordered, defines = (rig.width, rig.height), (columns + 2, rows + 2), self._defines()
+        return [
+            self._launch("floor_light", bordered, *on_floor, **defines),
+            self._launch("log_ratio", whole, *inputs, **defines),
+        ]
+
+    def _defines(self) -> dict[str, int | float]:
+        config, (rows, columns) = self._config, cells(self.rig)
+        return {
+            "VIEWS": len(self.rig),
             "FLOOR": float(config.floor),
             "SHADOW_LOW": float(config.shadow_low),
             "SHADOW_HIGH": float(config.shadow_high),
@@ -96,18 +117,9 @@ class Silhouette:
             "HIGHEST": config.ratio_range[1],
             "BINS": BINS,
             "CELL": CELL,
-            "CELLS_Y": shape[1],
-            "CELLS_X": shape[2],
+            "CELLS_Y": rows,
+            "CELLS_X": columns,
         }
-        whole = (rig.width, rig.height)
-        on_floor = (cameras, floor, self.input, planes, light)
-        inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
-        outputs = (ratios, self._sizes, table, self.evidence)
-        return [
-            self._launch("floor_light", (shape[2] + 2, shape[1] + 2), *on_floor, **defines),
-            self._launch("log_ratio", whole, *inputs, **defines),
-            self._launch("silhouette", whole, *outputs, **defines),
-        ]
 
     def _launch(
         self, name: str, size: tuple[int, int], *args: Array, **defines: int | float

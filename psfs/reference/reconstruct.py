@@ -13,6 +13,7 @@ import numpy as np
 
 from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
+from psfs.chroma import ChromaKey
 from psfs.config import ReconstructionConfig, SilhouetteConfig
 from psfs.foreground import follows
 from psfs.grid import VoxelCloud, VoxelGrid, check_size
@@ -65,7 +66,8 @@ class NumpyReconstructor:
         self.device, self.rig, self.grid, self.background = device, rig, grid, background
         self.config = config or ReconstructionConfig()
         silhouette = self.config.silhouette
-        learning = background is not None and silhouette.learn
+        scene = background is not None and not isinstance(background, ChromaKey)
+        learning = scene and silhouette.learn
         self.foreground = NumpyForeground(rig, silhouette) if learning else None
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)

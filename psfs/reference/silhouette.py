@@ -8,9 +8,11 @@ import numpy as np
 from scipy import ndimage
 
 from psfs.camera import CameraRig
+from psfs.chroma import ChromaKey
 from psfs.config import SilhouetteConfig
 from psfs.floor import CELL, floor_points
 from psfs.foreground import BINS
+from psfs.reference.chroma import chroma_ratio
 from psfs.silhouette import FLOOR_LEFT
 
 if TYPE_CHECKING:
@@ -31,11 +33,8 @@ def silhouette_evidence(
     3x3 pixels, where those outside the pictures say nothing. `foreground` None: it is uniform.
     """
     ratios = []
-    light = floor_light(images, rig, background, config)
-    for view, (image, mean, std) in enumerate(
-        zip(images, background.mean, background.std, strict=True)
-    ):
-        ratio = config.ratio_steps * background_ratio(image, mean, std, config, light[view])
+    for view, nats in enumerate(_log_ratios(images, rig, background, config)):
+        ratio, image = config.ratio_steps * nats, images[view]
         if foreground is not None:
             blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
             ratio -= foreground.colours[(blue * BINS + green) * BINS + red]
@@ -44,8 +43,25 @@ def silhouette_evidence(
     lowest, highest = config.ratio_range
     counts = np.floor(np.clip(np.stack(ratios), lowest, highest) + 0.5).astype(int)
     inside = in_pictures(rig)
-    sums = box_sums(np.where(inside, counts, 0))
+    telling = background.screen > 0 if isinstance(background, ChromaKey) else inside
+    sums = box_sums(np.where(telling, counts, 0))
     return np.where(inside, config.ratio_counts()[sums - 9 * lowest], 0).astype(np.int8)
+
+
+def _log_ratios(
+    images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
+) -> list[np.ndarray]:
+    """(H, W) of every view: log of the background's density over the uniform foreground's."""
+    if isinstance(background, ChromaKey):
+        return [chroma_ratio(image, background, v, config) for v, image in enumerate(images)]
+    views = zip(
+        images,
+        background.mean,
+        background.std,
+        floor_light(images, rig, background, config),
+        strict=True,
+    )
+    return [background_ratio(image, mean, std, config, lit) for image, mean, std, lit in views]
 
 
 def box_sums(counts: np.ndarray) -> np.ndarray:
