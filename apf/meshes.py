@@ -19,6 +19,8 @@ from cl import UserError
 FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
 #: Bones that move one vertex, at most; smaller weights are left out.
 MAX_BONES = 4
+#: Parts are numbered in bytes of pictures, from 1.
+MAX_PARTS = 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,10 @@ class BodyMesh:
     edged: np.ndarray
     names: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        if self.n_parts > MAX_PARTS:
+            raise UserError(f"a mesh of {self.n_parts} parts; expected at most {MAX_PARTS}")
+
     @property
     def n_vertices(self) -> int:
         return len(self.bones)
@@ -46,6 +52,20 @@ class BodyMesh:
     @property
     def n_parts(self) -> int:
         return len(self.names)
+
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lines (L, 4) int32 and the parts (L,) int32 that they belong to: two ends, and the third
+        corners of the part's two triangles that meet there; -1 where there are not two."""
+        corners: dict[tuple[int, int, int], list[int]] = {}
+        for (a, b, c), part in zip(self.faces.tolist(), self.parts.tolist(), strict=True):
+            for p, q, third in ((a, b, c), (b, c, a), (c, a, b)):
+                corners.setdefault((part, min(p, q), max(p, q)), []).append(third)
+        lines = [
+            (p, q, *(thirds if len(thirds) == 2 else (-1, -1)))
+            for (_, p, q), thirds in corners.items()
+        ]
+        owners = [part for part, _, _ in corners]
+        return np.array(lines, np.int32), np.array(owners, np.int32)
 
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
         """Of each part a bone (P,) and the point (P, 3) in its frame that its depth is taken at:

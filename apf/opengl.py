@@ -320,12 +320,7 @@ def _flat_shape(body: BodyModel) -> Shape:
 
 def _mesh_shape(mesh: BodyMesh) -> Shape:
     """As `_flat_shape`; a line's third and fourth vertex are those of the faces it is between."""
-    sides: dict[tuple[int, int, int], list[int]] = {}
-    for (a, b, c), part in zip(mesh.faces.tolist(), mesh.parts.tolist(), strict=True):
-        if mesh.edged[part]:
-            for p, q, r in ((a, b, c), (b, c, a), (c, a, b)):
-                sides.setdefault((part, min(p, q), max(p, q)), []).append(r)
-    lines = [(p, q, *(r if len(r) == 2 else (-1, -1))) for (_, p, q), r in sides.items()]
-    owners = [part for part, _, _ in sides]
+    lines, owners = mesh.lines()
+    drawn = mesh.edged[owners]
     triangles = np.column_stack([mesh.faces, mesh.parts]).astype(np.int32)
-    return triangles, np.array(lines, np.int32), np.array(owners, np.int32), mesh.edged
+    return triangles, lines[drawn], owners[drawn], mesh.edged

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +17,63 @@ from psfs.camera import CameraRig
 _ROWS, _PACK = 128, 8
 #: 32-bit words of a Part in parts.h.
 _PART_WORDS = 24
-#: Work-items of a group that draws a mesh, and the words of local memory that it draws into.
-_MESH_GROUP, _LOCAL_WORDS = 256, 7168
+#: Local memory for the spans of a mesh's parts: on a GPU so little that many groups run at once.
+_GPU_BYTES, _CPU_BYTES = 16384, 65536
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What the counting kernels compare, and what they write; see counting.h."""
+
+    roi: Array
+    labels: Array
+    silhouettes: Array
+    proximity: Array
+    counts: Array
+    pictures: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Counter:
+    """Makes the launches of counting kernels."""
+
+    device: Device
+    rig: CameraRig
+    n_hypotheses: int
+    n_parts: int
+    n_labels: int
+
+    def launch(
+        self, stage: str, arrays: tuple[Array, ...], compared: Compared, defines: dict[str, int]
+    ) -> Launch:
+        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
+        drawn = () if compared.pictures is None else (compared.pictures,)
+        kernel = self.device.kernel(
+            stage,
+            "count_pixels",
+            N_PARTS=self.n_parts,
+            N_LABELS=self.n_labels,
+            WIDTH=self.rig.width,
+            GROUP=rows,
+            PACK=pack,
+            **({"DRAW": 1} if drawn else {}),
+            **defines,
+        )
+        return self.device.launch(
+            kernel,
+            (self.n_hypotheses * rows, len(self.rig)),
+            (rows, 1),
+            np.int32(self.n_hypotheses),
+            *arrays,
+            np.int32(self.rig.height),
+            np.int32(compared.silhouettes.shape[-1]),
+            compared.roi,
+            compared.labels,
+            compared.silhouettes,
+            compared.proximity,
+            compared.counts,
+            *drawn,
+        )
 
 
 class FlatRenderer:
@@ -42,8 +96,8 @@ class FlatRenderer:
         edged = np.array([cone.in_images for cone in body.cones], np.int32)
         self._edged = device.to_device(edged, "the parts with edges")
         self._labels = device.to_device(labels.astype(np.int32), "the labels")
-        shape = (len(rig), n, self.n_parts, _PART_WORDS)
-        self._parts = device.empty(shape, np.float32, "the parts in the pictures")
+        places = (len(rig), n, self.n_parts, _PART_WORDS)
+        self._parts = device.empty(places, np.float32, "the parts in the pictures")
         shape = (len(rig), n, 2 + 2 * self.n_labels)
         self.counts = device.empty(shape, np.int32, "the counted pixels")
 
@@ -61,7 +115,6 @@ class FlatRenderer:
         is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
         gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
         """
-        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
         n, views = self.n_hypotheses, len(self.rig)
         place = self.device.launch(
             self.device.kernel("parts", "place_parts", N_PARTS=self.n_parts),
@@ -73,32 +126,9 @@ class FlatRenderer:
             self._edged,
             self._parts,
         )
-        defines = {"DRAW": 1} if pictures is not None else {}
-        kernel = self.device.kernel(
-            "render",
-            "count_pixels",
-            N_PARTS=self.n_parts,
-            N_LABELS=self.n_labels,
-            WIDTH=self.rig.width,
-            GROUP=rows,
-            PACK=pack,
-            **defines,
-        )
-        count = self.device.launch(
-            kernel,
-            (n * rows, views),
-            (rows, 1),
-            np.int32(n),
-            np.int32(self.rig.height),
-            np.int32(silhouettes.shape[-1]),
-            self._parts,
-            roi,
-            self._labels,
-            silhouettes,
-            proximity,
-            self.counts,
-            *(() if pictures is None else (pictures,)),
-        )
+        counter = _Counter(self.device, self.rig, n, self.n_parts, self.n_labels)
+        compared = Compared(roi, self._labels, silhouettes, proximity, self.counts, pictures)
+        count = counter.launch("render", (self._parts,), compared, {})
         return [*self._kinematics.launcher(poses), place, count]
 
 
@@ -121,13 +151,14 @@ class MeshRenderer:
         self.n_labels = int(labels.max()) + 1
         self._kinematics = Kinematics(device, with_frames(body), n)
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        table = np.stack([labels, mesh.edged], -1).astype(np.int32)
-        self._labels = device.to_device(table, "the labels")
+        self._labels = device.to_device(labels.astype(np.int32), "the labels")
+        self._edged = device.to_device(mesh.edged.astype(np.int32), "the parts with edges")
         binds, bones = packed_binds(mesh)
         self._binds = device.to_device(binds, "the mesh's vertices")
         self._bones = device.to_device(bones, "the mesh's bones")
-        triangles = np.column_stack([mesh.faces, mesh.parts]).astype(np.int32)
-        self._triangles = device.to_device(triangles, "the mesh's triangles")
+        lines, owners = mesh.lines()
+        self._lines = device.to_device(lines, "the mesh's lines")
+        self._owners = device.to_device(owners, "the mesh's lines")
         self._n_corners = len(binds)
         shape = (len(rig), n, 2 + 2 * self.n_labels)
         self.counts = device.empty(shape, np.int32, "the counted pixels")
@@ -143,11 +174,18 @@ class MeshRenderer:
         pictures: Array | None = None,
     ) -> list[Launch]:
         """As `FlatRenderer.launcher`."""
-        n, group = self.n_hypotheses, _MESH_GROUP if self.device.is_gpu else 1
-        drawn = () if pictures is None else (pictures,)
+        n, views = self.n_hypotheses, len(self.rig)
+        sizes = {"N_VERTICES": self.mesh.n_vertices, "N_CORNERS": self._n_corners}
+        skin = self.device.kernel(
+            "skin",
+            "project_vertices",
+            N_BONES=len(self._kinematics.body.cones),
+            N_BINDS=self.mesh.bones.shape[1],
+            **sizes,
+        )
         project = self.device.launch(
-            self._kernel("project_vertices", group, False),
-            (self._n_corners, n, len(self.rig)),
+            skin,
+            (self._n_corners, n, views),
             (min(64, self._n_corners), 1, 1),
             np.int32(n),
             self._kinematics.cones,
@@ -156,42 +194,15 @@ class MeshRenderer:
             self._bones,
             self._pixels,
         )
-        count = self.device.launch(
-            self._kernel("count_pixels", group, bool(drawn)),
-            (n * group, len(self.rig)),
-            (group, 1),
-            np.int32(n),
-            np.int32(self.rig.height),
-            np.int32(silhouettes.shape[-1]),
-            self._pixels,
-            self._triangles,
-            roi,
-            self._labels,
-            silhouettes,
-            proximity,
-            self.counts,
-            *drawn,
-        )
+        n_parts = self.mesh.n_parts
+        room = _GPU_BYTES if self.device.is_gpu else _CPU_BYTES
+        band = max(1, room // (8 * n_parts) - 2 - _PACK)
+        counter = _Counter(self.device, self.rig, n, n_parts, self.n_labels)
+        arrays = (self._pixels, self._lines, self._owners, self._edged)
+        sizes |= {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
+        compared = Compared(roi, self._labels, silhouettes, proximity, self.counts, pictures)
+        count = counter.launch("render_mesh", arrays, compared, sizes)
         return [*self._kinematics.launcher(poses), project, count]
-
-    def _kernel(self, name: str, group: int, drawn: bool) -> Any:
-        words = -(-self.rig.width // 32) + 2
-        least = 3 * words * self.mesh.n_parts  # a band of one row
-        return self.device.kernel(
-            "render_mesh",
-            name,
-            N_PARTS=self.mesh.n_parts,
-            N_LABELS=self.n_labels,
-            N_VERTICES=self.mesh.n_vertices,
-            N_CORNERS=self._n_corners,
-            N_BONES=len(self._kinematics.body.cones),
-            N_TRIANGLES=len(self.mesh.faces),
-            N_BINDS=self.mesh.bones.shape[1],
-            CAPACITY=max(_LOCAL_WORDS, least),
-            WIDTH=self.rig.width,
-            GROUP=group,
-            **({"DRAW": 1} if drawn else {}),
-        )
 
 
 def with_frames(body: BodyModel) -> BodyModel:

@@ -11,6 +11,7 @@ import rendered
 import scenes
 import trimesh
 
+import apf.rendering
 from apf.body import BodyModel, load_body
 from apf.meshes import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.objective import ImageObjective, ObjectiveConfig, objective_for
@@ -77,15 +78,17 @@ def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:
 
 
 def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On any device: many work-items per picture, and bodies higher than a band of rows."""
     monkeypatch.setattr(Device, "is_gpu", True)
-    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
-    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6), soft_mesh(body))
+    monkeypatch.setattr(apf.rendering, "_GPU_BYTES", 4096)
+    body, rig = bodies.named("song31"), scenes.ring(2, (161, 123))
+    poses = rendered.scattered_poses(body, 6)
+    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
 
 
 @pytest.mark.parametrize("n_labels", [1, 3])
 def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
-    """In pictures so high that a body takes several bands."""
-    body, rig = load_body("song31"), scenes.ring(2, (640, 480))
+    body, rig = load_body("song31"), scenes.ring(2, (333, 240))
     poses = rendered.scattered_poses(body, 5)
     rendered.check_counts(device, body, rig, poses, n_labels, cone_mesh(body, 18))
 

@@ -83,19 +83,21 @@ def trapezoid(
 def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.ndarray) -> Picture:
     """As `flat_body`, of a posed mesh: vertices (M, 3), its parts' middles (P, 3).
 
-    A part is the union of its triangles that are seen whole; it hides the parts whose middle is
-    farther away. Its edge are its pixels with one of four neighbours outside of it.
+    A part fills each row of pixels from its first line to its last, as convex ones do; lines with
+    an end that is unseen are left out. It hides the parts whose middle is farther away. Its edge
+    are its pixels with one of four neighbours outside of it.
     """
     width, height = camera.size
     pixels, depth = camera.project(vertices)
     seen = (depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1)
+    lines, owners = mesh.lines()
+    lines, owners = lines[seen[lines[:, :2]].all(1)], owners[seen[lines[:, :2]].all(1)]
     parts, edges = np.zeros((height, width), np.uint8), np.zeros((height, width), bool)
     distances = np.linalg.norm(middles - camera.centre, axis=-1)
+    columns = np.arange(-1, width + 1)
     for p in np.argsort(-distances, kind="stable"):
-        mask = np.zeros((height + 2, width + 2), bool)
-        for face in mesh.faces[mesh.parts == p]:
-            if seen[face].all():
-                fill_triangle(mask, pixels[face] + 1)
+        low, high = row_spans(pixels[lines[owners == p, :2]], np.arange(-1, height + 1))
+        mask = (columns >= low[:, None]) & (columns <= high[:, None])
         inner = mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
         mine = mask[1:-1, 1:-1]
         parts[mine] = p + 1
@@ -103,16 +105,13 @@ def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.
     return parts, edges
 
 
-def fill_triangle(mask: np.ndarray, corners: np.ndarray) -> None:
-    """Set the pixels of `mask` within a triangle, corners (3, 2) x, y; its border belongs to it."""
-    height, width = mask.shape
-    x0, y0 = np.maximum(np.ceil(corners.min(0)), 0).astype(int)
-    x1, y1 = np.minimum(np.floor(corners.max(0)), (width - 1, height - 1)).astype(int)
-    if x0 > x1 or y0 > y1:
-        return
-    rows, columns = np.mgrid[y0 : y1 + 1, x0 : x1 + 1]
-    sides = []
-    for (x, y), (next_x, next_y) in zip(corners, np.roll(corners, -1, 0), strict=True):
-        sides.append((next_x - x) * (rows - y) - (next_y - y) * (columns - x))
-    inside = np.all(np.array(sides) >= 0, axis=0) | np.all(np.array(sides) <= 0, axis=0)
-    mask[y0 : y1 + 1, x0 : x1 + 1] |= inside
+def row_spans(ends: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest column (R,) where lines between `ends` (L, 2, 2) x, y meet the rows (R,);
+    infinite, the least above the largest, where none does."""
+    (x0, y0), (x1, y1) = np.moveaxis(ends, 0, -1)
+    rises = np.where(y1 == y0, np.nan, y1 - y0)  # lines along rows end at others
+    y = rows[:, None]
+    at = x0 + (y - y0) * (x1 - x0) / rises
+    met = (y >= np.minimum(y0, y1)) & (y <= np.maximum(y0, y1)) & np.isfinite(rises)
+    low = np.where(met, at, np.inf).min(1, initial=np.inf)
+    return low, np.where(met, at, -np.inf).max(1, initial=-np.inf)
