@@ -1,0 +1,41 @@
+"""Deviations of the layers' particles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from apf.body import load_body
+from apf.config import FilterConfig
+from apf.proposal import layer_sigmas, trunk
+from cl import UserError
+
+SONG = load_body("song31")
+
+
+def test_the_trunk_is_what_branches() -> None:
+    names = {
+        name.split(".")[0] for name, is_ in zip(SONG.dof_names, trunk(SONG), strict=True) if is_
+    }
+    assert names == {"pelvis", "thorax"}
+
+
+def test_by_default_all_layers_spread_alike() -> None:
+    sigmas = layer_sigmas(SONG, FilterConfig())
+    assert sigmas.shape == (10, 31)
+    np.testing.assert_array_equal(sigmas, np.broadcast_to(SONG.sigma, sigmas.shape))
+
+
+def test_the_trunk_goes_first() -> None:
+    config = FilterConfig(trunk_layers=3, noise_decay=0.8)
+    noise = layer_sigmas(SONG, config) * config.layer_noise[:, None]
+    limb, trunk = SONG.dof_names.index("l_thigh.ry"), SONG.dof_names.index("pelvis.tx")
+    assert np.all(noise[:3, limb] == 0) and np.all(noise[:3, trunk] > 0)
+    plain = config.noise * SONG.sigma * 0.8 ** np.arange(10)[:, None]
+    np.testing.assert_allclose(noise[3:, limb], plain[:7, limb])
+    np.testing.assert_allclose(noise[:, trunk], plain[:, trunk])
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(UserError, match="expected"):
+        FilterConfig(trunk_layers=-1)
