@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from apf.body import EVALUATED_JOINTS
-from apf.joint_names import evaluated_joints
+from apf.joint_names import evaluated_joints, match_joints
 from apf.track import Track, read_npz
 from apf.trc import JointSeries, read_trc
+from apf.uncertainty import inside
 from cl import UserError
 from psfs.files import written_whole
 
@@ -40,8 +41,10 @@ class Evaluation:
     joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices.
     fps: of the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth
     is missing. body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without
-    hips and neck. unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames
-    without truth. warnings: what the reader of the figures should know.
+    hips and neck. covariance: (F, J, 3, 3) m^2 that the track states, NaN where it states none.
+    lost: (F,) frames that the track says to have lost the person in; they count as all others.
+    unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without truth.
+    warnings: what the reader of the figures should know.
     """
 
     joint_names: tuple[str, ...]
@@ -49,6 +52,8 @@ class Evaluation:
     fps: float
     offsets: np.ndarray
     body_frames: np.ndarray
+    covariance: np.ndarray
+    lost: np.ndarray
     unmatched_track: tuple[str, ...]
     unmatched_truth: tuple[str, ...]
     n_ignored: int
@@ -91,6 +96,15 @@ class Evaluation:
         return np.linalg.norm(constant, axis=-1), rest
 
     @cached_property
+    def inside(self) -> np.ndarray:
+        """(F, J) 1 where the truth lies inside the ellipsoid that should hold 95 % of them, 0
+        where not, NaN where the track states none."""
+        found = np.full(self.errors.shape, np.nan)
+        known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
+        found[known] = inside(self.offsets[known], self.covariance[known])
+        return found
+
+    @cached_property
     def lost_limbs(self) -> dict[str, bool]:
         """Whether each limb whose end is compared got lost; see LOST_LIMB."""
         return {
@@ -100,7 +114,8 @@ class Evaluation:
         }
 
     def joint_table(self) -> list[dict[str, Any]]:
-        """Per joint: its name and mean, median, max, constant and rest error in mm."""
+        """Per joint: its name, mean, median, max, constant and rest error in mm, and the share of
+        frames in which it lies inside its 95 % ellipsoid."""
         constant, rest = self.constant_and_rest
         columns = {
             "mean_mm": np.nanmean(self.errors, axis=0),
@@ -110,7 +125,9 @@ class Evaluation:
             "rest_mm": rest,
         }
         return [
-            {"joint": name} | {key: _millimetres(column[j]) for key, column in columns.items()}
+            {"joint": name}
+            | {key: _millimetres(column[j]) for key, column in columns.items()}
+            | {"inside_95": _mean_share(self.inside[:, j])}
             for j, name in enumerate(self.joint_names)
         ]
 
@@ -125,6 +142,8 @@ class Evaluation:
             "rest_mm": _millimetres(rest.mean()),
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
+            "inside_95": _mean_share(self.inside),
+            "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
             "n_joints": len(self.joint_names),
             "n_joint_frames_ignored": self.n_ignored,
@@ -211,11 +230,29 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
         fps=track.fps,
         offsets=offsets[compared][:, with_truth],
         body_frames=_body_frames(true[compared]),
+        covariance=_stated(track, kept)[rows][compared],
+        lost=_lost(track)[rows][compared],
         unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
         unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
         n_ignored=int(missing.sum()),
         warnings=_warnings(track, truth, len(frames)),
     )
+
+
+def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+    """(F, J, 3, 3) m^2 covariance that the track states for these of EVALUATED_JOINTS."""
+    places = match_joints(track.joint_names)
+    found = np.full((len(track.frames), len(names), 3, 3), np.nan)
+    if isinstance(track, Track):
+        for place, name in enumerate(names):
+            if name in places:
+                found[:, place] = track.covariance[:, places[name]]
+    return found
+
+
+def _lost(track: Track | JointSeries) -> np.ndarray:
+    """(F,) frames that the track says to have lost the person in."""
+    return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
 
 
 def _body_frames(joints: np.ndarray) -> np.ndarray:
@@ -254,6 +291,11 @@ def _warnings(track: Track | JointSeries, truth: JointSeries, n_common: int) -> 
 
 def _span(frames: np.ndarray) -> str:
     return f"frames {frames.min()}..{frames.max()}" if frames.size else "no frames"
+
+
+def _mean_share(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return round(float(known.mean()), 4) if known.size else None
 
 
 def _millimetres(metres: float) -> float | None:

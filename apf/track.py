@@ -95,6 +95,11 @@ class Track:
         return self._told("confidence", np.full(len(self), np.nan))
 
     @property
+    def restarts(self) -> np.ndarray:
+        """(n,) frame numbers in which the person was found again by a search of its own."""
+        return self.frames[self._told("restart", np.zeros(len(self), int)) > 0]
+
+    @property
     def covariance(self) -> np.ndarray:
         """(F, J, 3, 3) m^2, uncertainty of each joint's place; NaN where it was never said."""
         shape = (len(self), len(self.joint_names), 3, 3)
@@ -166,6 +171,17 @@ class Track:
             ):
                 values = ",".join(f"{value:.6f}" for value in row)
                 file.write(f"{frame},{time:.6f},{values}\n")
+
+
+def spans(frames: Sequence[int]) -> str:
+    """Frame numbers for a message: `3, 25-32`."""
+    pieces: list[list[int]] = []
+    for frame in frames:
+        if pieces and frame == pieces[-1][-1] + 1:
+            pieces[-1].append(frame)
+        else:
+            pieces.append([frame])
+    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)
 
 
 def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray]:

@@ -255,3 +255,23 @@ def test_output_folder_that_is_a_file(folder: Path, capsys) -> None:
     args = ["evaluate", str(folder / "out"), "--truth", str(folder / "truth.npz")]
     assert main([*args, "-o", str(folder / "truth.trc")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_the_stated_ellipsoids_are_judged() -> None:
+    track = tracks.walker()
+    truth = tracks.truth_of(track)
+    rng = np.random.default_rng(4)
+    truth = replace(truth, joints=truth.joints + rng.normal(0, 0.02, truth.joints.shape))
+    assert evaluate(track, truth).summary()["inside_95"] is None
+    covariance = np.tile(0.02**2 * np.eye(3), (30, len(track.joint_names), 1, 1))
+    covariance[:, track.joint_names.index("l_wrist")] *= 1e-4
+    covariance[7] = np.nan
+    lost = np.arange(30) == 7
+    track = replace(track, diagnostics={"covariance": covariance, "lost": lost})
+    found = evaluate(track, truth)
+    summary = found.summary()
+    assert summary["lost_frames"] == [7]
+    shares = {row["joint"]: row["inside_95"] for row in summary["joints"]}
+    assert shares.pop("l_wrist") == 0.0
+    assert np.mean(list(shares.values())) == pytest.approx(0.95, abs=0.03)
+    assert np.isnan(found.inside[7]).all() and np.isfinite(found.inside[8]).all()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tracks
 
-from apf.track import Track
+from apf.track import Track, spans
 from cl import UserError
 
 
@@ -32,6 +32,23 @@ def test_empty_track_round_trip(tmp_path: Path) -> None:
     track = tracks.walker(frames=0)
     track.save(tmp_path / "track.npz")
     assert len(Track.load(tmp_path / "track.npz")) == 0
+
+
+def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
+    track = tracks.walker()
+    assert not track.lost.any() and np.isnan(track.confidence).all()
+    assert np.isnan(track.covariance).all() and not len(track.restarts)
+    lost, restart = np.zeros(30, bool), np.zeros(30, np.int64)
+    lost[3:6], restart[6] = True, 2
+    told = {"lost": lost, "restart": restart, "confidence": np.linspace(0, 1, 30)}
+    told["covariance"] = np.ones((30, len(track.joint_names), 3, 3))
+    replace(track, diagnostics=told, frames=np.arange(10, 40)).save(tmp_path / "track.npz")
+    found = Track.load(tmp_path)
+    assert spans(found.frames[found.lost].tolist()) == "13-15"
+    assert found.restarts.tolist() == [16]
+    np.testing.assert_array_equal(found.covariance, told["covariance"])
+    np.testing.assert_array_equal(found.confidence, told["confidence"])
+    assert spans([1, 2, 5, 8, 9]) == "1-2, 5, 8-9" and spans([]) == ""
 
 
 def test_csv_rows(tmp_path: Path) -> None:

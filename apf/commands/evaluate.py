@@ -9,7 +9,7 @@ from rich.table import Table
 
 from apf.evaluate import LOST_FRAMES, LOST_JOINT, LOST_LIMB, Evaluation, evaluate, load_truth
 from apf.evaluation_plot import write_plot
-from apf.track import Track
+from apf.track import Track, spans
 from apf.trc import CONVENTIONS
 from cl import UserError
 from psfs.commandline import add_command, stdout
@@ -50,6 +50,9 @@ def run(args: argparse.Namespace) -> None:
     except UserError as error:
         raise UserError(f"{args.track} against {args.truth}: {error}") from None
     print_evaluation(evaluation)
+    if track.smoothing is not None:
+        shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
+        stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     wanted = [kind for kind in _FILES if getattr(args, kind)] or list(_FILES)
     written = []
@@ -71,23 +74,30 @@ def print_evaluation(evaluation: Evaluation) -> None:
     summary = evaluation.summary()
     table = Table(title="Distance to the truth, mm", title_justify="left")
     table.add_column("joint")
-    for column in ("mean", "median", "max", "constant", "rest"):
+    for column in ("mean", "median", "max", "constant", "rest", "in 95 %"):
         table.add_column(column, justify="right")
+    keys = ("mean_mm", "median_mm", "max_mm", "constant_mm", "rest_mm")
     for row in summary["joints"]:
-        table.add_row(row["joint"], *(_number(row[key]) for key in list(row)[1:]))
+        figures = [_number(row[key]) for key in keys]
+        table.add_row(row["joint"], *figures, _share(row["inside_95"]))
     table.add_section()
     keys = ("mean_error_mm", "median_error_mm", "max_error_mm", "constant_mm", "rest_mm")
-    table.add_row("all", *(_number(summary[key]) for key in keys), style="bold")
+    figures = [_number(summary[key]) for key in keys]
+    table.add_row("all", *figures, _share(summary["inside_95"]), style="bold")
     stdout.print(table)
     lines = [
         f"mean error {summary['mean_error_mm']:.1f} mm over {summary['n_frames']} frames "
         f"and {summary['n_joints']} joints",
         "constant: median offset in the body's own frame (the joint sits elsewhere in the body); "
-        "rest: the mean error without it",
+        "rest: the mean error without it; in 95 %: share of frames in which the truth lies inside "
+        "the ellipsoid that the track states for 95 %",
         f"lost joints (beyond {1000 * LOST_JOINT:.0f} mm): {summary['lost_joint_share']:.1%}",
         f"lost limbs (end beyond {1000 * LOST_LIMB:.0f} mm for more than {LOST_FRAMES} frames "
         f"or at the end): {', '.join(summary['lost_limbs']) or 'none'}",
     ]
+    if summary["lost_frames"]:
+        lost = spans(summary["lost_frames"])
+        lines.append(f"frames in which the track says to have lost the person: {lost}")
     for side, names in summary["not_compared"].items():
         if names:
             lines.append(f"not compared, of the {side}: {', '.join(names)}")
@@ -100,3 +110,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0%}"

@@ -24,7 +24,7 @@ from apf.pipeline import track_sequence
 from apf.sir import SirConfig
 from apf.start import start_of
 from apf.swarm import SwarmConfig
-from apf.track import Track
+from apf.track import Track, spans
 from apf.trc import CONVENTIONS
 from cl import Device, NumpyDevice, UserError, select_device
 from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
@@ -196,7 +196,11 @@ def run(args: argparse.Namespace) -> None:
     if len(track) < len(frames):
         stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
         raise KeyboardInterrupt
-    stdout.print(f"{len(track)} frames tracked: {args.output}")
+    stdout.print(f"{len(track)} frames tracked: {args.output}", soft_wrap=True)
+    if track.lost.any():
+        stdout.print(f"the person was lost in frames {spans(track.frames[track.lost].tolist())}")
+    if len(track.restarts):
+        stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
 
 
 def first_pose(
