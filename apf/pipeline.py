@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from apf.body import BodyModel
-from apf.config import FilterConfig
+from apf.config import SIGMA_FPS, FilterConfig
 from apf.methods import Method, observer_of, tracker_of
 from apf.recovery import Watched
 from apf.reference.kinematics import posed_joints
@@ -24,8 +24,6 @@ from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 
-#: Frame rate that the sigmas of body models are stated for.
-_SIGMA_FPS = 60.0
 #: The search for a lost person: so much more noise, so many times the layers.
 _WIDER, _LONGER = 4.0, 2
 
@@ -79,7 +77,8 @@ def watched(
 ) -> Watched:
     """The tracker of `method` that knows when it has lost the person, see `apf.recovery`."""
     search = method.filter
-    wider = replace(search, noise=_WIDER * search.noise, n_layers=_LONGER * search.n_layers)
+    longer = {} if method.search == "sir" else {"n_layers": _LONGER * search.n_layers}
+    wider = replace(search, noise=_WIDER * search.noise, **longer)
 
     def wide() -> Any:
         return tracker_of(device, body, rig, grid, replace(method, filter=wider))
@@ -104,7 +103,7 @@ def watched(
 
 def at_rate(config: FilterConfig, fps: float) -> FilterConfig:
     """`config` with the noise that `fps` frames per second need."""
-    return replace(config, noise=config.noise * _SIGMA_FPS / fps)
+    return replace(config, noise=config.noise * SIGMA_FPS / fps)
 
 
 def track_voxels(
