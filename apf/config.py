@@ -12,6 +12,25 @@ from cl import UserError
 SIGMA_FPS = 60.0
 
 
+#: Terms of the voxels' likelihood, by the names of their weights.
+TERMS = ("edge", "silhouette", "surface", "overlap")
+
+
+def likelihood_weights(text: str) -> dict[str, float]:
+    """Settings of a FilterConfig for `edge,silhouette=2`: these terms with their default weights or
+    the stated ones, all others 0. Raises UserError for unknown terms and bad weights."""
+    weights = {f"{term}_weight": 0.0 for term in TERMS}
+    for entry in text.split(","):
+        term, _, value = entry.partition("=")
+        if term not in TERMS:
+            raise UserError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
+        try:
+            weights[f"{term}_weight"] = float(value or getattr(FilterConfig, f"{term}_weight"))
+        except ValueError:
+            raise UserError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
+    return weights
+
+
 @dataclass(frozen=True)
 class FilterConfig:
     """Settings of the annealed particle filter; the defaults are Song et al.'s where they say.
@@ -21,13 +40,16 @@ class FilterConfig:
     linear in between. noise: scale of the body's sigma in the first layer; noise_decay: its
     factor from layer to layer; spread: where positive, noise after the first layer is at most this
     times the set's own deviation; velocity: share of the last change that is expected again, 0 for
-    Song et al. eq. (13), 1 for constant velocity. edge_weight, silhouette_weight: of Song et al.
+    Song et al. eq. (13), 1 for constant velocity; trunk_layers: so many first layers move the trunk
+    alone. edge_weight, silhouette_weight: of Song et al.
     eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
     unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
     stay apart meet, likewise; both are 0 for Song's likelihood alone. surface_scale: distance, m,
     at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
     refinement at all of them, by each layer at every `point_turns`-th, in turn.
-    sample_spacing: distance, m, between samples on a cone.
+    sample_spacing: distance, m, between samples on a cone. limb_spread: up to how many sigma (at
+    60 frames/s) limbs are looked for elsewhere before an estimate is settled, 0 for not at all;
+    limb_margin: share by which the error must fall for a limb to be moved there.
     """
 
     n_particles: int = 200
@@ -38,6 +60,7 @@ class FilterConfig:
     noise_decay: float = 0.8
     spread: float = 0.0
     velocity: float = 0.0
+    trunk_layers: int = 0
     edge_weight: float = 2.0
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
@@ -51,6 +74,8 @@ class FilterConfig:
     refine_reach: float = 0.06
     refine_strength: float = 1350.0
     refine_width: float = 4.0
+    limb_spread: float = 12.0
+    limb_margin: float = 0.01
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -69,13 +94,18 @@ class FilterConfig:
                     f"{name} is {rate}; expected between 1 / n_particles = "
                     f"{1 / self.n_particles:.3g} and 1"
                 )
+        if self.trunk_layers < 0:
+            raise UserError(f"trunk_layers is {self.trunk_layers}; expected 0 or more")
         positive = (
             "noise", "noise_decay", "surface_scale", "sample_spacing",
             "refine_scale", "refine_reach", "refine_strength", "refine_width",
         )  # fmt: skip
-        weights = ("edge_weight", "silhouette_weight", "surface_weight", "overlap_weight")
+        others = (
+            "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
+            "overlap_weight", "limb_spread", "limb_margin",
+        )  # fmt: skip
         negative = [name for name in positive if not getattr(self, name) > 0]
-        negative += [n for n in ("spread", "velocity", *weights) if not getattr(self, n) >= 0]
+        negative += [name for name in others if not getattr(self, name) >= 0]
         if negative:
             raise UserError(
                 f"{negative[0]} is {getattr(self, negative[0])}; expected a positive number"

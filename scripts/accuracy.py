@@ -20,10 +20,11 @@ from typing import Any
 
 from accuracy.recordings import Recording, record
 from accuracy.report import plot, print_joints, print_tables, write_summary
-from accuracy.runs import METHODS, OBJECTIVES, Results, run
+from accuracy.runs import Results, run
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
 
-from apf.config import FilterConfig
+from apf.config import TERMS, FilterConfig
+from apf.methods import OBJECTIVES, SEARCHES
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, UserError, select_device
@@ -67,8 +68,14 @@ def main() -> int:
     group.add_argument("--step", type=numbers, default=[1, 2, 4], help="every n-th frame")
     group.add_argument("--particles", type=numbers, default=[200, 50, 100, 400])
     group.add_argument("--layers", type=numbers, default=[10, 5])
-    group.add_argument("--method", type=names, default=["apf"], help=", ".join(METHODS))
-    group.add_argument("--objective", type=names, default=list(OBJECTIVES))
+    group.add_argument("--method", type=names, default=["apf"], help=", ".join(SEARCHES))
+    group.add_argument(
+        "--objective",
+        type=names,
+        default=["voxel", "edge+silhouette", "edge+silhouette+surface", "surface"],
+        help=f"{', '.join(OBJECTIVES)}, or terms of the voxels' likelihood joined by +: "
+        f"{', '.join(TERMS)}",
+    )
     parser.add_argument("--seeds", type=int, default=10, metavar="N")
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
     add_device_flag(parser)

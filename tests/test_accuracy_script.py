@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,26 +16,28 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 from accuracy.recordings import spread_cameras
 from accuracy.report import Summary, print_tables, write_summary
-from accuracy.runs import Results, Run
+from accuracy.runs import Results, Run, method_of
 from accuracy.settings import Setting, Table
 
 VALUES = {
-    "cameras": [8, 4], "step": [1, 4], "method": ["apf"], "objective": ["default", "song"],
+    "cameras": [8, 4], "step": [1, 4], "method": ["apf"], "objective": ["voxel", "surface"],
     "particles": [200, 50], "layers": [10],
 }  # fmt: skip
-BASE = Setting("walk", 8, 1, "apf", "default", 200, 10)
+BASE = Setting("walk", 8, 1, "apf", "voxel", 200, 10)
 
 
 def a_run(setting: Setting, seed: int, mean: float, *lost: str) -> Run:
     joints = {"pelvis": [mean, 1.0, 2.0]}
-    return Run(setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, list(lost), 0.0, 1.5, joints)
+    return Run(
+        setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, list(lost), 0.0, 0, 0.9, 1.5, joints
+    )
 
 
 def test_tables_vary_their_dimensions_alone() -> None:
     settings = list(Table.named("particles:objective").settings("walk", VALUES))
     assert settings[0] == BASE and len(settings) == 4
     assert {(s.particles, s.objective) for s in settings} == {
-        (200, "default"), (200, "song"), (50, "default"), (50, "song"),
+        (200, "voxel"), (200, "surface"), (50, "voxel"), (50, "surface"),
     }  # fmt: skip
     assert {(s.cameras, s.step, s.layers) for s in settings} == {(8, 1, 10)}
     table = Table.named("cameras")
@@ -60,15 +63,26 @@ def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "42.0 ± 2.8, 1 lost" in capsys.readouterr().out
     write_summary(tmp_path / "tables.csv", plan, again)
     again.write_csv(tmp_path / "runs.csv")
-    assert (
-        "cameras,walk,8,1,apf,default,200,10,42.00,2.83," in (tmp_path / "tables.csv").read_text()
-    )
+    assert "cameras,walk,8,1,apf,voxel,200,10,42.00,2.83," in (tmp_path / "tables.csv").read_text()
     assert "44,44,99,3,10,20,left arm" in (tmp_path / "runs.csv").read_text()
     with pytest.raises(UserError, match=r"other conditions \(filter\)"):
         Results.resumed(path, {"filter": {"noise": 0.6}})
     path.write_text("[]")
     with pytest.raises(UserError, match=r"not the results of accuracy\.py"):
         Results.resumed(path, {})
+
+
+def test_methods_and_objectives() -> None:
+    assert method_of(BASE, 3).filter.seed == 3
+    song = method_of(replace(BASE, objective="edge+silhouette"), 0)
+    assert song.uses_voxels and song.filter.weights[2:].tolist() == [0, 0]
+    thesis = method_of(replace(BASE, method="pso", objective="sp", particles=96), 0)
+    assert not thesis.uses_voxels and thesis.filter.n_particles == 96
+    filter_ = method_of(replace(BASE, method="sir"), 0).filter
+    assert (filter_.n_particles, filter_.n_layers) == (2000, 1)
+    for wrong in ({"method": "luck"}, {"objective": "edge+smell"}):
+        with pytest.raises(UserError, match="expected"):
+            method_of(replace(BASE, **wrong), 0)
 
 
 def test_cameras_stand_around() -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from apf.config import FilterConfig
+from apf.config import FilterConfig, likelihood_weights
 from cl import UserError
 
 
@@ -86,3 +86,18 @@ def test_settings_cannot_be_changed_behind_the_launches() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         FilterConfig().n_layers = 3  # type: ignore[misc]
     assert FilterConfig(seed=2**64 - 1).seed == 2**64 - 1
+
+
+def test_terms_of_the_likelihood_by_name() -> None:
+    default = FilterConfig()
+    song = FilterConfig(**likelihood_weights("edge,silhouette"))
+    assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
+    assert FilterConfig(**likelihood_weights("surface=2.5")).weights.tolist() == [0, 0, 2.5, 0]
+    every = FilterConfig(**likelihood_weights("edge,silhouette,surface,overlap"))
+    assert every == default
+
+
+@pytest.mark.parametrize("wrong", ["", "edge,colours", "edge=much", "edge:2"])
+def test_unknown_terms(wrong: str) -> None:
+    with pytest.raises(UserError, match="likelihood"):
+        likelihood_weights(wrong)

@@ -130,6 +130,8 @@ def test_bad_sequences(
         ["--body", "{tmp}/short.txt"],
         ["--particles", "1"],
         ["--layers", "0"],
+        ["--likelihood", "edge,smell"],
+        ["--likelihood", "edge", "--objective", "sp"],
         ["--noise", "-1"],
         ["--frames", "90:99"],
         ["--voxel-size", "0"],

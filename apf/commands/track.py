@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.body import BodyModel, load_body, save_body
 from apf.bodytrack import is_bodytrack, read_body
-from apf.config import FilterConfig
+from apf.config import TERMS, FilterConfig, likelihood_weights
 from apf.evaluate import load_truth
 from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
 from apf.initial import fit_to_joints, read_pose, write_pose
@@ -126,6 +126,12 @@ def add_method_flags(
         help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
         f"which need no reconstruction (default: {objective})",
     )
+    parser.add_argument(
+        "--likelihood",
+        metavar="A,B=W",
+        help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
+        "it is not the usual one; Song et al.'s is edge,silhouette (default: all)",
+    )
     group = parser.add_argument_group("search")
     rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
     for config, flags in rows:
@@ -154,7 +160,12 @@ def chosen_method(args: argparse.Namespace) -> Method:
         return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
     images = args.objective != "voxel"
-    settings = given(_SETTINGS) | ({} if images else given(_WEIGHTS))
+    if images and args.likelihood is not None:
+        raise UserError(
+            f"--likelihood is the voxels'; expected none with --objective {args.objective}"
+        )
+    terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
+    settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
     method = Method.of(args.method, args.objective, **settings)
     image = replace(method.image, **given(_WEIGHTS)) if images else method.image
     parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}

@@ -18,7 +18,7 @@ from apf.trc import JointSeries
 from cl import Device, UserError
 from psfs.camera import CameraRig
 from psfs.files import written_whole
-from psfs.grid import VoxelGrid
+from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.reconstruct import Reconstructor
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
@@ -26,17 +26,21 @@ from psfs.volume import automatic_grid
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The surface voxels of every frame, seen by `rig`: flat indices in `grid`, ascending.
+    """The surface voxels of every frame of `sequence`: flat indices in `grid`, ascending.
 
-    truth: the sequence's true joints. fps: of the whole sequence.
+    truth: the sequence's true joints.
     """
 
-    rig: CameraRig
+    sequence: Sequence
     grid: VoxelGrid
-    fps: float
     frames: list[int]
     surfaces: list[np.ndarray]
     truth: JointSeries
+
+    @property
+    def fps(self) -> float:
+        """Of the whole sequence."""
+        return self.sequence.fps
 
     @cached_property
     def first_pose(self) -> tuple[BodyModel, np.ndarray]:
@@ -51,7 +55,7 @@ class Recording:
 class Replay:
     """A recording's frames on a device, as a reconstructor leaves them there.
 
-    grid, surface, count: as of psfs.reconstruct.Voxels.
+    grid, surface, count, cloud(): as of psfs.reconstruct.Voxels.
     """
 
     def __init__(self, device: Device, recording: Recording) -> None:
@@ -64,11 +68,17 @@ class Replay:
     def __iter__(self) -> Iterator[tuple[int, Replay]]:
         """Frame numbers, and this with the frame's voxels."""
         for index, surface in zip(self._recording.frames, self._recording.surfaces, strict=True):
+            self._shown = surface
             padded = np.zeros(self.surface.size, np.int32)
             padded[: len(surface)] = surface
             self.surface.set(padded)
             self.count.set(np.array([len(surface)], np.int32))
             yield index, self
+
+    def cloud(self) -> VoxelCloud:
+        """The frame's surface voxels on the host."""
+        certain = np.ones(len(self._shown), np.float32)
+        return VoxelCloud(self.grid, self._shown.astype(np.int32), certain)
 
 
 def record(
@@ -90,7 +100,7 @@ def record(
         with np.load(cache) as kept:
             grid = VoxelGrid(kept["origin"], float(kept["voxel_size"]), tuple(kept["shape"]))
             frames, surfaces = kept["frames"].tolist(), _split(kept["voxels"], kept["counts"])
-        return Recording(sequence.rig, grid, sequence.fps, frames, surfaces, truth)
+        return Recording(sequence, grid, frames, surfaces, truth)
     selection = slice(None, None, step)
     grid = automatic_grid(sequence, selection, device=device)
     reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
@@ -109,7 +119,7 @@ def record(
     }
     with written_whole(cache) as temporary:
         np.savez_compressed(temporary, **arrays)
-    return Recording(sequence.rig, grid, sequence.fps, frames, surfaces, truth)
+    return Recording(sequence, grid, frames, surfaces, truth)
 
 
 def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import numpy as np
 
 from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
-from apf.config import FilterConfig
+from apf.config import likelihood_weights
 from apf.evaluate import evaluate
-from apf.pipeline import at_rate, track_of, track_voxels
+from apf.methods import OBJECTIVES, Method, observer_of
+from apf.pipeline import at_rate, track_of, track_voxels, watched
 from apf.track import Track
-from apf.tracker import AnnealedParticleFilter
 from cl import Device, UserError
 from psfs.files import written_whole
 
@@ -29,7 +29,9 @@ class Run:
 
     mean, median, largest: over joints and frames; frame_std: deviation of the frames' means;
     constant, rest: see `Evaluation.constant_and_rest`; lost_limbs: by name; lost_joints: share of
-    joint-frames; seconds: to track all frames, voxels given. joints: name -> [mean, constant,
+    joint-frames; lost_frames: in which the tracker knew that it had lost the person; inside_95:
+    share of joint-frames in which truth lies in the stated ellipsoid, -1 where none is stated;
+    seconds: to track all frames, voxels given. joints: name -> [mean, constant,
     rest].
     """
 
@@ -44,6 +46,8 @@ class Run:
     rest: float
     lost_limbs: list[str]
     lost_joints: float
+    lost_frames: int
+    inside_95: float
     seconds: float
     joints: dict[str, list[float]]
 
@@ -52,44 +56,39 @@ class Run:
         return bool(self.lost_limbs)
 
 
-Method = Callable[[Device, Recording, Setting, int], Track]
+def method_of(setting: Setting, seed: int) -> Method:
+    """The search and the objective of a setting. An objective is one of `apf.methods.OBJECTIVES`,
+    or terms of the voxels' likelihood joined by +, such as edge+silhouette. Raises UserError."""
+    objective, weights = setting.objective, {}
+    if objective not in OBJECTIVES:
+        objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
+    size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
+    if setting.method == "sir":  # which has no layers: as many scores at once
+        size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
+    return Method.of(setting.method, objective, **weights, **size)
 
-#: What the objectives of the annealed particle filter change in its settings.
-OBJECTIVES: dict[str, dict[str, Any]] = {
-    "default": {},
-    "song": {"surface_weight": 0.0, "overlap_weight": 0.0},
-    "surface": {"edge_weight": 0.0, "silhouette_weight": 0.0},
-}
 
-
-def annealed(device: Device, recording: Recording, setting: Setting, seed: int) -> Track:
-    """The annealed particle filter over voxels, from the first frame's true joints."""
-    if setting.objective not in OBJECTIVES:
-        raise UserError(f"objective {setting.objective}; expected one of {', '.join(OBJECTIVES)}")
-    config = FilterConfig(
-        n_particles=setting.particles,
-        n_layers=setting.layers,
-        seed=seed,
-        **OBJECTIVES[setting.objective],
-    )
-    scaled = at_rate(config, recording.fps / setting.step)
+def tracked(device: Device, recording: Recording, setting: Setting, seed: int) -> Track:
+    """The track of a recording, from the first frame's true joints."""
+    method = method_of(setting, seed)
     body, pose = recording.first_pose
-    tracker = AnnealedParticleFilter(device, body, recording.rig, recording.grid, scaled)
-    frames, estimates = track_voxels(tracker, pose, Replay(device, recording))
-    return track_of(body, recording.fps, frames, estimates, {"filter": asdict(config)})
-
-
-#: What can track, by name.
-METHODS: dict[str, Method] = {"apf": annealed}
+    scaled = replace(method, filter=at_rate(method.filter, recording.fps / setting.step))
+    rig, grid = recording.sequence.rig, recording.grid
+    tracker = watched(device, body, rig, grid, scaled)
+    seen: Iterable[tuple[int, Any]] = Replay(device, recording)
+    if not method.uses_voxels:
+        observe = observer_of(device, recording.sequence, None, method)
+        chosen = slice(None, None, setting.step)
+        seen = ((frame.index, observe(frame)) for frame in recording.sequence.frames(chosen))
+    frames, estimates = track_voxels(tracker, pose, seen)
+    return track_of(body, recording.fps, frames, estimates, method.described())
 
 
 def run(device: Device, recording: Recording, setting: Setting, seed: int) -> Run:
     """Track the whole recording once. Raises UserError for unknown methods and objectives."""
-    if setting.method not in METHODS:
-        raise UserError(f"method {setting.method}; expected one of {', '.join(METHODS)}")
     assert recording.first_pose  # fitted now, outside of the time taken
     began = time.perf_counter()
-    track = METHODS[setting.method](device, recording, setting, seed)
+    track = tracked(device, recording, setting, seed)
     seconds = time.perf_counter() - began
     if len(track) < len(recording.frames):
         raise KeyboardInterrupt  # trackers keep what they have when they are interrupted
@@ -108,6 +107,8 @@ def run(device: Device, recording: Recording, setting: Setting, seed: int) -> Ru
         rest=1000 * float(rest.mean()),
         lost_limbs=[limb for limb, lost in found.lost_limbs.items() if lost],
         lost_joints=found.lost_share,
+        lost_frames=int(found.lost.sum()),
+        inside_95=found.summary()["inside_95"] or -1.0,
         seconds=seconds,
         joints={name: row.tolist() for name, row in zip(found.joint_names, rows, strict=True)},
     )
