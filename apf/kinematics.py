@@ -24,7 +24,7 @@ class Kinematics:
         self.device = device
         self.body = body
         self.n_particles = n_particles
-        self._tables = [device.to_device(table, "the body model") for table in pack_body(body)]
+        self._body = device.to_device(pack_body(body), "the body model")
         shape = (n_particles, len(body.cones), CONE_FLOATS)
         self.cones = device.empty(shape, np.float32, "the posed cones")
 
@@ -38,7 +38,7 @@ class Kinematics:
                 (defines["GROUP"],),
                 np.int32(self.n_particles),
                 poses,
-                *self._tables,
+                self._body,
                 self.cones,
             )
         ]
@@ -62,15 +62,16 @@ def bone_levels(body: BodyModel) -> list[int]:
     return levels
 
 
-def pack_body(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The tables of kinematics.cl: bones, their fixed parts, free axes, cones."""
-    bones, fixed = [], []
+def pack_body(body: BodyModel) -> np.ndarray:
+    """The table of kinematics.h, float32: bones (B, 16), free axes (D, 4), cones (C, CONE_FLOATS),
+    one after the other."""
+    bones: list[np.ndarray] = []
     axes: list[tuple[int, int, int, int]] = []
     for bone, level in zip(body.bones, bone_levels(body), strict=True):
-        bones.append((bone.parent, len(axes), len(bone.axes), level))
-        fixed.append(np.concatenate([bone.rest.ravel(), bone.offset]))
+        place = [bone.parent, len(axes), len(bone.axes), level]
+        bones.append(np.concatenate([place, bone.rest.ravel(), bone.offset]))
         axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
-    cones = np.zeros((len(body.cones), CONE_FLOATS), np.float32)
+    cones = np.zeros((len(body.cones), CONE_FLOATS))
     for row, cone in zip(cones, body.cones, strict=True):
         axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
         row[0:3], row[3] = cone.start, cone.radii[0]
@@ -78,9 +79,5 @@ def pack_body(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
         row[8:11] = cone.side / cone.scale[0]
         row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
         row[_BONE_PLACE] = cone.bone
-    return (
-        np.array(bones, np.int32),
-        np.array(fixed, np.float32),
-        np.array(axes, np.int32).reshape(-1, 4),
-        cones,
-    )
+    tables = (np.array(bones), np.array(axes), cones)
+    return np.concatenate([table.ravel() for table in tables]).astype(np.float32)

@@ -33,12 +33,13 @@ def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
 
 def sample_rows(sampling: np.ndarray) -> np.ndarray:
     """(R, 4) float32 for rows, columns (C, 2) of every cone: cone, place of the row along it, n
-    columns, 1 / n."""
+    columns, 1 / n. The longest first: rows that are worked on together are about as long."""
     rows = [
         (cone, (row + 0.5) / n_rows, n_columns, 1 / n_columns)
         for cone, (n_rows, n_columns) in enumerate(sampling)
         for row in range(n_rows)
     ]
+    rows.sort(key=lambda row: -row[2])
     return np.array(rows, np.float32).reshape(-1, 4)
 
 
@@ -63,10 +64,10 @@ class VoxelLikelihood:
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
         self._reprojection = Reprojection(device, rig, grid)
-        self._defines = self._fitting_defines(body)
-        self._body = [device.to_device(table, "the body model") for table in pack_body(body)]
+        self._body = device.to_device(pack_body(body), "the body model")
         rows = sample_rows(cone_sampling(body, config.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
+        self._defines = self._fitting_defines(body)
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
@@ -98,6 +99,12 @@ class VoxelLikelihood:
         place = (turn % config.point_turns, config.point_turns)
         return [self._launch(config.n_particles, poses, place, config.weights, self.errors)]
 
+    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
+        """The launches that score all of `poses` (n, D) into `errors` (n,), by every `stride`-th
+        surface sample, the same in every frame."""
+        place = (0, stride)
+        return [self._launch(poses.shape[0], poses, place, self.config.weights, errors)]
+
     def misfit_launcher(self, pose: Array) -> list[Launch]:
         """The launches that put into `misfit` (1,) float32 how badly the first of `pose` (.., D)
         fits, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
@@ -116,13 +123,12 @@ class VoxelLikelihood:
             (self._defines["GROUP"],),
             np.int32(n),
             poses,
-            *self._body,
+            self._body,
             np.int32(len(self.rig)),
             np.int32(self.rig.width),
             np.int32(self.rig.height),
             self._cameras,
             self._reprojection.maps,
-            np.int32(self._rows.shape[0]),
             self._rows,
             np.int32(config.n_points),
             np.int32(place[0]),
@@ -141,16 +147,18 @@ class VoxelLikelihood:
         Raises UserError if the body is too large even for one.
         """
         defines = body_defines(body) | pack_defines(self.device, _GROUP)
-        n_cones = len(body.cones)
-        fixed = 2 * body.n_dof + 12 * len(body.bones) + 24 * n_cones + 5 * defines["GROUP"]
-        per_view = 8 * n_cones + 2
-        room = self.device.handle.local_mem_size // (4 * defines["PACK"])
+        defines["N_ROWS"] = self._rows.shape[0]
+        n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
+        fixed = pack * (2 * body.n_dof + 12 * n_bones + 24 * n_cones + 5 * defines["GROUP"])
+        fixed += self._body.nbytes + self._rows.nbytes
+        per_view = pack * (8 * n_cones + 2)
+        room = self.device.handle.local_mem_size
         views = (room - fixed) // per_view
         if views < 1:
             raise UserError(
-                f"the body {body.name} has {len(body.bones)} bones and {n_cones} cones, which "
-                f"need {4 * defines['PACK'] * (fixed + per_view)} bytes of local memory; "
-                f"expected at most {4 * defines['PACK'] * room} on {self.device.name}"
+                f"the body {body.name} has {n_bones} bones and {n_cones} cones, which need "
+                f"{fixed + per_view} bytes of local memory; expected at most {room} on "
+                f"{self.device.name}"
             )
         return defines | {"VIEWS": min(views, len(self.rig), defines["GROUP"])}
 

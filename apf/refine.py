@@ -37,7 +37,7 @@ class Refinement:
         self._n_parts = -(-config.n_points // _BLOCK)
         self.shift = device.zeros((n,), np.float32)
         self.information = device.zeros((n * (n + 1) // 2,), np.float32)
-        self._body = [device.to_device(table, "the body model") for table in pack_body(body)]
+        self._body = device.to_device(pack_body(body), "the body model")
         moves = np.zeros((len(body.cones), row), np.float32)
         moves[:, :n] = cone_moves(body) > 0
         self._moves = device.to_device(moves)
@@ -72,7 +72,7 @@ class Refinement:
             np.float32(reach),
             points,
             pose,
-            *self._body,
+            self._body,
             self._moves,
             self._parts,
         )

@@ -1,6 +1,6 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood.py.
-// Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
-// most GROUP.
+// Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
+// are in local memory at once, at most GROUP.
 #include "kinematics.h"
 #include "packed_cones.h"
 
@@ -64,8 +64,8 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
 // sums over the rows of all cones become error and 1 of every camera that sees both edge and
 // silhouette, else 0 and 0; the first item gets their sums.
 inline void score_views(int first_view, int n_views, int width, int height,
-                        __global const float *cameras, __global const uchar *maps, int n_rows,
-                        __global const float4 *rows, float2 weights,
+                        __global const float *cameras, __global const uchar *maps,
+                        __local const float4 *rows, float2 weights,
                         __local const vfloat *cones, __local vfloat *outlines,
                         __local samples *partial, __local vfloat *views, vfloat *error,
                         vfloat *seeing)
@@ -81,7 +81,7 @@ inline void score_views(int first_view, int n_views, int width, int height,
     samples sums = {0, 0, 0, 0};
     if (view < here) {
         __global const uchar *map = maps + 2 * (size_t)(first_view + view) * width * height;
-        for (int r = place; r < n_rows; r += VIEW_LANES)
+        for (int r = place; r < N_ROWS; r += VIEW_LANES)
             take_row(cameras + (first_view + view) * CAMERA_FLOATS, map, width,
                      outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], &sums);
     }
@@ -164,29 +164,31 @@ inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfl
 // weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses,
-                 __global const int4 *bones, __global const float *bone_fixed,
-                 __global const int4 *axes, __global const float *body_cones,
-                 int n_views, int width, int height, __global const float *cameras,
-                 __global const uchar *maps, int n_rows, __global const float4 *rows,
+                 __global const float *table, int n_views, int width, int height, __global const float *cameras,
+                 __global const uchar *maps, __global const float4 *row_table,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
                  float4 weights, __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
-    __local vfloat cones[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS];
+    __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
+    __local vfloat spans[N_CONES * SPAN_FLOATS] __attribute__((aligned(64)));
+    __local float body[BODY_FLOATS];
+    __local float4 rows[N_ROWS];
     __local vfloat outlines[VIEWS * N_CONES * OUTLINE_FLOATS], views[2 * VIEWS], sums[GROUP];
     __local samples partial[GROUP];
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
-    take_pose(poses, first, n_particles, axes, turns);
-    pose_bones(turns, bones, bone_fixed, axes, frames, 0);
-    place_cones(body_cones, frames, cones);
+    for (int r = lane; r < N_ROWS; r += GROUP) rows[r] = row_table[r];
+    take_body(table, body);
+    take_pose(poses, first, n_particles, body, turns);
+    pose_bones(turns, body, frames, 0);
+    place_cones(body, frames, cones);
     for (int c = lane; c < N_CONES; c += GROUP)
         cone_span(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
 
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cones,
-                    outlines, partial, views, &error, &seeing);
+        score_views(view, n_views, width, height, cameras, maps, rows, weights.xy, cones, outlines, partial, views, &error, &seeing);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat sum = 0.0f;

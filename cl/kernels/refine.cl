@@ -20,15 +20,16 @@
 
 // Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
 // with normal n moves by moment . (p x n) + velocity . n along the normal.
-inline void find_twists(__global const int4 *axes, __local const float *hinges,
+inline void find_twists(__local const float *body, __local const float *hinges,
                         __local float *twists)
 {
     for (int i = get_local_id(0); i < 6 * ROW; i += GROUP) twists[i] = 0.0f;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
-        const int dof = axes[a].z;
+        __local const float *free = body + BODY_AXES + a * AXIS_FLOATS;
+        const int dof = (int)free[2];
         const float3 axis = vload3(0, hinges + 6 * dof), place = vload3(0, hinges + 6 * dof + 3);
-        const bool slides = axes[a].x < 3;
+        const bool slides = free[0] < 3.0f;
         const float3 moment = slides ? (float3)(0.0f) : axis;
         const float3 velocity = slides ? axis : cross(place, axis);
         twists[dof] = moment.x;
@@ -67,22 +68,22 @@ inline float look_at(float4 point, float reach, __local const float *posed,
 // moves: N_CONES x ROW, 1 where a degree of freedom moves a cone. parts: PART per work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_system(int n_points, float scale, float reach, __global const float4 *points,
-                   __global const float *pose, __global const int4 *bones,
-                   __global const float *bone_fixed, __global const int4 *axes,
-                   __global const float *cones, __global const float *moves,
-                   __global float *parts)
+                   __global const float *pose, __global const float *table,
+                   __global const float *moves, __global float *parts)
 {
     __local float turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
     __local float posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS], twists[6 * ROW];
     __local float voxels[BLOCK * VOXEL_FLOATS], rows[BLOCK * ROW], scratch[GROUP];
+    __local float body[BODY_FLOATS];
     const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
     const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
-    take_pose(pose, 0, 1, axes, turns);
-    pose_bones(turns, bones, bone_fixed, axes, frames, hinges);
-    place_cones(cones, frames, posed);
+    take_body(table, body);
+    take_pose(pose, 0, 1, body, turns);
+    pose_bones(turns, body, frames, hinges);
+    place_cones(body, frames, posed);
     for (int c = lane; c < N_CONES; c += GROUP)
         cone_span(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
-    find_twists(axes, hinges, twists);
+    find_twists(body, hinges, twists);
 
     float cost = 0.0f;
     for (int k = lane; k < n; k += GROUP) {
@@ -123,12 +124,14 @@ void refine_system(int n_points, float scale, float reach, __global const float4
 // Row i ends as diagonal times the solution's element i.
 inline void solve(__local float *system)
 {
+    // Some items share a row, so that they find its factor once.
+    const int share = GROUP < 8 ? GROUP : 8, lane = get_local_id(0);
     for (int k = 0; k < N_DOF; ++k) {
-        for (int e = get_local_id(0); e < N_DOF * (N_DOF + 1); e += GROUP) {
-            const int i = e / (N_DOF + 1), j = e % (N_DOF + 1);
-            if (i != k && j > k)
-                system[i * ROW + j] -=
-                    system[i * ROW + k] / system[k * ROW + k] * system[k * ROW + j];
+        const float inverse = 1.0f / system[k * ROW + k];
+        for (int i = lane / share; i < N_DOF; i += GROUP / share) {
+            const float factor = i == k ? 0.0f : system[i * ROW + k] * inverse;
+            for (int j = k + 1 + lane % share; j <= N_DOF; j += share)
+                system[i * ROW + j] -= factor * system[k * ROW + j];
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
