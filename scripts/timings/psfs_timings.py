@@ -52,13 +52,14 @@ def _run(args: argparse.Namespace) -> None:
     runs, n_frames = (10, 6) if quick else (40, 16)
     results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
     scene = shared_scene(n_frames)
-    results.section("numpy", lambda: numpy_twin(scene, 1 if quick else 3))
+    for place in found:
+        results.section(f"device {place.label}", partial(on_place, place, scene, runs))
     results.section("open3d", lambda: open3d_carving(scene, 3 if quick else 10))
+    results.section("numpy", lambda: numpy_twin(scene, 1 if quick else 3))
     for place in found:
         for cores in fewer_cores(place):
             name = f"device {place.label}, {cores} used"
             results.section(name, partial(on_cores, cores, scene, runs))
-        results.section(f"device {place.label}", partial(on_place, place, scene, runs))
     for place in found:
         results.section(f"growth {place.label}", partial(growth, place, scene, quick))
     results.section("memory", lambda: memory(found[0], scene, 200 if quick else 1000))

@@ -60,3 +60,12 @@ def device_title(label: str, machine: Machine) -> str:
         cores = label.rsplit(", ", 1)[-1]
         return f"{short_cpu(_environment(machine.results)['cpu'])}, {cores}"
     return label
+
+
+def named(text: str, machine: Machine) -> str:
+    """`text` with processors by their own names instead of PoCL's."""
+    about = _environment(machine.results)
+    for device in about["devices"]:
+        if device["kind"] == "cpu":
+            text = text.replace(device["name"], short_cpu(about["cpu"]))
+    return text

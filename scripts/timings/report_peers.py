@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from timings.apf_tables import tables
 from timings.measure import Timing
 from timings.psfs_report import compared
-from timings.report_machines import Machine, device_title
+from timings.report_machines import Machine, device_title, named
 from timings.results import Results
 from timings.tables import NONE, Grid, number
 
@@ -19,21 +20,25 @@ def peers(machines: Sequence[Machine]) -> str:
         if "psfs" in machine.results
     ]
     tracking = [
-        _tracking(machine, machine.results["apf"]).markdown()
+        named(grid.markdown(), machine)
         for machine in machines
         if "apf" in machine.results
+        for grid in tables(machine.results["apf"])
     ]
     parts = []
     if reconstruction:
         parts += ["## Reconstruction alone, against its peers", _PEERS, *reconstruction]
     if tracking:
-        parts += ["## Tracking alone", *tracking]
+        parts += ["## Tracking alone, in Song et al.'s setting", _TRACKING, *tracking]
     return "\n\n".join(parts)
 
 
 _PEERS = """From pictures in host memory to surface voxels on the device. Dense: all voxels of the
 grid; sparse: only bricks that can be occupied, with the same result. Open3D carves the same masks,
 cameras and grid, its dense grid made beforehand; it keeps a voxel where any of its corners hits."""
+
+_TRACKING = """Hypotheses are poses, scored in all cameras at once. Frames and halves by the clock,
+from pictures or from voxels that are there already; kernels by the device's own events."""
 
 
 def _reconstruction(machine: Machine, results: Results) -> Grid:
@@ -58,23 +63,3 @@ def _spread(timing: Timing) -> str:
 
 def _faster(peer: Timing | None, timing: Timing) -> str:
     return NONE if peer is None else f"{number(peer.median / timing.median)} x"
-
-
-def _tracking(machine: Machine, results: Results) -> Grid:
-    settings = results.settings
-    rows = []
-    for device in results.starting("device "):
-        rate = settings["scored"] * settings["views"] / (1e-3 * device["scoring"].median)
-        rows.append([device_title(device["label"], machine),
-                     *(number(device[part].median) for part in ("tracking", "both", "scoring")),
-                     number(rate)])  # fmt: skip
-    twin = results.sections.get("numpy")
-    if twin:
-        rate = twin["particles"] * settings["views"] / (1e-3 * twin["layer"].median)
-        rows.insert(0, ["NumPy, one layer", NONE, NONE, number(twin["layer"].median), number(rate)])
-    return Grid(
-        f"{machine.title}: {settings['particles']} particles, {settings['layers']} layers",
-        ["device", "tracking, ms", "pictures to pose, ms", f"{settings['scored']:,} poses, ms",
-         "poses x cameras per second"], rows,
-        f"NumPy scores {twin['particles']} poses in its layer." if twin else "",
-    )  # fmt: skip

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from timings.methods_tables import SEARCHES
-from timings.report_machines import Machine, device_title
+from timings.objective_tables import table_6_7
+from timings.report_machines import Machine, device_title, named
 from timings.tables import NONE, Grid, number, quoted
 from timings.whole_tables import papers
 
@@ -18,7 +20,8 @@ errors are of another person, room and camera than the thesis's. CPU: OpenCL on 
 def tables(machines: Sequence[Machine]) -> str:
     """The chapter, as far as `methods` and `objective` were measured."""
     measured = [machine for machine in machines if "methods" in machine.results]
-    if not measured:
+    evaluated = [machine for machine in machines if "objective" in machine.results]
+    if not measured and not evaluated:
         return ""
     thesis = papers()["rymut2016"]
     parts = [
@@ -33,11 +36,21 @@ def tables(machines: Sequence[Machine]) -> str:
         "6.5": _shapes,
         "6.6": lambda m: _times(m, ("pso",), (100, 200, 300, 400)),
     }
-    for number_, make in makers.items():
+    for name, make in makers.items():
         grids = [grid for grid in map(make, measured) if grid]
-        parts.append(f"### Thesis table {number_}")
-        parts += [_theirs(number_).markdown(), *(grid.markdown() for grid in grids)]
+        parts += [f"### Thesis table {name}", _theirs(name).markdown()]
+        parts += [grid.markdown() for grid in grids]
+    parts += ["### Thesis table 6.7", _theirs("6.7").markdown()]
+    parts += [_on(machine) for machine in evaluated]
     return "\n\n".join(parts)
+
+
+def _on(machine: Machine) -> str:
+    """Our table 6.7 for every number of hypotheses."""
+    results = machine.results["objective"]
+    grids = [table_6_7(results, n) for n in results.settings["hypotheses"]]
+    shown = [replace(grid, title=f"Ours, {machine.title}: {grid.title}") for grid in grids]
+    return named("\n\n".join(grid.markdown() for grid in shown), machine)
 
 
 def _theirs(name: str) -> Grid:

@@ -84,15 +84,14 @@ def run(args: argparse.Namespace) -> None:
     for place in found:
         profiled = partial(roofline, place, problem, 3 if quick else 10)
         results.section(f"stages {place.label}", profiled)
-    cpu = next((place for place in found if place.cores), None)
-    for cores in fewer_cores(cpu) if cpu else []:
-        if cores > 1:
-            measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
-            results.section(f"cores {cores}", measure)
+    _numpy_column(results, problem)
     for place in found:
         for what in _SCALED:
             measure = partial(scaling, place, problem, what, quick)
             results.section(f"scaling {what}, {place.label}", measure)
+        for cores in fewer_cores(place)[1:]:
+            measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
+            results.section(f"cores {cores}", measure)
     for place in found:
         results.section(f"compilation {place.label}", partial(compilation, place, problem))
     print_report(results)
@@ -110,8 +109,11 @@ def _columns(results: Results, found: list[Place], problem: Problem) -> None:
     one = partial(apart, only_cores(1), on_cpu, *ours, seconds)
     if any((place.cores or 1) > 1 for place in found):
         results.section("column one core", one)
-    seconds = 0.2 * results.budget / repetitions["numpy"]
-    twins = (problem, frames["numpy"], repetitions["numpy"], seconds)
+
+
+def _numpy_column(results: Results, problem: Problem) -> None:
+    frames, repetitions = (results.settings[k]["numpy"] for k in ("frames", "repetitions"))
+    twins = (problem, frames, repetitions, 0.2 * results.budget / repetitions)
     results.section("column NumPy", partial(apart, _ONE_THREAD, on_numpy, *twins))
 
 
