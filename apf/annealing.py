@@ -8,6 +8,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
+from apf.proposal import layer_sigmas
 from cl import Array, Device, Launch
 from psfs.launching import pack_defines
 
@@ -16,7 +17,7 @@ _LARGEST_GROUP = 1024
 #: Place of the noise among the arguments of `diffuse`.
 _NOISE_PLACE = 2
 #: To how many bits the exponent's logarithm is found.
-_BITS = 24
+_BITS = 18
 
 
 class ParticleSet:
@@ -24,7 +25,7 @@ class ParticleSet:
 
     `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
     the host reads after a frame: mean (D), deviation (D), then per layer effective sample size,
-    beta and least error.
+    beta and least error. `frame` (1,) counts the frames.
     """
 
     def __init__(self, device: Device, body: BodyModel, config: FilterConfig) -> None:
@@ -39,8 +40,8 @@ class ParticleSet:
         self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
         self._parents = device.empty((n,), np.int32, "the parents")
         self._motion = device.zeros((body.n_dof, 2), np.float32)
-        self._frame = device.zeros((1,), np.uint32)
-        self._sigma = device.to_device(body.sigma.astype(np.float32))
+        self.frame = device.zeros((1,), np.uint32)
+        self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
         self._diffusions: list[tuple[int, Launch]] = []
@@ -52,7 +53,7 @@ class ParticleSet:
         for poses in self.sets:
             poses.set(np.tile(pose.astype(np.float32), (n, 1)))
         self._parents.set(np.arange(n, dtype=np.int32))
-        self._frame.fill(0)
+        self.frame.fill(0)
         self._motion.fill(0)
 
     def diffuse(self, layer: int, source: int) -> Launch:
@@ -66,8 +67,8 @@ class ParticleSet:
             np.float32(self.config.layer_noise[layer]),
             np.float32(self.config.spread if layer > 0 else 0.0),
             self._seed,
-            self._frame,
-            self._sigma,
+            self.frame,
+            self._sigmas,
             self._limits,
             self.result,
             self._motion,
@@ -98,7 +99,7 @@ class ParticleSet:
             np.float32(self.config.survival_rates[layer]),
             np.float32(beta),
             self._seed,
-            self._frame,
+            self.frame,
             errors,
             self.weights,
             self._parents,
@@ -124,7 +125,7 @@ class ParticleSet:
             (self.n_dof,),
             None,
             np.float32(self.config.velocity),
-            self._frame,
+            self.frame,
             self.result,
             shift,
             self._motion,
@@ -137,7 +138,7 @@ class ParticleSet:
 def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
     """The defines of annealing.cl for `n` particles."""
     n_betas, largest = (4, _LARGEST_GROUP) if device.is_gpu else (1, 1)
-    defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length())))
+    defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length() >> 1)))
     rounds = math.ceil(_BITS / math.log2(n_betas + 1))
     run = -(-n // (defines["GROUP"] * defines["PACK"]))
     return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}

@@ -12,23 +12,29 @@ from cl import UserError
 SIGMA_FPS = 60.0
 
 
-#: Terms of the voxels' likelihood, by the names of their weights.
-TERMS = ("edge", "silhouette", "surface", "overlap")
+#: Terms of the voxels' likelihood, and the weight of those that are off by default.
+TERMS = ("edge", "silhouette", "surface", "overlap", "two-sided")
+_WEIGHT_OF_OTHERS = 2.0
 
 
 def likelihood_weights(text: str) -> dict[str, float]:
     """Settings of a FilterConfig for `edge,silhouette=2`: these terms with their default weights or
     the stated ones, all others 0. Raises UserError for unknown terms and bad weights."""
-    weights = {f"{term}_weight": 0.0 for term in TERMS}
+    weights = {_weight_name(term): 0.0 for term in TERMS}
     for entry in text.split(","):
         term, _, value = entry.partition("=")
         if term not in TERMS:
             raise UserError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
+        name = _weight_name(term)
         try:
-            weights[f"{term}_weight"] = float(value or getattr(FilterConfig, f"{term}_weight"))
+            weights[name] = float(value or getattr(FilterConfig, name) or _WEIGHT_OF_OTHERS)
         except ValueError:
             raise UserError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
     return weights
+
+
+def _weight_name(term: str) -> str:
+    return term.replace("-", "_") + "_weight"
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,8 @@ class FilterConfig:
     alone. edge_weight, silhouette_weight: of Song et al.
     eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
     unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
-    stay apart meet, likewise; both are 0 for Song's likelihood alone. surface_scale: distance, m,
+    stay apart meet, likewise; two_sided_weight: of the share of the silhouettes that the body
+    leaves uncovered; all three are 0 for Song's likelihood alone. surface_scale: distance, m,
     at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
     refinement at all of them, by each layer at every `point_turns`-th, in turn.
     sample_spacing: distance, m, between samples on a cone. limb_spread: up to how many sigma (at
@@ -65,6 +72,7 @@ class FilterConfig:
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
     overlap_weight: float = 1.0
+    two_sided_weight: float = 0.0
     surface_scale: float = 0.05
     n_points: int = 1024
     point_turns: int = 4
@@ -74,8 +82,8 @@ class FilterConfig:
     refine_reach: float = 0.06
     refine_strength: float = 1350.0
     refine_width: float = 4.0
-    limb_spread: float = 12.0
-    limb_margin: float = 0.01
+    limb_spread: float = 8.0
+    limb_margin: float = 0.005
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -102,7 +110,7 @@ class FilterConfig:
         )  # fmt: skip
         others = (
             "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
-            "overlap_weight", "limb_spread", "limb_margin",
+            "overlap_weight", "two_sided_weight", "limb_spread", "limb_margin",
         )  # fmt: skip
         negative = [name for name in positive if not getattr(self, name) > 0]
         negative += [name for name in others if not getattr(self, name) >= 0]

@@ -8,6 +8,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
+from apf.coverage import Coverage
 from apf.kinematics import body_defines, pack_body
 from cl import Array, Device, Launch, UserError
 from psfs.camera import CameraRig
@@ -76,6 +77,9 @@ class VoxelLikelihood:
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((config.n_particles,), np.float32, "the errors")
         self.misfit = device.zeros((1,), np.float32)
+        self._coverage: Coverage | None = None
+        if config.two_sided_weight > 0:
+            self._coverage = Coverage(device, body, rig, self._cameras, self.points)
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -88,6 +92,8 @@ class VoxelLikelihood:
             place = np.array([*voxels.grid.origin, voxels.grid.voxel_size], np.float32)
             self._sample_surface.set_arg(_PLACE, place)
         self._sample_surface()
+        if self._coverage is not None:
+            self._coverage.observe()
 
     def launcher(self, poses: Array) -> list[Launch]:
         """The launches that score `poses` (N, D) float32 into `errors`, arguments set.
@@ -97,13 +103,19 @@ class VoxelLikelihood:
         config, turn = self.config, self._n_launchers
         self._n_launchers += 1
         place = (turn % config.point_turns, config.point_turns)
-        return [self._launch(config.n_particles, poses, place, config.weights, self.errors)]
+        return self._every_term(poses, place, self.errors)
 
     def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
         """The launches that score all of `poses` (n, D) into `errors` (n,), by every `stride`-th
         surface sample, the same in every frame."""
-        place = (0, stride)
-        return [self._launch(poses.shape[0], poses, place, self.config.weights, errors)]
+        return self._every_term(poses, (0, stride), errors)
+
+    def _every_term(self, poses: Array, place: tuple[int, int], errors: Array) -> list[Launch]:
+        config = self.config
+        launches = [self._launch(poses.shape[0], poses, place, config.weights, errors)]
+        if self._coverage is not None:
+            launches += self._coverage.launcher(poses, place, config.two_sided_weight, errors)
+        return launches
 
     def misfit_launcher(self, pose: Array) -> list[Launch]:
         """The launches that put into `misfit` (1,) float32 how badly the first of `pose` (.., D)

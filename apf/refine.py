@@ -15,18 +15,21 @@ _BLOCK = 64
 
 
 class Refinement:
-    """Moves the estimate in `result` (its first D values) onto the surface voxels of `points`.
+    """Moves `n_poses` poses (n_poses, D), each by itself, onto the surface voxels of `points`.
 
-    `shift` is the device array (D,) that says by how much; zero where nothing is refined.
-    `information` is the device array (D (D + 1) / 2,) of the lower triangle of the last linear
-    system, row by row: how firmly voxels and prior hold the pose, about the inverse covariance.
+    `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
+    linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
+    covariance; zero where nothing is refined.
     Raises UserError if the body has more degrees of freedom than local memory can hold.
     """
 
-    def __init__(self, device: Device, body: BodyModel, config: FilterConfig) -> None:
+    def __init__(
+        self, device: Device, body: BodyModel, config: FilterConfig, n_poses: int = 1
+    ) -> None:
         self.device = device
         self.body = body
         self.config = config
+        self.n_poses = n_poses
         n = body.n_dof
         columns, group = (4, 256) if device.is_gpu else (8, 1)
         row = (n // columns + 1) * columns
@@ -35,8 +38,7 @@ class Refinement:
             "PACK": 1, "GROUP": group, "COLUMNS": columns, "BLOCK": _BLOCK
         }  # fmt: skip
         self._n_parts = -(-config.n_points // _BLOCK)
-        self.shift = device.zeros((n,), np.float32)
-        self.information = device.zeros((n * (n + 1) // 2,), np.float32)
+        self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
         moves = np.zeros((len(body.cones), row), np.float32)
         moves[:, :n] = cone_moves(body) > 0
@@ -44,45 +46,48 @@ class Refinement:
         self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
-        self._pose = device.empty((n,), np.float32)
-        self._least = device.empty((1,), np.float32)
-        self._parts = device.empty((self._n_parts, n * row + 1), np.float32, "the refinement")
+        self._poses = device.empty((n_poses, n), np.float32)
+        self._shift = device.empty((n_poses, n), np.float32)
+        self._least = device.empty((n_poses,), np.float32)
+        shape = (n_poses, self._n_parts, n * row + 1)
+        self._parts = device.empty(shape, np.float32, "the refinement")
 
-    def launcher(self, points: Array, result: Array) -> list[Launch]:
-        """The launches that refine, arguments set; none with `refine_steps` 0."""
+    def launcher(self, points: Array, results: Array) -> list[Launch]:
+        """The launches that refine `results` (n_poses, D), arguments set; none with `refine_steps`
+        0."""
         config, launches = self.config, []
         steps, reach = config.refine_steps, config.refine_reach
         for step in range(steps + 1 if steps else 0):
-            pose = self._pose if step else result
+            poses = self._poses if step else results
             launches += [
-                self._system(points, pose, reach),
-                self._step(step == 0, step == steps, pose, result),
+                self._system(points, poses, reach),
+                self._step(step == 0, step == steps, poses, results),
             ]
             reach = max(config.refine_scale, reach * config.refine_shrink)
         return launches
 
-    def _system(self, points: Array, pose: Array, reach: float) -> Launch:
+    def _system(self, points: Array, poses: Array, reach: float) -> Launch:
         group = self._defines["GROUP"]
         return self.device.launch(
             self.device.kernel("refine", "refine_system", **self._defines),
-            (self._n_parts * group,),
-            (group,),
+            (self._n_parts * group, self.n_poses),
+            (group, 1),
             np.int32(self.config.n_points),
             np.float32(self.config.refine_scale),
             np.float32(reach),
             points,
-            pose,
+            poses,
             self._body,
             self._moves,
             self._parts,
         )
 
-    def _step(self, first: bool, last: bool, pose: Array, result: Array) -> Launch:
+    def _step(self, first: bool, last: bool, poses: Array, results: Array) -> Launch:
         config, group = self.config, self._defines["GROUP"]
         strength = config.refine_strength / config.n_points
         return self.device.launch(
             self.device.kernel("refine", "refine_step", **self._defines),
-            (group,),
+            (group * self.n_poses,),
             (group,),
             np.int32(first),
             np.int32(last),
@@ -92,12 +97,12 @@ class Refinement:
             self._parts,
             self._sigma,
             self._limits,
-            pose,
-            self._pose,
+            poses,
+            self._poses,
             self._least,
-            self.shift,
+            self._shift,
             self.information,
-            result,
+            results,
         )
 
     def _check_room(self, nbytes: int) -> None:

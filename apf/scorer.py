@@ -11,10 +11,10 @@ class Scorer(Protocol):
     """Scores poses against what was observed; all on the device, without waiting.
 
     errors: (N,) float32, -log weight at exponent 1 of each pose: smaller is better. A scorer that
-    has an attribute `points`, (K, 4) float32 surface points with a fourth value of 0 where there
-    is none, has the tracker's estimate refined on them. One that has `misfit`, (1,) float32, and
-    `misfit_launcher(pose)`, which fills it for the first of `pose` (.., D), says in absolute terms
-    how badly an estimate fits (see `VoxelLikelihood.misfit_launcher`).
+    has `points`, (K, 4) float32 surface points with a fourth value of 0 where there is none, and
+    `rescoring_launcher` has the tracker's estimate refined on them (see `VoxelLikelihood`). One
+    that has `misfit`, (1,) float32, and `misfit_launcher(pose)`, which fills it for the first of
+    `pose` (.., D), says in absolute terms how badly an estimate fits (see there, too).
     """
 
     @property

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from apf.alternatives import Alternatives
 from apf.annealing import ParticleSet
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.likelihood import VoxelLikelihood
-from apf.refine import Refinement
 from apf.scorer import Scorer
 from cl import Array, Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
@@ -63,11 +63,11 @@ class Tracker:
         self.config = config
         self.scorer = scorer
         self._particles = particles
-        self._refinement = Refinement(device, body, config)
+        self._alternatives = Alternatives(device, body, scorer, config)
         self._misfit: Array | None = getattr(scorer, "misfit", None)
         if self._misfit is None:
             self._misfit = device.to_device(np.full(1, np.nan, np.float32))
-        size = particles.result.size + self._refinement.information.size + 1
+        size = particles.result.size + self._alternatives.information.size + 1
         self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
@@ -100,19 +100,17 @@ class Tracker:
 
     def _frame_launches(self, source: int) -> list[Launch]:
         """A frame that starts from the particles in set `source`."""
-        result = self._particles.result
-        points: Array | None = getattr(self.scorer, "points", None)
+        particles, result = self._particles, self._particles.result
         launches = self._search(source)
-        if points is not None:
-            launches += self._refinement.launcher(points, result)
-        launches.append(self._particles.settle(self._refinement.shift))
+        launches += self._alternatives.launcher(particles.frame, result)
+        launches.append(particles.settle(self._alternatives.shift))
         if hasattr(self.scorer, "misfit_launcher"):
             launches += self.scorer.misfit_launcher(result)
         return [*launches, self._gather()]
 
     def _gather(self) -> Launch:
         """Everything that the host reads into one array."""
-        result, information = self._particles.result, self._refinement.information
+        result, information = self._particles.result, self._alternatives.information
         return self.device.launch(
             self.device.kernel("report", "gather"),
             (self._report.size,),

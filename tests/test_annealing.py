@@ -124,7 +124,7 @@ class Layer:
         self.set.start(body.rest_pose)
 
     def at_frame(self, frame: int) -> Layer:
-        self.set._frame.set(np.array([frame], np.uint32))
+        self.set.frame.set(np.array([frame], np.uint32))
         return self
 
     def anneal(self, layer: int, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -320,7 +320,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
     for _ in range(2):
         tracker.start(world.pose(0))
         for frame in range(3):
-            assert tracker._particles._frame.get()[0] == frame
+            assert tracker._particles.frame.get()[0] == frame
             tracker.step(world.voxels(frame))
 
 
@@ -393,7 +393,14 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"spread": 0.5}, {"surface_weight": 0.0}, {"velocity": 0.7}, {"refine_steps": 5}],
+    [
+        {},
+        {"spread": 0.5},
+        {"surface_weight": 0.0},
+        {"velocity": 0.7},
+        {"refine_steps": 5},
+        {"trunk_layers": 1},
+    ],
 )
 @pytest.mark.parametrize("n_layers", [1, 2])
 def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: int) -> None:

@@ -48,7 +48,11 @@ def diffuse(
     upper: np.ndarray,
 ) -> np.ndarray:
     """Children (N, D): parents plus noise (N, D), reflected at the limits (Song et al. eq. 11)."""
-    children = poses[parents] + noise
-    children = np.where(children < lower, 2 * lower - children, children)
-    children = np.where(children > upper, 2 * upper - children, children)
-    return np.clip(children, lower, upper)
+    return reflected(poses[parents] + noise, lower, upper)
+
+
+def reflected(poses: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Poses (N, D) reflected at the limits, and cut where that is not enough."""
+    poses = np.where(poses < lower, 2 * lower - poses, poses)
+    poses = np.where(poses > upper, 2 * upper - poses, poses)
+    return np.clip(poses, lower, upper)

@@ -10,10 +10,11 @@ import numpy as np
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.likelihood import cone_sampling
+from apf.proposal import layer_sigmas
+from apf.reference.alternatives import settled
 from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, share, total_errors
 from apf.reference.noise import normals
-from apf.reference.refine import refined
 from apf.tracker import Estimate, checked_pose
 from cl import NumpyDevice
 from psfs.camera import CameraRig
@@ -47,8 +48,14 @@ class NumpyVoxelLikelihood:
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D)."""
+        return self._errors(poses, share(self.points, self.turn, self.config.point_turns))
+
+    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+        """Errors (N,) of poses (N, D) by every `stride`-th surface sample."""
+        return self._errors(poses, share(self.points, 0, stride))
+
+    def _errors(self, poses: np.ndarray, seen: np.ndarray) -> np.ndarray:
         body, config = self.body, self.config
-        seen = share(self.points, self.turn, config.point_turns)
         cones = posed_cones(body, poses)
         return total_errors(self.rig, cones, self._maps, seen, self._sampling, body.apart, config)
 
@@ -56,7 +63,7 @@ class NumpyVoxelLikelihood:
         """See `VoxelLikelihood.misfit_launcher`, of a pose (D,)."""
         config = replace(
             self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
-            overlap_weight=0.0,
+            overlap_weight=0.0, two_sided_weight=0.0,
         )  # fmt: skip
         cones = posed_cones(self.body, pose[None])
         errors = total_errors(self.rig, cones, self._maps, self.points, self._sampling, (), config)
@@ -86,9 +93,8 @@ class NumpyTracker:
         self.scorer.observe(observation)
         found = self._search()
         pose, information = found.pose, found.information
-        points: np.ndarray | None = getattr(self.scorer, "points", None)
-        if points is not None:
-            pose, information = refined(self.body, pose, points, self.config)
+        if hasattr(self.scorer, "points"):
+            pose, information = settled(self.body, self.scorer, pose, self.config, self._frame + 1)
         misfit = self.scorer.misfit(pose) if hasattr(self.scorer, "misfit") else np.nan
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
@@ -108,7 +114,7 @@ class NumpyTracker:
         """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
         config = self.config
         shape = (config.n_particles, self.body.n_dof)
-        deviation = config.layer_noise[layer] * self.body.sigma
+        deviation = config.layer_noise[layer] * layer_sigmas(self.body, config)[layer]
         if config.spread > 0 and layer > 0:
             deviation = np.minimum(deviation, config.spread * self._deviation)
         noise = deviation * normals(config.seed, self._frame, layer, *shape)

@@ -64,11 +64,11 @@ inline float look_at(float4 point, float reach, __local const float *posed,
     return distance;
 }
 
-// Linear system of BLOCK voxels at `pose`, and their share of the cost.
+// Linear system of BLOCK voxels at each of `poses`, along dimension 1, and their share of the cost.
 // moves: N_CONES x ROW, 1 where a degree of freedom moves a cone. parts: PART per work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_system(int n_points, float scale, float reach, __global const float4 *points,
-                   __global const float *pose, __global const float *table,
+                   __global const float *poses, __global const float *table,
                    __global const float *moves, __global float *parts)
 {
     __local float turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
@@ -78,7 +78,7 @@ void refine_system(int n_points, float scale, float reach, __global const float4
     const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
     const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
     take_body(table, body);
-    take_pose(pose, 0, 1, body, turns);
+    take_pose(poses + get_group_id(1) * N_DOF, 0, 1, body, turns);
     pose_bones(turns, body, frames, hinges);
     place_cones(body, frames, posed);
     for (int c = lane; c < N_CONES; c += GROUP)
@@ -105,7 +105,8 @@ void refine_system(int n_points, float scale, float reach, __global const float4
         }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    __global float *part = parts + get_group_id(0) * PART;
+    const int group = get_group_id(1) * get_num_groups(0) + get_group_id(0);
+    __global float *part = parts + group * PART;
     for (int item = lane; item < N_DOF * BLOCKS; item += GROUP) {
         const int i = item / BLOCKS, j = item % BLOCKS * COLUMNS;
         float sums[COLUMNS];
@@ -137,19 +138,27 @@ inline void solve(__local float *system)
     }
 }
 
-// Takes a step from `pose`: the next one into `next`. The best pose met is kept as its difference
-// from the mean in `result`, `shift`, and its cost, `least`; the last step adds it to the result
-// and leaves the lower triangle of its system as `information`, row by row.
+// Takes a step from each of `poses`, one per work-group: the next one into `next`. The best pose met
+// is kept as its difference from the mean in `results`, `shift`, and its cost, `least`; the last
+// step adds it to the result and leaves the lower triangle of its system as `information`, row by
+// row.
 // strength: that of the mean over all voxels; weight: of one voxel in the linear system.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_step(int first, int last, int n_parts, float strength, float weight,
                  __global const float *parts, __global const float *sigma,
-                 __global const float2 *limits, __global const float *pose,
+                 __global const float2 *limits, __global const float *poses,
                  __global float *next, __global float *least, __global float *shift,
-                 __global float *information, __global float *result)
+                 __global float *information, __global float *results)
 {
     __local float system[N_DOF * ROW], scratch[GROUP];
-    const int lane = get_local_id(0);
+    const int lane = get_local_id(0), which = get_group_id(0);
+    __global const float *pose = poses + which * N_DOF;
+    __global float *result = results + which * N_DOF;
+    parts += which * n_parts * PART;
+    next += which * N_DOF;
+    least += which;
+    shift += which * N_DOF;
+    information += which * (N_DOF * (N_DOF + 1) / 2);
     float cost = 0.0f;
     for (int part = lane; part < n_parts; part += GROUP)
         cost += strength * parts[part * PART + PART - 1];

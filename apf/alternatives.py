@@ -1,0 +1,138 @@
+"""What the estimate might be besides the particles' mean: the mean with one limb elsewhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body import BodyModel
+from apf.config import FilterConfig
+from apf.refine import Refinement
+from cl import Array, Device, Launch
+
+_GROUP = 64
+
+
+def limbs_of(body: BodyModel) -> np.ndarray:
+    """(L, D) bool: the degrees of freedom of each limb of `body`, an unbranched chain of two or
+    more bones down to its end, one of several that hang from the same bone."""
+    n_bones = len(body.bones)
+    children = [[c for c in range(n_bones) if body.bones[c].parent == b] for b in range(n_bones)]
+    limbs = []
+    for first in (child for siblings in children if len(siblings) > 1 for child in siblings):
+        chain = [first]
+        while len(children[chain[-1]]) == 1:
+            chain += children[chain[-1]]
+        if len(chain) > 1 and not children[chain[-1]]:
+            limbs.append([axis.dof for b in chain for axis in body.bones[b].axes])
+    mask = np.zeros((len(limbs), body.n_dof), bool)
+    for limb, dofs in enumerate(limbs):
+        mask[limb, dofs] = True
+    return mask
+
+
+class Alternatives:
+    """Settles a frame: refines the particles' mean and, for every limb, the best of many poses
+    that differ from the mean in that limb; the one of these that scores best is the estimate.
+    Does nothing with a scorer that has no surface points, see `Scorer`.
+
+    A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
+    particles near the estimate do not reach where it is, and those that are spread widely are
+    wrong in the rest of the body. Twin: reference/alternatives.py, kernels: alternatives.cl.
+
+    `shift` is the device array (D,) of how far the estimate moved from the mean; `information`
+    (D (D + 1) / 2,) is that of `Refinement` for the pose taken. Zero where nothing is refined.
+    """
+
+    def __init__(self, device: Device, body: BodyModel, scorer: Any, config: FilterConfig) -> None:
+        self.device = device
+        self.config = config
+        self.scorer = scorer
+        self.n_dof = n = body.n_dof
+        limbs = limbs_of(body)
+        self._n_limbs = len(limbs) if config.limb_spread > 0 and config.refine_steps > 0 else 0
+        n_candidates = 1 + self._n_limbs
+        self._refinement = Refinement(device, body, config, n_candidates)
+        self._candidates = device.empty((n_candidates, n), np.float32)
+        self._errors = device.zeros((n_candidates,), np.float32)
+        self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
+        n_poses = config.n_particles if self._n_limbs else 1
+        self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
+        self._sigma = device.to_device(body.sigma.astype(np.float32))
+        limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
+        self._limits = device.to_device(limits)
+        self._seed = np.array([config.seed & 0xFFFFFFFF, config.seed >> 32], np.uint32)
+        self.shift = device.zeros((n,), np.float32)
+        self.information = device.zeros((n * (n + 1) // 2,), np.float32)
+
+    def launcher(self, frame: Array, result: Array) -> list[Launch]:
+        """The launches that settle a frame: they move the mean in `result`, its first D values.
+
+        frame: (1,) uint32, the number of the frame that the random numbers are drawn for.
+        """
+        scorer, candidates = self.scorer, self._candidates
+        if self.config.refine_steps == 0 or not hasattr(scorer, "points"):
+            return []
+        if self._n_limbs:
+            launches = [
+                self._propose(frame, result, self._poses),
+                *scorer.rescoring_launcher(self._poses, scorer.errors, self.config.point_turns),
+                self._choose(),
+            ]
+        else:
+            launches = [self._propose(frame, result, candidates)]
+        launches += self._refinement.launcher(scorer.points, candidates)
+        if self._n_limbs:
+            launches += scorer.rescoring_launcher(candidates, self._errors)
+        return [*launches, self._accept(result)]
+
+    def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
+        n = poses.shape[0]
+        return self.device.launch(
+            self._kernel("propose"),
+            (self.n_dof, n),
+            None,
+            np.int32(n),
+            np.int32(self.config.n_layers),
+            np.float32(self.config.limb_spread),
+            self._seed,
+            frame,
+            self._sigma,
+            self._limits,
+            self._limbs,
+            result,
+            poses,
+        )
+
+    def _choose(self) -> Launch:
+        return self.device.launch(
+            self._kernel("choose"),
+            (_GROUP * (1 + self._n_limbs),),
+            (_GROUP,),
+            np.int32(self.config.n_particles),
+            self.scorer.errors,
+            self._poses,
+            self._candidates,
+        )
+
+    def _accept(self, result: Array) -> Launch:
+        return self.device.launch(
+            self._kernel("accept"),
+            (max(self.n_dof, self.information.size),),
+            None,
+            np.int32(1 + self._n_limbs),
+            np.float32(self.config.limb_margin),
+            self._errors,
+            self._candidates,
+            self._refinement.information,
+            result,
+            self.shift,
+            self.information,
+        )
+
+    def _kernel(self, name: str) -> Any:
+        n_limbs = max(1, self._n_limbs)
+        return self.device.kernel(
+            "alternatives", name, N_DOF=self.n_dof, N_LIMBS=n_limbs, GROUP=_GROUP
+        )
