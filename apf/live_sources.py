@@ -117,8 +117,8 @@ class Replay:
 class Camera:
     """The newest picture of an OpenCV capture, grabbed in a thread of its own.
 
-    name: a USB number, a URL or a video file, which is played at its own rate. Raises UserError
-    if it cannot be opened.
+    name: a USB number, a URL or a video file. A file is read as pictures are asked for until
+    `play`, and from then on at its own rate. Raises UserError if it cannot be opened.
     """
 
     def __init__(self, name: str) -> None:
@@ -132,17 +132,24 @@ class Camera:
         self._is_file = Path(name).suffix.lower() in VIDEO_SUFFIXES and Path(name).is_file()
         self._condition = threading.Condition()
         self._image: np.ndarray | None = None
-        self._time, self._count, self._ended, self._stop = 0.0, 0, False, False
+        self._time, self._count, self._wanted, self._ended = 0.0, 0, 0, False
+        self._began: tuple[float, int] | None = None  # when it began to play, at which picture
+        self._stop = False
         self._thread = threading.Thread(target=self._grab, name=f"camera {name}", daemon=True)
-
-    def start(self) -> None:
         self._thread.start()
+
+    def play(self) -> None:
+        with self._condition:
+            self._began = time.perf_counter(), self._count
+            self._condition.notify_all()
 
     def next(self, after: int) -> tuple[int, float, np.ndarray | None]:
         """Number, time (perf_counter, s) and picture (h, w, 3) of the newest picture with a number
         above `after`, waited for; the picture is None at the end. Raises UserError if it is gone.
         """
         with self._condition:
+            self._wanted = after + 1
+            self._condition.notify_all()
             there = self._condition.wait_for(
                 lambda: self._count > after or self._ended, timeout=_PATIENCE
             )
@@ -152,27 +159,36 @@ class Camera:
             return self._count, self._time, self._image if new else None
 
     def close(self) -> None:
-        self._stop = True
-        if self._thread.is_alive():
-            self._thread.join(_PATIENCE)
+        with self._condition:
+            self._stop = True
+            self._condition.notify_all()
+        self._thread.join(_PATIENCE)
         self._capture.release()
 
     def _grab(self) -> None:
-        begin = time.perf_counter()
         while not self._stop:
             if self._is_file:
-                due = begin + self._count / self.fps
-                time.sleep(max(0.0, due - time.perf_counter()))
+                self._wait_turn()
             came, image = self._capture.read()
-            now = time.perf_counter()
             with self._condition:
                 if came:
-                    self._image, self._time, self._count = image, now, self._count + 1
-                else:
-                    self._ended = True
+                    self._image, self._time = image, time.perf_counter()
+                    self._count += 1
+                self._ended = not came
                 self._condition.notify_all()
-                if not came:
-                    return
+            if not came:
+                return
+
+    def _wait_turn(self) -> None:
+        """Until a file's next picture is due, or asked for."""
+        with self._condition:
+            self._condition.wait_for(
+                lambda: self._began is not None or self._wanted > self._count or self._stop
+            )
+        if self._began is not None:
+            begin, first = self._began
+            due = begin + (self._count - first) / self.fps
+            time.sleep(max(0.0, due - time.perf_counter()))
 
 
 class Cameras:
@@ -202,19 +218,15 @@ class Cameras:
             stack.pop_all()
         self.fps = min(camera.fps for camera in self._cameras)
         self._counts = [0] * len(names)
-        for camera in self._cameras:
-            camera.start()
 
     @property
     def background(self) -> Background:
         """The empty scene; the first call may film it."""
         if self._known is None:
-            until = time.perf_counter() + self._empty
-            frames: list[np.ndarray | None] = []
-            while not frames or time.perf_counter() < until:
-                frames.append(self.first().images)
+            count = max(1, round(self._empty * self.fps))
+            frames = [self._first_images() for _ in range(count)]
             moments = [
-                clipped_moments([frame[view] for frame in frames if frame is not None])
+                clipped_moments([images[view] for images in frames])
                 for view in range(len(self.rig))
             ]
             mean, std = (np.stack(parts) for parts in zip(*moments, strict=True))
@@ -222,14 +234,13 @@ class Cameras:
         return self._known
 
     def first(self) -> Frame:
-        shot = self._next(0.0)
-        if shot is None:
-            raise UserError(f"{self._cameras[0].name}: ended before it began; expected pictures")
-        return shot.frame
+        return Frame(0, self._first_images(), None)
 
     def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
         with self._closing():
             origin = time.perf_counter() - timeline.now()
+            for camera in self._cameras:
+                camera.play()
             while not stop.is_set():
                 shot = self._next(origin)
                 if shot is None:
@@ -240,6 +251,12 @@ class Cameras:
     def close(self) -> None:
         for camera in self._cameras:
             camera.close()
+
+    def _first_images(self) -> np.ndarray:
+        shot = self._next(0.0)
+        if shot is None or shot.frame.images is None:
+            raise UserError(f"{self._cameras[0].name}: ended before it began; expected pictures")
+        return shot.frame.images
 
     @contextmanager
     def _closing(self) -> Iterator[None]:
