@@ -22,9 +22,21 @@ PARTS = {
     "other": ("download", "other"),
 }
 STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
-#: By kernel file, where the names differ; then by command.
-_OF_FILE = {"foreground": "learning", "refine": "refinement"}
-_OF_COMMAND = {"upload": "upload", "copy": "upload", "download": "download", "smooth": "smoothing"}
+#: By kernel file, where the names differ; by command where it belongs elsewhere than its file.
+_OF_FILE = {
+    "foreground": "learning",
+    "adaptation": "learning",
+    "coverage": "likelihood",
+    "refine": "refinement",
+    "alternatives": "refinement",
+}
+_OF_COMMAND = {
+    "upload": "upload",
+    "copy": "upload",
+    "download": "download",
+    "gather": "download",
+    "smooth": "smoothing",
+}
 #: Floating-point operations: per pixel of a silhouette; per projection of a point by a camera
 #: without distortion, the look-up included; per voxel of the smoothing; per sample inside a
 #: projected cone; per distance of a point to a cone; per bone posed; per normal random number.
@@ -78,18 +90,19 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     looked up in all cameras, every surface sample compared with every cone.
     """
     views, pixels = len(scene.rig), _pixels(scene)
-    cones, points, dof = len(body.cones), config.n_points, body.n_dof
+    cones, dof = len(body.cones), body.n_dof
+    points = config.n_points / config.point_turns  # that one layer looks at
     scored = config.n_particles * config.n_layers
     samples = float(np.sum([r * (c + 2) for r, c in cone_sampling(body, config.sample_spacing)]))
     pose = float(_BONE * len(body.bones)) + 4 * _PROJECTION * cones * views
     pose += _SAMPLE * samples * views + _DISTANCE * cones * points
-    step = float(points) * (_DISTANCE * cones + 12 * dof + dof * dof)
+    step = float(config.n_points) * (_DISTANCE * cones + 12 * dof + dof * dof)
     read = config.n_layers * (2 * pixels + 16 * points) + 4 * dof * scored
     return {
         "reprojection": (4 * surface + 2 * pixels, _PROJECTION * surface * views),
         "likelihood": (read, pose * scored),
         "annealing": (3 * 4 * dof * scored, _NORMAL * dof * scored),
-        "refinement": (16 * points, (config.refine_steps + 1) * step),
+        "refinement": (16 * config.n_points, (config.refine_steps + 1) * step),
     }
 
 
