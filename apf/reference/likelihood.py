@@ -8,6 +8,7 @@ import numpy as np
 
 from apf.config import FilterConfig
 from apf.reference.cones import distances, outlines
+from apf.reference.coverage import uncovered_errors
 from psfs.camera import Camera, CameraRig
 
 
@@ -89,8 +90,9 @@ def total_errors(
     pairs: Sequence[tuple[int, int]],
     config: FilterConfig,
 ) -> np.ndarray:
-    """(N,) exponent of Song et al. eq. (16) with its sign put right, surface and overlap error
-    added once per camera. Cameras without a sample are replaced by the mean of the others."""
+    """(N,) exponent of Song et al. eq. (16) with its sign put right, surface and overlap error and
+    the two-sided term added once per camera. Cameras without a sample are replaced by the mean of
+    the others."""
     errors = np.zeros(len(cones))
     seeing = np.zeros(len(cones))
     for camera, view in zip(rig, maps, strict=True):
@@ -110,4 +112,6 @@ def total_errors(
     if config.surface_weight > 0:
         mean = mean + config.surface_weight * surface_errors(points, cones, config.surface_scale)
     mean = mean + config.overlap_weight * overlap_errors(cones, pairs)
+    if config.two_sided_weight > 0:
+        mean = mean + config.two_sided_weight * uncovered_errors(rig, cones, points)
     return len(rig) * mean

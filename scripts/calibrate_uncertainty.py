@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+"""The constants of `apf.uncertainty.CALIBRATION`, from tracks whose truth is known.
+
+    scripts/calibrate_uncertainty.py OUT/a=a/truth.npz ... --held-out OUT/b=b/truth.npz ...
+
+takes folders of `apf track` (not smoothed) and prints the scale and the floors with which the
+stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in how many of those held
+out, per joint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from apf.evaluate import evaluate, load_truth
+from apf.track import Track
+from apf.uncertainty import CALIBRATION, Calibration, inside
+from cl import UserError
+from psfs.commandline import run_command, stdout
+
+#: Scales that are tried, and the floors' bounds, m: the voxels' resolution at least.
+_SCALES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+_LEAST_FLOOR, _MOST_FLOOR, _SHARE = 0.008, 0.3, 0.95
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Offsets (N, 3) m of a joint from the truth, and its covariance (N, 3, 3) uncalibrated."""
+
+    offsets: np.ndarray
+    raw: np.ndarray
+
+    def share(self, scale: float, floor: float) -> float:
+        """How many lie inside their ellipsoids."""
+        return float(inside(self.offsets, self.covariance(scale, floor), _SHARE).mean())
+
+    def covariance(self, scale: float, floor: float) -> np.ndarray:
+        return scale**2 * self.raw + floor**2 * np.eye(3)
+
+    def floor(self, scale: float) -> float:
+        """The least floor with which enough do."""
+        low, high = _LEAST_FLOOR, _MOST_FLOOR
+        if self.share(scale, low) >= _SHARE:
+            return low
+        for _ in range(20):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.share(scale, middle) >= _SHARE else (middle, high)
+        return high
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="calibrate_uncertainty.py", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("tracks", nargs="+", metavar="TRACK=TRUTH")
+    parser.add_argument("--held-out", nargs="+", default=[], metavar="TRACK=TRUTH")
+    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    parser.set_defaults(run=_run)
+    return run_command(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    samples = load_samples(args.tracks)
+    found = fitted(samples)
+    stdout.print(f"scale = {found.scale:g}, floors in mm:")
+    stdout.print({name: round(1000 * floor, 1) for name, floor in found.floor.items()})
+    table = Table(title="Truth inside the stated 95 %", title_justify="left")
+    for heading in ("joint", "calibrated on", "held out", "held out, constants in use"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    held_out = load_samples(args.held_out)
+    columns = [(samples, found), (held_out, found), (held_out, CALIBRATION)]
+    for name in samples:
+        table.add_row(name, *(_shown(_share(part, used, [name])) for part, used in columns))
+    table.add_section()
+    table.add_row("all", *(_shown(_share(part, used, list(part))) for part, used in columns))
+    stdout.print(table)
+
+
+def load_samples(pairs: list[str]) -> dict[str, Sample]:
+    """By joint, without its side. Raises UserError."""
+    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for pair in pairs:
+        track, _, truth = pair.partition("=")
+        if not truth:
+            raise UserError(f"{pair}; expected a track and its truth, TRACK=TRUTH")
+        found = evaluate(Track.load(Path(track)), load_truth(truth))
+        floors = CALIBRATION.floors(list(found.joint_names))
+        raw = found.covariance - floors[:, None, None] ** 2 * np.eye(3)
+        raw /= CALIBRATION.scale**2
+        for place, name in enumerate(found.joint_names):
+            known = np.isfinite(found.inside[:, place])
+            kept = (found.offsets[known, place], raw[known, place])
+            parts.setdefault(name.removeprefix("l_").removeprefix("r_"), []).append(kept)
+    return {
+        name: Sample(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        for name, rows in parts.items()
+    }
+
+
+def fitted(samples: dict[str, Sample]) -> Calibration:
+    """The sharpest calibration by which enough of every joint's offsets lie inside: that with the
+    smallest mean logarithm of the ellipsoids' volumes."""
+    best, least = Calibration(), np.inf
+    for scale in _SCALES:
+        floors = {name: sample.floor(scale) for name, sample in samples.items()}
+        volumes = [
+            np.linalg.slogdet(sample.covariance(scale, floors[name]))[1]
+            for name, sample in samples.items()
+        ]
+        volume = float(np.concatenate(volumes).mean())
+        if volume < least:
+            best, least = Calibration(scale, floors), volume
+    return best
+
+
+def _share(samples: dict[str, Sample], used: Calibration, names: list[str]) -> float | None:
+    shares, counts = [], []
+    for name in names:
+        if name in samples:
+            sample = samples[name]
+            shares.append(sample.share(used.scale, float(used.floors([name])[0])))
+            counts.append(len(sample.offsets))
+    return float(np.average(shares, weights=counts)) if shares else None
+
+
+def _shown(share: float | None) -> str:
+    return "-" if share is None else f"{share:.1%}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
