@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from apf.commands import demo, evaluate, live, render, smooth, synth, track
 from psfs.commandline import run_command
@@ -16,3 +17,7 @@ def main(argv: list[str] | None = None) -> int:
     for command in (synth, track, live, smooth, evaluate, render, demo):
         command.register(commands)
     return run_command(parser, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
