@@ -44,10 +44,9 @@ class Reprojection:
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         tiles = -(-height // _TILE) * -(-width // _TILE)
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
-        # One row more before and behind, and a mark for every tile that is touched.
-        pixels = (views * height + 2) * width
-        self._silhouette = device.empty((pixels,), np.uint8, "the silhouettes")
-        self._tiles = device.empty((views * tiles,), np.uint8, "the tiles")
+        # One row more before and behind, then a mark for every tile; cleared as words.
+        nbytes = (views * height + 2) * width + views * tiles
+        self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
@@ -63,7 +62,6 @@ class Reprojection:
             (group, 1),
             self._silhouette,
             sizes,
-            self._tiles,
             table,
             self.maps,
         )
@@ -78,7 +76,6 @@ class Reprojection:
             self._geometry.set(geometry)
             self._extents.set(footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
         self._silhouette.fill(0)
-        self._tiles.fill(0)
         self._splat()
         self._edges()
         return self.maps
@@ -99,7 +96,6 @@ class Reprojection:
             voxels.surface,
             voxels.count,
             self._silhouette,
-            self._tiles,
         )
         self._grid = None
 

@@ -8,10 +8,17 @@
 #define TILE 32
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
 #define TILES_Y ((HEIGHT + TILE - 1) / TILE)
+// Where the marks of the tiles that are touched begin: behind the stack of silhouettes, which has a
+// row more before and behind. Views are dimension 1 of the kernels.
+#define TILES_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
 // Tiles beyond a tile that its pixels can see.
 #define REACH ((RADIUS + TILE - 1) / TILE)
 // Columns that a tile's pixels can see.
 #define SPAN (TILE + 2 * RADIUS)
+// Rows that are looked at together, so that their pixels come together.
+#define STRIP 8
+// Strips of rows above or below a tile that its pixels can see.
+#define STRIPS_BEYOND ((RADIUS + STRIP - 1) / STRIP)
 
 // Whole numbers at or below; operators only, see pack.h.
 inline vfloat whole_below(vfloat value)
@@ -31,14 +38,15 @@ inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global 
 
 // Every voxel covers the bounding box of its projected cube: all pixel centres inside, or the
 // nearest pixel if there is none. All writers write the same, so their order does not matter.
-// A row precedes the stack of silhouettes. `extents` holds, per view, half the width and height of the box times depth, px m.
+// `extents` holds, per view, half the width and height of the box times depth, px m.
 __kernel void splat(__global const float *restrict cameras, __global const float2 *restrict extents,
                     __global const float *restrict geometry, // origin (3), voxel size
                     __global const int *restrict indices, __global const int *restrict n_surface,
-                    __global uchar *restrict silhouette, __global uchar *restrict tiles)
+                    __global uchar *restrict silhouette)
 {
     const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
+    __global uchar *tiles = silhouette + TILES_PLACE + view * TILES_X * TILES_Y;
     __global uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
     for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
 #define VOXEL(l) indices[lane_index(first, 0x##l, n)]
@@ -60,8 +68,7 @@ __kernel void splat(__global const float *restrict cameras, __global const float
         STORE_PACK(least(most(whole_below(py + half_y), nearest_y), camera[24] - 1.0f), y1);
         for (int l = 0; l < PACK; ++l)
             if (seen[l] > 0.0f)
-                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map,
-                      tiles + view * TILES_X * TILES_Y);
+                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map, tiles);
     }
 }
 
@@ -75,30 +82,49 @@ inline bool near_silhouette(int tile_x, int tile_y, __global const uchar *tiles)
     return near;
 }
 
-// One row further along columns x0 to x1 of a picture: distance to the last boundary pixel met,
-// RADIUS + 1 if it is out of reach. The boundary lies inside the silhouette, with a 4-neighbour
-// outside; the border of the picture is no boundary: nothing is known beyond it.
-inline void pass_row(__global const uchar *row, int2 size, int x0, int x1, int y,
-                     __local uchar *distance)
+// Is there a boundary at column x, row y (255), inside the picture of a size? The boundary lies
+// inside the silhouette, with a 4-neighbour outside; the border of the picture is no boundary:
+// nothing is known beyond it.
+inline uchar boundary(__global const uchar *map, int2 size, int x, int y)
 {
-    const uchar top = y == 0 ? 255 : 0, bottom = y == size.y - 1 ? 255 : 0;
-    for (int x = x0 + (int)get_local_id(0); x < x1; x += GROUP) {
-        const uchar left = x == 0 ? 255 : 0, right = x == size.x - 1 ? 255 : 0;
-        const uchar inside = (row[x - 1] | left) & (row[x + 1] | right) &
-                             (row[x - WIDTH] | top) & (row[x + WIDTH] | bottom);
-        const uchar edge = row[x] & ~inside, last = distance[x - x0];
-        const uchar next = last <= RADIUS ? last + 1 : last;
-        distance[x - x0] = edge ? 0 : next;
+    const int row = y < 0 ? 0 : y < size.y ? y : size.y - 1;
+    __global const uchar *here = map + row * WIDTH + x;
+    const uchar left = x == 0 ? 255 : 0, right = x == size.x - 1 ? 255 : 0;
+    const uchar top = row == 0 ? 255 : 0, bottom = row == size.y - 1 ? 255 : 0;
+    const uchar inside = (here[-1] | left) & (here[1] | right) & (here[-WIDTH] | top) &
+                         (here[WIDTH] | bottom);
+    return row == y ? here[0] & ~inside : 0;
+}
+
+// STRIP rows from y on, up (step -1) or down (1), along columns x0 to x1: distances to the last
+// boundary pixel met, RADIUS + 1 if it is out of reach. The rows' gaps, from `gap` on, become the
+// less of what they were and these; a null pointer stands for rows outside of the tile.
+inline void pass_strip(__global const uchar *map, int2 size, int x0, int x1, int y, int step,
+                       __local uchar *distance, __local uchar *gap)
+{
+    for (int c = get_local_id(0); c < x1 - x0; c += GROUP) {
+        uchar edges[STRIP];
+#pragma unroll
+        for (int r = 0; r < STRIP; ++r) edges[r] = boundary(map, size, x0 + c, y + r * step);
+        uchar last = distance[c];
+#pragma unroll
+        for (int r = 0; r < STRIP; ++r) {
+            const uchar next = last <= RADIUS ? last + 1 : last;
+            last = edges[r] ? 0 : next;
+            if (gap) {
+                __local uchar *place = gap + r * step * SPAN + c;
+                *place = last < *place ? last : *place;
+            }
+        }
+        distance[c] = last;
     }
 }
 
 // Maps of one tile: silhouette and, by `proximity` (up to RADIUS^2, then 0), the exact squared
-// distance to the nearest boundary pixel. One work-group per tile and view. `silhouette` has a row
-// more before and behind.
+// distance to the nearest boundary pixel. One work-group per tile and view.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void edge_proximity(__global const uchar *restrict silhouette, __global const int2 *restrict sizes,
-                    __global const uchar *restrict tiles, __global const uchar *restrict proximity,
-                    __global uchar2 *restrict maps)
+                    __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
     __local uchar gap[TILE * SPAN], distance[SPAN];
     const int lane = get_local_id(0), view = get_global_id(1);
@@ -110,32 +136,24 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
     const int column_step = GROUP < TILE ? GROUP : TILE, row_step = GROUP / column_step;
     // A tile from which no silhouette can be seen looks at nothing; it does not return, because
     // PoCL 3 miscompiles that.
-    const bool near =
-        near_silhouette(tile_x, tile_y, tiles + view * TILES_X * TILES_Y);
+    const bool near = near_silhouette(
+        tile_x, tile_y, silhouette + TILES_PLACE + view * TILES_X * TILES_Y);
     const int2 size = sizes[view];
-    const int x0 = max(left - RADIUS, 0), y0 = max(top - RADIUS, 0);
+    const int x0 = max(left - RADIUS, 0);
     const int x1 = near ? min(left + TILE + RADIUS, size.x) : x0;
-    const int y1 = near ? min(top + TILE + RADIUS, size.y) : y0;
-    const int skipped = x0 - (left - RADIUS);
+    __local uchar *seen = gap + x0 - (left - RADIUS);
     // Items keep to their own columns until the whole tile is known.
     for (int c = lane; c < (near ? TILE * SPAN : 0); c += GROUP) gap[c] = RADIUS + 1;
     for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int y = y0; y < min(top + TILE, y1); ++y) {
-        pass_row(map + y * WIDTH, size, x0, x1, y, distance);
-        if (y >= top)
-            for (int c = lane; c < x1 - x0; c += GROUP)
-                gap[(y - top) * SPAN + skipped + c] = distance[c];
-    }
+    for (int strip = -STRIPS_BEYOND; strip < TILE / STRIP; ++strip)
+        pass_strip(map, size, x0, x1, top + strip * STRIP, 1, distance,
+                   strip < 0 ? 0 : seen + strip * STRIP * SPAN);
     for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
-    for (int y = y1 - 1; y >= top; --y) {
-        pass_row(map + y * WIDTH, size, x0, x1, y, distance);
-        if (y < top + TILE)
-            for (int c = lane; c < x1 - x0; c += GROUP) {
-                __local uchar *place = gap + (y - top) * SPAN + skipped + c;
-                *place = distance[c] < *place ? distance[c] : *place;
-            }
-    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int strip = -STRIPS_BEYOND; strip < TILE / STRIP; ++strip)
+        pass_strip(map, size, x0, x1, top + TILE - 1 - strip * STRIP, -1, distance,
+                   strip < 0 ? 0 : seen + (TILE - 1 - strip * STRIP) * SPAN);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int y = lane / TILE; y < n_rows; y += row_step) {
         __global const uchar *row = map + (top + y) * WIDTH + left;
