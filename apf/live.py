@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,9 +47,10 @@ class Live:
     """Tracks `body` from `pose` (D,) through what `source` delivers.
 
     Three threads hand over the newest frame and drop the older ones. The processing of a frame
-    (features, or voxels) begins just in time for the tracker to be free when it ends: so a frame
-    neither waits nor is worked on in vain. `budget`: frames per second to be reached, for which
-    the size of the search is chosen and adapted; None keeps that of `method`.
+    (features, or voxels) begins when the tracker is free, so that no frame waits or is worked on in
+    vain; a GPU, which leaves the host's cores idle, gets the next frame just in time for the
+    tracker to be free when it ends. `budget`: frames per second to be reached, for which the size
+    of the search is chosen and adapted; None keeps that of `method`.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Live:
         self.timeline = Timeline(STAGES)
         self.result = LiveResult()
         self._grid, self._method, self._pose = grid, method, pose
+        self._overlaps = device.is_gpu
         self._processor = device.sibling()
         self._observe = observer_of(self._processor, source, grid, method)
         self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
@@ -128,8 +130,9 @@ class Live:
     def _process(self) -> None:
         while not self._stop.is_set():
             self._free.wait()
-            begin = self._free_at - (1 + _EARLY) * self._processing_time
-            self._stop.wait(max(0.0, begin - self.timeline.now()))
+            if self._overlaps:
+                begin = self._free_at - (1 + _EARLY) * self._processing_time
+                self._stop.wait(max(0.0, begin - self.timeline.now()))
             shot = self._shots.take()
             if shot is None:
                 break
@@ -153,14 +156,16 @@ class Live:
                 self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
                 self._tracker.observe(observation)
                 self.device.finish()
-                self._free.set()  # the tracker has what it needs of the observation
+                if self._overlaps:  # the tracker has what it needs of the observation
+                    self._free.set()
                 estimate = self._tracker.search()
+            self._free.set()
             seconds = self.timeline.now() - start
             self.timeline.result(shot.frame.index, shot.time)
             self.result.frames.append(shot.frame.index)
             self.result.estimates.append(estimate)
             self._tracking_time, last = _smoothed(self._tracking_time, seconds), shot
-            self._resize(seconds, estimate)
+            self._resize(seconds if self._overlaps else seconds + self._processing_time, estimate)
 
     # The search's size ----------------------------------------------------------------------
 
@@ -180,9 +185,11 @@ class Live:
         seconds = [self._cost_of(probe, observation) for probe in probes]
         counts = [evaluations(probe) for probe in probes]
         cost = Cost.of((counts[0], counts[1]), (seconds[0], seconds[1]))
+        if not self._overlaps:
+            cost = replace(cost, fixed=cost.fixed + self._processing_time)
         governor = Governor(1 / budget, cost)
         self._method = governor.plan(self._method)
-        self._tracking_time = cost.fixed + cost.each * evaluations(self._method)
+        self._tracking_time = cost.each * evaluations(self._method)
         return governor
 
     def _cost_of(self, method: Method, observation: Any) -> float:
