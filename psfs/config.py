@@ -32,36 +32,41 @@ class SilhouetteConfig:
     that sees it brightest, but for a standard deviation floor_shadow_width of alpha.
     key_spread: before a screen of one colour, least standard deviation of its chromaticity.
     foreground_limit, background_limit: nats that a single pixel may say for the foreground or the
-    background in the mean over 3x3 pixels. The limits differ because a silhouette's rim of mixed
-    pixels, which fit no background, would widen it. independent: how many independent pixels
-    those 3x3 count for.
+    background in the mean over 3x3 pixels. independent: how many independent pixels those 3x3
+    count for; few, since where background and clothes look alike they do so all over.
+    rim_share, rim_cost: a pixel of the silhouette's rim, where the person's colour and the
+    background's are mixed, is background up to that share of the person's, at the price of
+    rim_cost nats; else rims of mixed pixels, which fit no background, would widen silhouettes.
     learn: let the reconstructed person teach colours and place for the next frame; see
     `psfs.foreground`. place_inside, place_outside: P(F = 1) of a pixel well within the person's
     place of the frame before and of one well outside, instead of foreground_prior.
     """
 
-    sigma_floor: float = 2.5
+    sigma_floor: float = 3.0
     foreground_prior: float = 0.5
-    clamp: float = 0.02
+    clamp: float = 0.005
     mask_clamp: float = 1e-3
     occlusion_prior: float = 0.5
     shadow_low: float = 0.5
     shadow_high: float = 1.1
     shadow_width_grey: float = 0.02
     shadow_width_colour: float = 0.14
-    foreground_limit: float = 4.0
+    foreground_limit: float = 6.0
     background_limit: float = 10.0
-    independent: float = 2.0
+    independent: float = 1.5
     floor: float = 0.0
     floor_shadow_low: float = 0.15
     floor_shadow_width: float = 0.05
+    rim_share: float = 0.5
+    rim_cost: float = 3.0
     key_spread: float = 0.03
     learn: bool = True
-    place_inside: float = 0.95
+    place_inside: float = 0.98
     place_outside: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("foreground_prior", "occlusion_prior", "place_inside", "place_outside"):
+        shares = ("place_inside", "place_outside", "rim_share")
+        for name in ("foreground_prior", "occlusion_prior", *shares):
             _check_between(name, getattr(self, name), 0.0, 1.0)
         for name in ("clamp", "mask_clamp"):
             _check_between(name, getattr(self, name), 0.0, 0.5)
@@ -71,7 +76,7 @@ class SilhouetteConfig:
                 "expected 0 < low <= 1 <= high"
             )
         widths = ("shadow_width_grey", "shadow_width_colour", "floor_shadow_width")
-        limits = ("foreground_limit", "background_limit")
+        limits = ("foreground_limit", "background_limit", "rim_cost")
         for name in ("sigma_floor", "key_spread", *widths, *limits, "independent"):
             _check_between(name, getattr(self, name), 0.0, np.inf)
 

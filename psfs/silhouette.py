@@ -72,15 +72,19 @@ class Silhouette:
         bordered, whole = (len(rig), rig.height + 2, rig.width + 2), (rig.width, rig.height)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         if isinstance(background, ChromaKey):
-            before = [key_launch(device, rig, background, config, self.input, ratios)]
+            before, mixed = [key_launch(device, rig, background, config, self.input, ratios)], ()
         else:
-            before = self._before_scene(background, ratios)
+            before, mixed = self._before_scene(background, ratios)
         table = device.to_device(config.ratio_counts(), "the evidence table")
         outputs = (ratios, self._sizes, table, self.evidence)
-        return [*before, self._launch("silhouette", whole, *outputs, **self._defines())]
+        launches = [*before, self._launch("silhouette", whole, *outputs, **self._defines())]
+        return [*launches, *self._rims(mixed, ratios, outputs)] if mixed else launches
 
-    def _before_scene(self, background: Background, ratios: Array) -> list[Launch]:
-        """Pictures to log ratios of scene over foreground."""
+    def _before_scene(
+        self, background: Background, ratios: Array
+    ) -> tuple[list[Launch], tuple[Array, ...]]:
+        """Pictures to log ratios of scene over foreground; and what the scene looks like, the
+        person's colours and his place, which ratios of mixed pixels are told from."""
         device, rig, config = self._device, self.rig, self._config
         rows, columns = cells(rig)
         planes = device.to_device(background_planes(background, config), "the background")
@@ -96,9 +100,23 @@ class Silhouette:
         on_floor = (cameras, floor, self.input, planes, light)
         inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
         whole, bordered, defines = (rig.width, rig.height), (columns + 2, rows + 2), self._defines()
-        return [
+        launches = [
             self._launch("floor_light", bordered, *on_floor, **defines),
             self._launch("log_ratio", whole, *inputs, **defines),
+        ]
+        return launches, (planes, colours, place)
+
+    def _rims(
+        self, mixed: tuple[Array, ...], ratios: Array, outputs: tuple[Array, ...]
+    ) -> list[Launch]:
+        """New ratios for the pixels of the rim, and the evidence around them once more."""
+        (rows, columns), defines = cells(self.rig), self._defines()
+        shape = (len(self.rig), rows + 2, columns + 2)
+        changed = self._device.zeros(shape, np.uint8, "the rim's cells")
+        inputs = (self.input, *mixed, self.evidence, ratios, changed)
+        return [
+            self._launch("rim", (columns, rows), *inputs, **defines),
+            self._launch("silhouette_again", (columns, rows), changed, *outputs, **defines),
         ]
 
     def _defines(self) -> dict[str, int | float]:
@@ -112,6 +130,8 @@ class Silhouette:
             "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
             "FLOOR_LIT": float(config.floor_lit),
             "FLOOR_LEFT": FLOOR_LEFT,
+            "RIM_SHARE": float(config.rim_share),
+            "RIM_COST": float(config.rim_cost),
             "STEPS": float(config.ratio_steps),
             "LOWEST": config.ratio_range[0],
             "HIGHEST": config.ratio_range[1],

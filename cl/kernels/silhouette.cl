@@ -1,6 +1,7 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py).
 // Defines: WIDTH, HEIGHT; for pictures also VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW,
-// FLOOR_LIT, FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance), STEPS (counts of log ratio per nat), LOWEST and
+// FLOOR_LIT, FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance),
+// RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST and
 // HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of the cells.
 #include "camera.h"
 
@@ -17,6 +18,18 @@ inline bool in_picture(__global const int2 *sizes, int view, int x, int y)
 inline float limit(float x, float low, float high)
 {
     return x < low ? low : (x > high ? high : x);
+}
+
+// Whole counts of a log ratio, within the limits of a single pixel.
+inline char in_counts(float ratio)
+{
+    return LOWEST + (int)(limit(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f);
+}
+
+inline int colour_bin(__global const uchar *colour)
+{
+    const int b = colour[0], g = colour[1], r = colour[2];
+    return ((b * BINS >> 8) * BINS + (g * BINS >> 8)) * BINS + (r * BINS >> 8);
 }
 
 // Light factor that explains the colour of a pixel of the background best, and in *left the squared
@@ -92,8 +105,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const int pixel = y * WIDTH + x;
     __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
-    const int ib = colour[0], ig = colour[1], ir = colour[2];
-    const float b = ib, g = ig, r = ir;
+    const float b = colour[0], g = colour[1], r = colour[2];
     const float mb = plane[0], mg = plane[PIXELS], mr = plane[2 * PIXELS];
     const float wb = plane[3 * PIXELS], wg = plane[4 * PIXELS], wr = plane[5 * PIXELS];
 
@@ -115,8 +127,9 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const int cx = u / (2 * CELL), cy = v / (2 * CELL);
     const int fx = u % (2 * CELL), fy = v % (2 * CELL);
     __global const uchar *corner = light + (view * (CELLS_Y + 2) + cy) * (CELLS_X + 2) + cx;
-    const int upper = (2 * CELL - fx) * corner[0] + fx * corner[1];
-    const int lower = (2 * CELL - fx) * corner[CELLS_X + 2] + fx * corner[CELLS_X + 3];
+    const int upper = (2 * CELL - fx) * (corner[0] & 254) + fx * (corner[1] & 254);
+    const int lower = (2 * CELL - fx) * (corner[CELLS_X + 2] & 254) +
+                      fx * (corner[CELLS_X + 3] & 254);
     const float seen = ((2 * CELL - fy) * upper + fy * lower) * (1.0f / (4 * CELL * CELL * 254));
     const int on_floor =
         light[(view * (CELLS_Y + 2) + y / CELL + 1) * (CELLS_X + 2) + x / CELL + 1] & 1;
@@ -128,20 +141,16 @@ __kernel void log_ratio(__global const uchar *restrict images,
     least = on_floor && on_it < least ? on_it : least;
 
     const float uniform_ratio = plane[6 * PIXELS] - 0.5f * least;
-    const int bin = ((ib * BINS >> 8) * BINS + (ig * BINS >> 8)) * BINS + (ir * BINS >> 8);
     const int odds = place[(view * CELLS_Y + y / CELL) * CELLS_X + x / CELL];
-    const float ratio = STEPS * uniform_ratio - (colours[bin] + odds);
-    const int counts = LOWEST + (int)(limit(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f);
+    const char counts = in_counts(STEPS * uniform_ratio - (colours[colour_bin(colour)] + odds));
     ratios[((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1] =
-        in_picture(sizes, view, x, y) ? counts : 0;
+        in_picture(sizes, view, x, y) ? counts : (char)0;
 }
 
-// Sum of the ratios over 3x3 pixels, and by `table` the evidence of a voxel that projects there.
-__kernel void silhouette(__global const char *restrict ratios, __global const int2 *restrict sizes,
-                         __global const char *restrict table, __global char *restrict evidence)
+// Evidence, by `table`, of a voxel that projects to a pixel: of the ratios of 3x3 pixels.
+inline char evidence_of(__global const char *ratios, __global const int2 *sizes,
+                        __global const char *table, int view, int x, int y)
 {
-    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
-    if (x >= WIDTH || y >= HEIGHT) return;
     __global const char *corner = ratios + ((size_t)view * (HEIGHT + 2) + y) * (WIDTH + 2) + x;
     int sum = -9 * LOWEST;
 #pragma unroll
@@ -149,7 +158,98 @@ __kernel void silhouette(__global const char *restrict ratios, __global const in
 #pragma unroll
         for (int column = 0; column < 3; ++column) sum += corner[row * (WIDTH + 2) + column];
     const char counts = table[sum];
-    evidence[(view * HEIGHT + y) * WIDTH + x] = in_picture(sizes, view, x, y) ? counts : (char)0;
+    return in_picture(sizes, view, x, y) ? counts : (char)0;
+}
+
+__kernel void silhouette(__global const char *restrict ratios, __global const int2 *restrict sizes,
+                         __global const char *restrict table, __global char *restrict evidence)
+{
+    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
+    if (x >= WIDTH || y >= HEIGHT) return;
+    evidence[view * PIXELS + y * WIDTH + x] = evidence_of(ratios, sizes, table, view, x, y);
+}
+
+// Log ratio of a pixel of the rim: how well the background's colour mixed with the person's, not
+// more than RIM_SHARE of it his, explains the pixel. The person is two pixels ahead, in one of
+// eight directions, and the background as far behind, as `person`, the evidence at the pixel, has
+// it. Less than LOWEST, if no direction is so. All pointers point to the pixel.
+inline float mixed(__global const uchar *colour, __global const float *plane,
+                   __global const char *person)
+{
+    const float wb = plane[3 * PIXELS], wg = plane[4 * PIXELS], wr = plane[5 * PIXELS];
+    const float b = colour[0] - plane[0], g = colour[1] - plane[PIXELS];
+    const float r = colour[2] - plane[2 * PIXELS];
+    float least = 1e9f;
+    for (int direction = 0; direction < 9; ++direction) {
+        const int step = 2 * (direction / 3 - 1) * WIDTH + 2 * (direction % 3 - 1);
+        if (person[step] <= 0 || person[-step] >= 0) continue;
+        const float pb = colour[3 * step] - plane[step];
+        const float pg = colour[3 * step + 1] - plane[PIXELS + step];
+        const float pr = colour[3 * step + 2] - plane[2 * PIXELS + step];
+        const float across = wb * b * pb + wg * g * pg + wr * r * pr;
+        const float along = wb * pb * pb + wg * pg * pg + wr * pr * pr;
+        const float share = limit(across / (along + 1e-6f), 0.0f, RIM_SHARE);
+        const float db = b - share * pb, dg = g - share * pg, dr = r - share * pr;
+        const float left = wb * db * db + wg * dg * dg + wr * dr * dr;
+        least = left < least ? left : least;
+    }
+    return STEPS * (plane[6 * PIXELS] - RIM_COST - 0.5f * least);
+}
+
+// Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are
+// higher. `evidence` is that of the ratios as they came. `changed` says which cells have new
+// ratios; it has a border of one cell.
+__kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
+                  __global const char *restrict colours, __global const char *restrict place,
+                  __global const char *restrict evidence, __global char *restrict ratios,
+                  __global uchar *restrict changed)
+{
+    const int cell_x = get_global_id(0), cell_y = get_global_id(1), view = get_global_id(2);
+    if (cell_x >= CELLS_X || cell_y >= CELLS_Y) return;
+    __global const char *person = evidence + view * PIXELS;
+    const int begin_x = max(CELL * cell_x, 2), end_x = min(CELL * cell_x + CELL, WIDTH - 2);
+    const int begin_y = max(CELL * cell_y, 2), end_y = min(CELL * cell_y + CELL, HEIGHT - 2);
+    const int odds = place[(view * CELLS_Y + cell_y) * CELLS_X + cell_x];
+    int any = 0;
+    for (int y = begin_y; y < end_y; ++y)
+        for (int x = begin_x; x < end_x; ++x) {
+            const int here = y * WIDTH + x;
+            if (person[here] <= 0) continue;
+            __global const uchar *colour = images + 3 * (view * PIXELS + here);
+            const float ratio = mixed(colour, background + (size_t)view * 8 * PIXELS + here,
+                                      person + here) - (colours[colour_bin(colour)] + odds);
+            const char counts = in_counts(ratio);
+            __global char *old =
+                ratios + ((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1;
+            if (counts <= *old) continue;
+            *old = counts;
+            any = 1;
+        }
+    changed[(view * (CELLS_Y + 2) + cell_y + 1) * (CELLS_X + 2) + cell_x + 1] = any;
+}
+
+// The evidence once more, of the cells that are changed or have such neighbours.
+__kernel void silhouette_again(__global const uchar *restrict changed,
+                               __global const char *restrict ratios,
+                               __global const int2 *restrict sizes,
+                               __global const char *restrict table,
+                               __global char *restrict evidence)
+{
+    const int cell_x = get_global_id(0), cell_y = get_global_id(1), view = get_global_id(2);
+    if (cell_x >= CELLS_X || cell_y >= CELLS_Y) return;
+    __global const uchar *corner =
+        changed + (view * (CELLS_Y + 2) + cell_y) * (CELLS_X + 2) + cell_x;
+    int any = 0;
+#pragma unroll
+    for (int row = 0; row < 3; ++row)
+#pragma unroll
+        for (int column = 0; column < 3; ++column) any |= corner[row * (CELLS_X + 2) + column];
+    if (!any) return;
+    const int end_x = min(CELL * cell_x + CELL, WIDTH), end_y = min(CELL * cell_y + CELL, HEIGHT);
+    for (int y = CELL * cell_y; y < end_y; ++y)
+        for (int x = CELL * cell_x; x < end_x; ++x)
+            evidence[view * PIXELS + y * WIDTH + x] =
+                evidence_of(ratios, sizes, table, view, x, y);
 }
 #endif
 

@@ -34,18 +34,74 @@ def silhouette_evidence(
     """
     ratios = []
     for view, nats in enumerate(_log_ratios(images, rig, background, config)):
-        ratio, image = config.ratio_steps * nats, images[view]
-        if foreground is not None:
-            blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
-            ratio -= foreground.colours[(blue * BINS + green) * BINS + red]
-            ratio -= _of_pixels(foreground.place[view], image.shape)
-        ratios.append(ratio)
-    lowest, highest = config.ratio_range
-    counts = np.floor(np.clip(np.stack(ratios), lowest, highest) + 0.5).astype(int)
+        ratios.append(config.ratio_steps * nats - _taught(foreground, view, images[view]))
     inside = in_pictures(rig)
-    telling = background.screen > 0 if isinstance(background, ChromaKey) else inside
-    sums = box_sums(np.where(telling, counts, 0))
-    return np.where(inside, config.ratio_counts()[sums - 9 * lowest], 0).astype(np.int8)
+    scene = not isinstance(background, ChromaKey)
+    telling = inside if scene else background.screen > 0
+    counts = np.where(telling, _in_counts(np.stack(ratios), config), 0)
+    evidence = _evidence_of(counts, inside, config)
+    if not scene:
+        return evidence
+    for view, (image, mean, std) in enumerate(
+        zip(images, background.mean, background.std, strict=True)
+    ):
+        mixed = config.ratio_steps * mixed_ratio(image, mean, std, evidence[view], config)
+        mixed -= _taught(foreground, view, image)
+        counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
+    return _evidence_of(counts, inside, config)
+
+
+def _taught(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
+    """(H, W) counts that the person's colours and place say for the foreground."""
+    if foreground is None:
+        return np.zeros(image.shape[:2], int)
+    blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
+    colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
+    taught: np.ndarray = colours + _of_pixels(foreground.place[view], image.shape)
+    return taught
+
+
+def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
+    lowest, highest = config.ratio_range
+    counts: np.ndarray = np.floor(np.clip(ratios, lowest, highest) + 0.5).astype(int)
+    return counts
+
+
+def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
+    table = config.ratio_counts()[box_sums(counts) - 9 * config.ratio_range[0]]
+    return np.where(inside, table, 0).astype(np.int8)
+
+
+def mixed_ratio(
+    image: np.ndarray,
+    mean: np.ndarray,
+    std: np.ndarray,
+    evidence: np.ndarray,
+    config: SilhouetteConfig,
+) -> np.ndarray:
+    """(H, W) log ratio of the pixels of the rim under N(I; mu + a (I_p - mu_p), sigma), the
+    mixture with a share a <= rim_share of the person that fits best; -inf elsewhere.
+
+    A pixel of the rim has positive evidence, and so has p, two pixels away in one of eight
+    directions (the best one counts); two pixels in the opposite direction it is negative.
+    """
+    weight = _weight(std, config)
+    difference = image - mean.astype(np.float64)
+    rows, columns = np.indices(evidence.shape)
+    away = (rows >= 2) & (columns >= 2)
+    away &= (rows < evidence.shape[0] - 2) & (columns < evidence.shape[1] - 2)
+    least = np.full(evidence.shape, np.inf)
+    for step in ((y, x) for y in (-2, 0, 2) for x in (-2, 0, 2)):
+        ahead, behind = (np.roll(evidence, s, (0, 1)) for s in ((-step[0], -step[1]), step))
+        person = np.roll(difference, (-step[0], -step[1]), (0, 1))
+        along = (weight * person**2).sum(-1) + 1e-6
+        share = np.clip((weight * difference * person).sum(-1) / along, 0, config.rim_share)
+        left = (weight * (difference - share[..., None] * person) ** 2).sum(-1)
+        on_rim = away & (evidence > 0) & (ahead > 0) & (behind < 0)
+        least = np.where(on_rim, np.minimum(least, left), least)
+    peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
+    ratio: np.ndarray = peak - config.rim_cost - 0.5 * least
+    return ratio
 
 
 def _log_ratios(
