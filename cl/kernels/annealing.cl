@@ -173,10 +173,10 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta, u
 
 // Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
 // and in the first layer plus the motion that is expected since the last frame.
-// Its deviation is noise * sigma, but not above spread * the set's own deviation (result, see
+// Its deviation is noise * the layer's row of sigmas, but not above spread * the set's own deviation (result, see
 // anneal) where spread is positive. An item works on PACK degrees of freedom of a particle.
 __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
-                      __global const uint *frame, __global const float *sigma,
+                      __global const uint *frame, __global const float *sigmas,
                       __global const float2 *limits, __global const float *result,
                       __global const float2 *motion, __global const int *parents,
                       __global const float *poses, __global float *children)
@@ -184,6 +184,7 @@ __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
     if (first >= N_DOF || particle >= n) return;
     __global const float *pose = poses + parents[particle] * N_DOF;
+    __global const float *sigma = sigmas + layer * N_DOF;
 #define DOF(l) lane_index(first, 0x##l, N_DOF)
 #define SIGMA(l) sigma[DOF(l)]
 #define SPREAD(l) result[N_DOF + DOF(l)]
