@@ -155,6 +155,23 @@ def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> Non
     }  # fmt: skip
 
 
+def test_what_was_not_measured_is_left_out_of_the_page(tmp_path: Path) -> None:
+    results = Results.begin("whole", arguments(tmp_path / "some"), read_results(
+        measured(tmp_path / "full") / "whole.json").settings)  # fmt: skip
+    results.section("column cpu", lambda: column("cpu", "cpu-x, 4 cores", 4, 160.0, 5))
+    results.left_out["scaling shape, cpu-x, 4 cores"] = "no time left; --resume measures it"
+    results.write()
+    write_report(read_machines([tmp_path / "some"]), tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    assert "_Not measured._" in text
+    assert "scaling shape, cpu-x, 4 cores | no time left" in text
+    assert not (tmp_path / "figures" / "scaling.svg").exists()
+    (tmp_path / "some" / "whole.json").unlink()
+    Results.begin("psfs", arguments(tmp_path / "some"), {}).write()
+    with pytest.raises(UserError, match=r"no columns in whole\.json"):
+        read_machines([tmp_path / "some"])
+
+
 def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
     machines = read_machines([measured(tmp_path / "some")])
     readme = tmp_path / "README.md"

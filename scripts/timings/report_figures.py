@@ -153,12 +153,14 @@ def _runs_line(axes: Any, title: str, runs: Sequence[Any], kind: str) -> None:
 
 @_styled
 def stages(machines: Sequence[Machine]) -> Any:
-    """Share of every stage of the device's time."""
+    """Share of every stage of the device's time; None where no stages were measured."""
     rows = [
         (device_title(section["label"], machine), section["stages"])
         for machine in machines
         for section in machine.results["whole"].starting("stages ")
     ]
+    if not rows:
+        return None
     figure, axes = plt.subplots(figsize=(10, 0.62 * len(rows) + 1.9))
     totals = [sum(timing.median for timing in found.values()) for _, found in rows]
     left = np.zeros(len(rows))
@@ -245,12 +247,15 @@ def amdahl(machines: Sequence[Machine]) -> Any:
 
 @_styled
 def roofline(machines: Sequence[Machine]) -> Any:
-    """Every stage's rate of operations over its operations per byte, under the device's limits."""
+    """Every stage's rate of operations over its operations per byte, under the device's limits;
+    None where no stages were measured."""
     found = [
         (device_title(section["label"], machine), section)
         for machine in machines
         for section in machine.results["whole"].starting("stages ")
     ]
+    if not found:
+        return None
     figure, all_axes = plt.subplots(
         1, len(found), figsize=(max(7.0, 4.6 * len(found)), 4.7), squeeze=False,
         layout="constrained",
@@ -282,7 +287,7 @@ def roofline(machines: Sequence[Machine]) -> Any:
 
 @_styled
 def scaling(machines: Sequence[Machine]) -> Any:
-    """Whole frames over voxels, cameras, particles and layers."""
+    """Whole frames over voxels, cameras, particles and layers; None where not measured."""
     figure, all_axes = plt.subplots(2, 2, figsize=(10.5, 7.6), layout="constrained")
     colours = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
     lines: dict[str, int] = {}
@@ -314,6 +319,9 @@ def scaling(machines: Sequence[Machine]) -> Any:
         axes.set_xlabel(label)
         axes.set_ylabel("ms per frame")
         axes.grid(alpha=0.3, which="both")
+    if not lines:
+        plt.close(figure)
+        return None
     handles, labels = all_axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=3, loc="outside lower center", fontsize=9.5)
     return figure

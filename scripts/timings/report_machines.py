@@ -20,13 +20,17 @@ class Machine:
 
 
 def read_machines(folders: list[Path]) -> list[Machine]:
-    """One of each folder that holds results. Raises UserError if there is none at all."""
+    """One of each folder that holds results. Raises UserError if there is none at all, or one
+    without those of `compare_timings.py whole`, which the report is about."""
     machines = []
     for folder in folders:
         files = sorted(folder.glob("*.json"))
         results = {file.stem: read_results(file) for file in files}
-        if results:
-            machines.append(Machine(folder.name, _title(results), results))
+        if not results:
+            continue
+        if "whole" not in results or not results["whole"].starting("column "):
+            raise UserError(f"{folder}: no columns in whole.json; expected results of `whole`")
+        machines.append(Machine(folder.name, _title(results), results))
     if not machines:
         shown = ", ".join(str(folder) for folder in folders) or "no folder"
         raise UserError(f"{shown}: no results; expected *.json of compare_timings.py")

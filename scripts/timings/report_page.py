@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +52,13 @@ def write_report(machines: Sequence[Machine], folder: Path) -> None:
         "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
         "amdahl": figures.amdahl, "roofline": figures.roofline, "scaling": figures.scaling,
     }  # fmt: skip
-    for name, figure in draw.items():
-        figures.write_figure(figure(machines), folder / FIGURES / f"{name}.svg")
-    text = page(machines)
+    drawn = set()
+    for name, make in draw.items():
+        made = make(machines)
+        if made is not None:
+            figures.write_figure(made, folder / FIGURES / f"{name}.svg")
+            drawn.add(name)
+    text = page(machines, drawn)
     with written_whole(folder / "report.md") as temporary:
         temporary.write_text(text)
     with written_whole(folder / "report.html") as temporary:
@@ -80,12 +84,17 @@ def html(text: str, folder: Path) -> str:
     )
 
 
-def page(machines: Sequence[Machine]) -> str:
-    """The report's Markdown."""
+def page(machines: Sequence[Machine], drawn: Set[str]) -> str:
+    """The report's Markdown, with the figures that were drawn."""
     parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
     parts += [_growth(machines), report_peers.peers(machines), report_rymut.tables(machines)]
     parts.append(_left_out(machines))
-    return "\n\n".join(part for part in parts if part) + "\n"
+
+    def kept(found: re.Match[str]) -> str:
+        return found[0] if found[1] in drawn else "_Not measured._"
+
+    text = "\n\n".join(part for part in parts if part) + "\n"
+    return re.sub(rf"!\[[^]]*\]\({FIGURES}/(\w+)\.svg\)", kept, text)
 
 
 def figure(name: str, alt: str) -> str:
