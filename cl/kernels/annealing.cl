@@ -173,8 +173,9 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta, u
 
 // Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
 // and in the first layer plus the motion that is expected since the last frame.
-// Its deviation is noise * the layer's row of sigmas, but not above spread * the set's own deviation (result, see
-// anneal) where spread is positive. An item works on PACK degrees of freedom of a particle.
+// Its deviation is noise * the layer's row of sigmas, but not above spread * the set's own
+// deviation (result, see anneal) where spread is positive. An item works on PACK degrees of freedom
+// of a particle.
 __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
                       __global const uint *frame, __global const float *sigmas,
                       __global const float2 *limits, __global const float *result,
