@@ -15,7 +15,7 @@ from apf.body import load_body
 from psfs.files import written_whole
 from timings import report_figures as figures
 from timings import report_peers, report_rymut
-from timings.report_machines import Machine, device_title
+from timings.report_machines import Machine, device_title, named
 from timings.tables import Grid, number
 from timings.whole_tables import (
     average,
@@ -124,7 +124,10 @@ Everything on this page is made by `scripts/report_timings.py` from the files un
 ```sh
 python scripts/compare_timings.py all -o scripts/results/NAME
 python scripts/report_timings.py
-```"""
+```
+
+`--quick` takes two minutes, `--seconds S` starts nothing more after so many, and `--resume` measures
+what is still missing."""
 
 
 def headline_sentences(machines: Sequence[Machine]) -> str:
@@ -288,7 +291,7 @@ def _growth(machines: Sequence[Machine]) -> str:
 
 def _left_out(machines: Sequence[Machine]) -> str:
     rows = [
-        [machine.title, name, section, reason]
+        [machine.title, name, named(section, machine), reason]
         for machine in machines
         for name, results in machine.results.items()
         for section, reason in results.left_out.items()

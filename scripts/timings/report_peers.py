@@ -20,7 +20,7 @@ def peers(machines: Sequence[Machine]) -> str:
         if "psfs" in machine.results
     ]
     tracking = [
-        named(grid.markdown(), machine)
+        named(_folded(grid), machine)
         for machine in machines
         if "apf" in machine.results
         for grid in tables(machine.results["apf"])
@@ -39,6 +39,15 @@ cameras and grid, its dense grid made beforehand; it keeps a voxel where any of 
 
 _TRACKING = """Hypotheses are poses, scored in all cameras at once. Frames and halves by the clock,
 from pictures or from voxels that are there already; kernels by the device's own events."""
+
+#: Tables with more rows are shown folded.
+_ROWS = 12
+
+
+def _folded(grid: Grid) -> str:
+    if len(grid.rows) <= _ROWS:
+        return grid.markdown()
+    return f"<details><summary>{grid.title}</summary>\n\n{grid.markdown()}\n\n</details>"
 
 
 def _reconstruction(machine: Machine, results: Results) -> Grid:
