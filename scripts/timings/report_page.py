@@ -126,8 +126,8 @@ python scripts/compare_timings.py all -o scripts/results/NAME
 python scripts/report_timings.py
 ```
 
-`--quick` takes two minutes, `--seconds S` starts nothing more after so many, and `--resume` measures
-what is still missing."""
+`--quick` takes two minutes, `--seconds S` starts nothing more after so many, and `--resume`
+measures what is still missing."""
 
 
 def headline_sentences(machines: Sequence[Machine]) -> str:
