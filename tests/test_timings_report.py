@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 from timings.bench_scene import Scene
 from timings.measure import Limits, Timing
-from timings.report_figures import serial_share
+from timings.report_limits import serial_share
 from timings.report_machines import read_machines
 from timings.report_page import write_report
 from timings.report_readme import update_readme

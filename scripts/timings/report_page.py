@@ -14,6 +14,7 @@ from markdown_it import MarkdownIt
 from apf.body import load_body
 from psfs.files import written_whole
 from timings import report_figures as figures
+from timings import report_limits as limits
 from timings import report_peers, report_rymut
 from timings.report_machines import Machine, device_title, named
 from timings.tables import Grid, number
@@ -50,7 +51,7 @@ def write_report(machines: Sequence[Machine], folder: Path) -> None:
     """report.md, report.html (which holds its figures) and figures/*.svg into `folder`."""
     draw: dict[str, Callable[[Sequence[Machine]], Any]] = {
         "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
-        "amdahl": figures.amdahl, "roofline": figures.roofline, "scaling": figures.scaling,
+        "amdahl": limits.amdahl, "roofline": limits.roofline, "scaling": limits.scaling,
     }  # fmt: skip
     drawn = set()
     for name, make in draw.items():
