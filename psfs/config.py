@@ -37,6 +37,8 @@ class SilhouetteConfig:
     rim_share, rim_cost: a pixel of the silhouette's rim, where the person's colour and the
     background's are mixed, is background up to that share of the person's, at the price of
     rim_cost nats; else rims of mixed pixels, which fit no background, would widen silhouettes.
+    adapt: share of the difference to the frame that the background takes on per frame where nobody
+    is, see `psfs.adaptation`; 0 switches that off. It needs `learn`.
     learn: let the reconstructed person teach colours and place for the next frame; see
     `psfs.foreground`. place_inside, place_outside: P(F = 1) of a pixel well within the person's
     place of the frame before and of one well outside, instead of foreground_prior.
@@ -60,6 +62,7 @@ class SilhouetteConfig:
     rim_share: float = 0.5
     rim_cost: float = 3.0
     key_spread: float = 0.03
+    adapt: float = 0.05
     learn: bool = True
     place_inside: float = 0.98
     place_outside: float = 0.3
@@ -70,6 +73,8 @@ class SilhouetteConfig:
             _check_between(name, getattr(self, name), 0.0, 1.0)
         for name in ("clamp", "mask_clamp"):
             _check_between(name, getattr(self, name), 0.0, 0.5)
+        if not 0 <= self.adapt < 1:
+            raise UserError(f"adapt is {self.adapt}; expected a number from 0 to below 1")
         if not 0 < self.shadow_low <= 1 <= self.shadow_high:
             raise UserError(
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "

@@ -43,7 +43,8 @@ class Foreground:
     colours: (BINS^3,) int8, the log of the person's colour density over the uniform one, counts
     of `config.ratio_steps`; a histogram that forgets. place: (V, cells) int8, the log odds of
     foreground where the voxels reproject, blurred by what the person may move until the next
-    frame, in the same counts. Both are filled in place by `learn`. Guards against learning one's
+    frame, in the same counts. marks: (V, cells with a border of REACH) uint8, 1 where voxels
+    reproject. They are filled in place by `learn`. Guards against learning one's
     own mistakes: only pixels that look like foreground and lie where voxels reproject are counted,
     never a frame that looks like foreground all over, and colours never seen stay possible.
     """
@@ -68,7 +69,7 @@ class Foreground:
         self._geometry = device.empty(4, np.float32, "the grid's position")
         views, rows, columns = place.shape
         marked = (views, rows + 2 * REACH, columns + 2 * REACH)
-        self._marks = device.zeros(marked, np.uint8, "the person's place")
+        self.marks = device.zeros(marked, np.uint8, "the person's place")
         self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
         self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
         self._voxels: Voxels | None = None
@@ -86,7 +87,7 @@ class Foreground:
             self._geometry.set(np.array(position, np.float32))
             self._extents.set(footprints(self._coarse, grid.voxel_size).astype(np.float32))
         self._counts.fill(0)
-        self._marks.fill(0)
+        self.marks.fill(0)
         for launch in self._launches:
             launch()
 
@@ -106,13 +107,13 @@ class Foreground:
             return device.launch(device.kernel("foreground", name, **defines), size, local, *args)
 
         surface = (self._geometry, voxels.surface, voxels.count)
-        seen = (self._marks, self._odds, voxels.count, self._pictures, self._evidence)
+        seen = (self.marks, self._odds, voxels.count, self._pictures, self._evidence)
         self._launches = [
             launch(
                 "mark",
                 (16384 if device.is_gpu else 512, views),
                 (64, 1),
-                *(self._cameras, self._extents, *surface, self._marks),
+                *(self._cameras, self._extents, *surface, self.marks),
             ),
             launch(
                 "observe",

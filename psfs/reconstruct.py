@@ -190,6 +190,8 @@ class Reconstructor:
                 self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)
+        if self.silhouette.adaptation is not None:
+            self.silhouette.adaptation()
         return self.voxels
 
     def _carve(self) -> None:

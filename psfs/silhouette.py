@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cl import Array, Device, Launch
+from psfs.adaptation import Adaptation
 from psfs.camera import CameraRig
 from psfs.chroma import ChromaKey, key_launch
 from psfs.config import SilhouetteConfig
@@ -31,7 +32,8 @@ class Silhouette:
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
     from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
-    needs nothing learnt, and where `config.learn` is off.
+    needs nothing learnt, and where `config.learn` is off. So is `adaptation`, which lets the
+    background follow the light, and where `config.adapt` is 0.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Silhouette:
         self._device, self._config = device, config or SilhouetteConfig()
         self.rig, self.background = rig, background
         self.foreground: Foreground | None = None
+        self.adaptation: Adaptation | None = None
         shape = (len(rig), rig.height, rig.width)
         self.evidence = device.empty(shape, np.int8, "the silhouette maps")
         self._sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
@@ -97,6 +100,9 @@ class Silhouette:
             self.foreground = Foreground(
                 device, rig, self.input, self.evidence, colours, place, config
             )
+            if config.adapt:
+                seen = (self.input, self.evidence, self.foreground.marks, self._sizes)
+                self.adaptation = Adaptation(device, rig, config, *seen, planes)
         on_floor = (cameras, floor, self.input, planes, light)
         inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
         whole, bordered, defines = (rig.width, rig.height), (columns + 2, rows + 2), self._defines()

@@ -29,6 +29,7 @@ class NumpyForeground:
         self.rig, self.config = rig, config
         self.colours = np.zeros(BINS**3, np.int8)
         self.place = np.zeros((len(rig), *cells(rig)), np.int8)
+        self.marked = np.zeros(self.place.shape, bool)
         self._memory = np.zeros((BINS,) * 3)
         self._total = 0.0
 
@@ -38,6 +39,7 @@ class NumpyForeground:
         """images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels made of
         them, flat indices (N,)."""
         marked = self.marks(grid, surface)
+        self.marked = marked
         self.place[:] = 0
         if len(surface) >= MIN_SURFACE:
             size = 2 * REACH + 1

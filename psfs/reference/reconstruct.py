@@ -18,6 +18,7 @@ from psfs.config import ReconstructionConfig, SilhouetteConfig
 from psfs.foreground import follows
 from psfs.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.reconstruct import frame_input
+from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.colour import surface_colour
 from psfs.reference.foreground import NumpyForeground
 from psfs.reference.occupancy import occupancy
@@ -69,6 +70,10 @@ class NumpyReconstructor:
         scene = background is not None and not isinstance(background, ChromaKey)
         learning = scene and silhouette.learn
         self.foreground = NumpyForeground(rig, silhouette) if learning else None
+        self.adaptation = None
+        if background is not None and learning and silhouette.adapt:
+            self.adaptation = NumpyAdaptation(rig, background, silhouette)
+            self.background = self.adaptation.background
         self._before: int | None = None
         self._latest = np.zeros((len(rig), rig.height, rig.width), np.int8)
         check_size(grid)
@@ -98,6 +103,8 @@ class NumpyReconstructor:
             evidence = self._evidence(frame)
             voxels = self._carved(frame, evidence)
         self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
+        if self.adaptation is not None:
+            self.adaptation(frame.images, evidence, self.foreground.marked)
         return voxels
 
     def _evidence(self, frame: Frame) -> np.ndarray:

@@ -1,0 +1,62 @@
+// The background follows the scene's light where nobody stands (psfs/adaptation.py). One work-item
+// per cell of CELL x CELL pixels, every PERIOD-th row of cells a time.
+// Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; REACH (cells of border of the marks); PERIOD;
+// MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of
+// the light factor (psfs/config.py).
+#define PIXELS (WIDTH * HEIGHT)
+#define MARKS_X (CELLS_X + 2 * REACH)
+#define MARKS_Y (CELLS_Y + 2 * REACH)
+
+// Does a voxel show in the cells around, or foreground in the cell?
+inline int is_person(__global const uchar *marks, __global const char *evidence, int x, int y)
+{
+    int found = 0;
+    for (int row = 0; row <= 2 * REACH; ++row)
+        for (int column = 0; column <= 2 * REACH; ++column)
+            found |= marks[(y + row) * MARKS_X + x + column];
+    const int bottom = min(CELL * (y + 1), HEIGHT), right = min(CELL * (x + 1), WIDTH);
+    for (int row = CELL * y; row < bottom; ++row)
+        for (int column = CELL * x; column < right; ++column)
+            found |= evidence[row * WIDTH + column] > 0;
+    return found;
+}
+
+// `background` holds the planes of log_ratio in silhouette.cl.
+__kernel void adapt(__global const uchar *restrict images, __global const char *restrict evidence,
+                    __global const uchar *restrict marks, __global const int2 *restrict sizes,
+                    const int phase, __global float *restrict background)
+{
+    const int x = get_global_id(0), y = get_global_id(1) * PERIOD + phase, view = get_global_id(2);
+    if (x >= CELLS_X || y >= CELLS_Y) return;
+    if (is_person(marks + view * MARKS_X * MARKS_Y, evidence + view * PIXELS, x, y)) return;
+    const int bottom = min(CELL * (y + 1), sizes[view].y);
+    const int right = min(CELL * (x + 1), sizes[view].x);
+    for (int row = CELL * y; row < bottom; ++row)
+        for (int column = CELL * x; column < right; ++column) {
+            const int pixel = row * WIDTH + column;
+            __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
+            __global float *plane = background + (size_t)view * 8 * PIXELS + pixel;
+            float difference[3], distance = 0.0f;
+            for (int c = 0; c < 3; ++c) {
+                difference[c] = colour[c] - plane[c * PIXELS];
+                distance += plane[(3 + c) * PIXELS] * difference[c] * difference[c];
+            }
+            if (distance > NEAREST) continue;
+            float peak = 0.0f, brightest = 0.0f, darkest = 256.0f;
+            for (int c = 0; c < 3; ++c) {
+                const float d = difference[c], before = 1.0f / plane[(3 + c) * PIXELS];
+                const float drifted = before + VARIANCE_RATE * (d * d - before);
+                const float variance = drifted > LEAST_VARIANCE ? drifted : LEAST_VARIANCE;
+                const float mean = plane[c * PIXELS] + MEAN_RATE * d;
+                plane[c * PIXELS] = mean;
+                plane[(3 + c) * PIXELS] = 1.0f / variance;
+                peak += 0.5f * log(65536.0f / 6.2831853f / variance);
+                brightest = mean > brightest ? mean : brightest;
+                darkest = mean < darkest ? mean : darkest;
+            }
+            const float saturation = (brightest - darkest) / (brightest > 1.0f ? brightest : 1.0f);
+            const float width = WIDTH_GREY + saturation * (WIDTH_COLOUR - WIDTH_GREY);
+            plane[6 * PIXELS] = peak;
+            plane[7 * PIXELS] = 1.0f / (width * width);
+        }
+}

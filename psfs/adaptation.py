@@ -1,0 +1,70 @@
+"""The background follows slow changes of the light where nobody stands, on the device."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device
+from psfs.camera import CameraRig
+from psfs.config import SilhouetteConfig
+from psfs.floor import CELL, cells
+from psfs.foreground import REACH
+from psfs.launching import row_group
+
+#: Every pixel is looked at once in so many frames, a part of the picture in each.
+PERIOD = 4
+#: The variance drifts so many times as slowly as the mean: it needs more samples.
+SLOWER = 4
+#: Squared distance to the background, in its standard deviations, of what it may drift to. Shadows
+#: and whatever else passes for background are further away, and leave no trace.
+NEAREST = 30.0
+
+
+class Adaptation:
+    """`adaptation()`: mean and variance of the background drift towards the frame on the device, by
+    `config.adapt` of the difference per frame (Song et al. eq. (1) with a memory that fades).
+
+    Only pixels that look much like the background do, and none where a voxel is seen within two
+    cells, or foreground in the same cell: who keeps still does not become background.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        rig: CameraRig,
+        config: SilhouetteConfig,
+        pictures: Array,
+        evidence: Array,
+        marks: Array,
+        sizes: Array,
+        planes: Array,
+    ) -> None:
+        rows, columns = cells(rig)
+        mean_rate, variance_rate = rates(config)
+        kernel = device.kernel(
+            "adaptation",
+            "adapt",
+            **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
+            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": REACH},
+            **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
+            LEAST_VARIANCE=float(config.sigma_floor**2),
+            WIDTH_GREY=float(config.shadow_width_grey),
+            WIDTH_COLOUR=float(config.shadow_width_colour),
+        )
+        size = (columns, -(-rows // PERIOD), len(rig))
+        phase = np.int32(0)
+        arrays = (pictures, evidence, marks, sizes, phase, planes)
+        self._launch = device.launch(kernel, size, row_group(device, columns), *arrays)
+        self._frames = 0
+
+    def __call__(self) -> None:
+        """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
+        self._launch.set_arg(4, np.int32(self._frames % PERIOD))
+        self._launch()
+        self._frames += 1
+
+
+def rates(config: SilhouetteConfig) -> tuple[float, float]:
+    """Share of the difference that a pixel's mean and variance take on each time."""
+    mean, variance = (1 - (1 - r) ** PERIOD for r in (config.adapt, config.adapt / SLOWER))
+    return mean, variance
