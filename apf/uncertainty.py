@@ -3,8 +3,9 @@
 The refinement's linear system says how firmly the voxels hold every angle: an arm that hides
 before the trunk is held by few. Its inverse, and the spread of the particles, are carried to the
 joints and scaled so that, on synthetic sequences, the stated ellipsoids hold the truth as often as
-they say (see scripts/calibrate_uncertainty.py) as long as no limb is lost. A floor per joint stands for what no search mends:
-the voxels' resolution, and joint centres that lie elsewhere in the body than the model's.
+they say (see scripts/calibrate_uncertainty.py), as long as no limb is lost. A floor per joint
+stands for what no search mends: the voxels' resolution, and joint centres that lie elsewhere in the
+body than the model's.
 """
 
 from __future__ import annotations
