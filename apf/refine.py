@@ -9,9 +9,9 @@ from apf.config import FilterConfig
 from apf.kinematics import body_defines, pack_body
 from apf.reference.refine import cone_moves, prior_deviation
 from cl import Array, Device, Launch, UserError
+from psfs.launching import pack_defines
 
-#: Surface samples that a work-group works on.
-_BLOCK = 64
+_GROUP = 256
 
 
 class Refinement:
@@ -31,13 +31,12 @@ class Refinement:
         self.config = config
         self.n_poses = n_poses
         n = body.n_dof
-        columns, group = (4, 256) if device.is_gpu else (8, 1)
-        row = (n // columns + 1) * columns
-        self._check_room(4 * row * max(n, _BLOCK + 6))
-        self._defines = body_defines(body) | {
-            "PACK": 1, "GROUP": group, "COLUMNS": columns, "BLOCK": _BLOCK
-        }  # fmt: skip
-        self._n_parts = -(-config.n_points // _BLOCK)
+        block = 32 if device.is_gpu else 128
+        self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
+        pack = self._defines["PACK"]
+        row = (n // pack + 1) * pack
+        self._check_room(4 * row * max(n, block + 7))
+        self._n_parts = -(-config.n_points // block)
         self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
         moves = np.zeros((len(body.cones), row), np.float32)
@@ -49,7 +48,7 @@ class Refinement:
         self._poses = device.empty((n_poses, n), np.float32)
         self._shift = device.empty((n_poses, n), np.float32)
         self._least = device.empty((n_poses,), np.float32)
-        shape = (n_poses, self._n_parts, n * row + 1)
+        shape = (n_poses, self._n_parts, n * row + pack)
         self._parts = device.empty(shape, np.float32, "the refinement")
 
     def launcher(self, points: Array, results: Array) -> list[Launch]:

@@ -3,24 +3,28 @@
 // d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
 // that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,
 // Blake & Zisserman 1987). Every step is one launch of each kernel.
-// Defines: BLOCK, voxels of a work-group; COLUMNS, of the linear system that an item works on at
-// once; GROUP, a power of two; those of kinematics.h, PACK being 1.
+// Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is one
+// of voxels, the pose the same in all its lanes, or one of columns of the linear system.
 #include "kinematics.h"
-#include "cones.h"
 #include "packed_cones.h"
 #include "reduction.h"
 
-// Numbers per row of the linear system: N_DOF derivatives, the distance, zeros up to whole blocks.
-#define BLOCKS ((N_DOF + COLUMNS) / COLUMNS)
-#define ROW (BLOCKS * COLUMNS)
-// What a group of voxels adds to the system: N_DOF rows, then its share of the cost.
-#define PART (N_DOF * ROW + 1)
+// Numbers per row of the linear system: N_DOF derivatives, the distance, zeros up to whole packs.
+#define ROW_PACKS ((N_DOF + PACK) / PACK)
+#define ROW (ROW_PACKS * PACK)
+// What a group of voxels adds to the system, in packs: N_DOF rows, then its share of the cost.
+#define PART (N_DOF * ROW_PACKS + 1)
+// Rows that an item works on at once.
+#define LINES 4
 // A voxel's normal, moment (point x normal), distance, square root of its weight, nearest cone.
 #define VOXEL_FLOATS 9
 
+// A number that is the same in all lanes.
+inline float single(__local const vfloat *place) { return *(__local const float *)place; }
+
 // Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
 // with normal n moves by moment . (p x n) + velocity . n along the normal.
-inline void find_twists(__local const float *body, __local const float *hinges,
+inline void find_twists(__local const float *body, __local const vfloat *hinges,
                         __local float *twists)
 {
     for (int i = get_local_id(0); i < 6 * ROW; i += GROUP) twists[i] = 0.0f;
@@ -28,40 +32,86 @@ inline void find_twists(__local const float *body, __local const float *hinges,
     for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
         __local const float *free = body + BODY_AXES + a * AXIS_FLOATS;
         const int dof = (int)free[2];
-        const float3 axis = vload3(0, hinges + 6 * dof), place = vload3(0, hinges + 6 * dof + 3);
-        const bool slides = free[0] < 3.0f;
-        const float3 moment = slides ? (float3)(0.0f) : axis;
-        const float3 velocity = slides ? axis : cross(place, axis);
-        twists[dof] = moment.x;
-        twists[ROW + dof] = moment.y;
-        twists[2 * ROW + dof] = moment.z;
-        twists[3 * ROW + dof] = velocity.x;
-        twists[4 * ROW + dof] = velocity.y;
-        twists[5 * ROW + dof] = velocity.z;
+        __local const vfloat *hinge = hinges + 6 * dof;
+        for (int i = 0; i < 3; ++i) {
+            const int k = (i + 1) % 3, l = (i + 2) % 3;
+            const float axis = single(hinge + i);
+            const float across = single(hinge + 3 + k) * single(hinge + l) -
+                                 single(hinge + 3 + l) * single(hinge + k);
+            const bool slides = free[0] < 3.0f;
+            twists[i * ROW + dof] = slides ? 0.0f : axis;
+            twists[(3 + i) * ROW + dof] = slides ? axis : across;
+        }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// Looks at one voxel: see VOXEL_FLOATS. The weight of no distance is 1 (Geman & McClure 1987).
-inline float look_at(float4 point, float reach, __local const float *posed,
-                     __local const float *spans, __local float *voxel)
+// What the linear system needs of a voxel, see VOXEL_FLOATS: its normal is the unit gradient of the
+// distance; along the side the radius changes with the place.
+inline void describe(float4 point, float distance, float root, int nearest,
+                     __local const vfloat *posed, __local const vfloat *spans,
+                     __local float *voxel)
 {
-    const vpoint here = {point.x, point.y, point.z};
-    int nearest = 0;
-    float distance = INFINITY;
+    __local const vfloat *cone = posed + nearest * CONE_FLOATS;
+    __local const vfloat *span = spans + nearest * SPAN_FLOATS;
+    const float p[3] = {point.x, point.y, point.z};
+    float along = single(span + 3), u = single(span + 6), v = single(span + 7), normal[3];
+    for (int i = 0; i < 3; ++i) {
+        along += single(span + i) * p[i];
+        u += single(cone + 8 + i) * p[i];
+        v += single(cone + 12 + i) * p[i];
+    }
+    const float t = along < 0.0f ? 0.0f : along < 1.0f ? along : 1.0f;
+    const float to_axis = distance + single(cone + 3) + t * single(span + 5);
+    const float inverse = 1.0f / (to_axis > 1e-9f ? to_axis : 1e-9f);
+    const float lengthwise = along == t ? -single(span + 5)
+                                        : (along - t) * single(span + 4) * inverse;
+    for (int i = 0; i < 3; ++i)
+        normal[i] = (u * single(cone + 8 + i) + v * single(cone + 12 + i)) * inverse +
+                    lengthwise * single(span + i);
+    for (int i = 0; i < 3; ++i) {
+        const int k = (i + 1) % 3, l = (i + 2) % 3;
+        voxel[i] = normal[i];
+        voxel[3 + i] = p[k] * normal[l] - p[l] * normal[k];
+    }
+    voxel[6] = distance;
+    voxel[7] = root;
+    voxel[8] = nearest;
+}
+
+// Looks at a pack of the `n` voxels; returns the shares that they leave unexplained. The weight of
+// no distance is 1 (Geman & McClure 1987).
+inline float look_at(__global const float4 *points, int first, int n, float scale, float reach,
+                     __local const vfloat *posed, __local const vfloat *spans,
+                     __local float *voxels)
+{
+#define POINT(l) points[lane_index(first, 0x##l, n)]
+#define X(l) POINT(l).x
+#define Y(l) POINT(l).y
+#define Z(l) POINT(l).z
+#define THERE(l) POINT(l).w
+    const vpoint here = {PACK_OF(vfloat, X), PACK_OF(vfloat, Y), PACK_OF(vfloat, Z)};
+    const vint there = PACK_OF(vfloat, THERE) > 0.0f;
+    vint nearest = 0;
+    vfloat distance = INFINITY;
     for (int c = 0; c < N_CONES; ++c) {
-        const float d = packed_distance(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
-        const bool nearer = fabs(d) < fabs(distance);
+        const vfloat d = packed_distance(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
+        const vint nearer = d * d < distance * distance;
         distance = nearer ? d : distance;
         nearest = nearer ? c : nearest;
     }
-    const float3 normal = CONE_NORMAL(posed + nearest * CONE_FLOATS, point.xyz);
-    vstore3(normal, 0, voxel);
-    vstore3(cross(point.xyz, normal), 0, voxel + 3);
-    voxel[6] = distance;
-    voxel[7] = point.w > 0.0f ? 1.0f / (1.0f + distance * distance / (reach * reach)) : 0.0f;
-    voxel[8] = nearest;
-    return distance;
+    const vfloat d2 = distance * distance;
+    float distances[PACK], roots[PACK], which[PACK], shares[PACK], sum = 0.0f;
+    STORE_PACK(distance, distances);
+    STORE_PACK(there ? 1.0f / (1.0f + d2 / (reach * reach)) : 0.0f, roots);
+    STORE_PACK(TO_FLOAT(nearest), which);
+    STORE_PACK(there ? d2 / (d2 + scale * scale) : 1.0f, shares);
+    for (int l = 0; l < PACK && first + l < n; ++l) {
+        describe(points[first + l], distances[l], roots[l], (int)which[l], posed, spans,
+                 voxels + (first + l) * VOXEL_FLOATS);
+        sum += shares[l];
+    }
+    return sum;
 }
 
 // Linear system of BLOCK voxels at each of `poses`, along dimension 1, and their share of the cost.
@@ -69,12 +119,14 @@ inline float look_at(float4 point, float reach, __local const float *posed,
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_system(int n_points, float scale, float reach, __global const float4 *points,
                    __global const float *poses, __global const float *table,
-                   __global const float *moves, __global float *parts)
+                   __global const vfloat *moves, __global vfloat *parts)
 {
-    __local float turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
-    __local float posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS], twists[6 * ROW];
-    __local float voxels[BLOCK * VOXEL_FLOATS], rows[BLOCK * ROW], scratch[GROUP];
+    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
+    __local vfloat posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS];
+    __local vfloat twists[6 * ROW_PACKS], rows[(BLOCK + 1) * ROW_PACKS];
+    __local float voxels[BLOCK * VOXEL_FLOATS], scratch[GROUP];
     __local float body[BODY_FLOATS];
+    __local float *numbers = (__local float *)rows;
     const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
     const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
     take_body(table, body);
@@ -83,39 +135,33 @@ void refine_system(int n_points, float scale, float reach, __global const float4
     place_cones(body, frames, posed);
     for (int c = lane; c < N_CONES; c += GROUP)
         cone_span(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
-    find_twists(body, hinges, twists);
+    find_twists(body, hinges, (__local float *)twists);
 
     float cost = 0.0f;
-    for (int k = lane; k < n; k += GROUP) {
-        const float4 point = points[first + k];
-        const float d = look_at(point, reach, posed, spans, voxels + k * VOXEL_FLOATS);
-        cost += point.w > 0.0f ? d * d / (d * d + scale * scale) : 1.0f;
-    }
+    for (int k = lane * PACK; k < n; k += GROUP * PACK)
+        cost += look_at(points + first, k, n, scale, reach, posed, spans, voxels);
     cost = group_sum(scratch, cost);  // waits for the voxels, too
-    for (int item = lane; item < n * BLOCKS; item += GROUP) {
-        const int k = item / BLOCKS, j = item % BLOCKS * COLUMNS;
-        __local const float *voxel = voxels + k * VOXEL_FLOATS, *twist = twists + j;
-        __global const float *moved = moves + (int)voxel[8] * ROW + j;
-        for (int c = 0; c < COLUMNS; ++c) {
-            const float by =
-                twist[c] * voxel[3] + twist[ROW + c] * voxel[4] + twist[2 * ROW + c] * voxel[5] +
-                twist[3 * ROW + c] * voxel[0] + twist[4 * ROW + c] * voxel[1] +
-                twist[5 * ROW + c] * voxel[2];
-            rows[k * ROW + j + c] = voxel[7] * (j + c == N_DOF ? voxel[6] : -moved[c] * by);
-        }
+    for (int item = lane; item < n * ROW_PACKS; item += GROUP) {
+        const int k = item / ROW_PACKS, j = item % ROW_PACKS;
+        __local const float *voxel = voxels + k * VOXEL_FLOATS;
+        vfloat by = 0.0f;
+        for (int i = 0; i < 6; ++i) by += voxel[(3 + i) % 6] * twists[i * ROW_PACKS + j];
+        rows[item] = -voxel[7] * moves[(int)voxel[8] * ROW_PACKS + j] * by;
+        if (j == N_DOF / PACK) numbers[k * ROW + N_DOF] = voxel[7] * voxel[6];
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     const int group = get_group_id(1) * get_num_groups(0) + get_group_id(0);
-    __global float *part = parts + group * PART;
-    for (int item = lane; item < N_DOF * BLOCKS; item += GROUP) {
-        const int i = item / BLOCKS, j = item % BLOCKS * COLUMNS;
-        float sums[COLUMNS];
-        for (int c = 0; c < COLUMNS; ++c) sums[c] = 0.0f;
+    __global vfloat *part = parts + group * PART;
+    for (int item = lane; item < (N_DOF + LINES - 1) / LINES * ROW_PACKS; item += GROUP) {
+        const int i = item / ROW_PACKS * LINES, j = item % ROW_PACKS;
+        if ((j + 1) * PACK <= i) continue;  // below the diagonal: known from above it
+        vfloat sums[LINES];
+        for (int r = 0; r < LINES; ++r) sums[r] = 0.0f;
         for (int k = 0; k < n; ++k) {
-            const float left = rows[k * ROW + i];
-            for (int c = 0; c < COLUMNS; ++c) sums[c] += left * rows[k * ROW + j + c];
+            const vfloat right = rows[k * ROW_PACKS + j];
+            for (int r = 0; r < LINES; ++r) sums[r] += numbers[k * ROW + i + r] * right;
         }
-        for (int c = 0; c < COLUMNS; ++c) part[i * ROW + j + c] = sums[c];
+        for (int r = 0; r < LINES && i + r < N_DOF; ++r) part[(i + r) * ROW_PACKS + j] = sums[r];
     }
     if (lane == 0) part[PART - 1] = cost;
 }
@@ -154,14 +200,14 @@ void refine_step(int first, int last, int n_parts, float strength, float weight,
     const int lane = get_local_id(0), which = get_group_id(0);
     __global const float *pose = poses + which * N_DOF;
     __global float *result = results + which * N_DOF;
-    parts += which * n_parts * PART;
+    parts += which * n_parts * PART * PACK;
     next += which * N_DOF;
     least += which;
     shift += which * N_DOF;
     information += which * (N_DOF * (N_DOF + 1) / 2);
     float cost = 0.0f;
     for (int part = lane; part < n_parts; part += GROUP)
-        cost += strength * parts[part * PART + PART - 1];
+        cost += strength * parts[(part * PART + PART - 1) * PACK];
     for (int dof = lane; dof < N_DOF; dof += GROUP) {
         const float away = (pose[dof] - result[dof]) / sigma[dof];
         cost += away * away;
@@ -175,9 +221,9 @@ void refine_step(int first, int last, int n_parts, float strength, float weight,
     if (last)
         for (int dof = lane; dof < N_DOF; dof += GROUP) result[dof] += shift[dof];
     for (int e = lane; e < N_DOF * ROW; e += GROUP) {
+        const int i = e / ROW, j = e % ROW, place = j < i ? j * ROW + i : e;
         float sum = 0.0f;
-        for (int part = 0; part < n_parts; ++part) sum += parts[part * PART + e];
-        const int i = e / ROW, j = e % ROW;
+        for (int part = 0; part < n_parts; ++part) sum += parts[part * PART * PACK + place];
         const float prior = 1.0f / (sigma[i] * sigma[i]);
         sum *= weight;
         if (j == i) sum += prior;
