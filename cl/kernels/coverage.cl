@@ -41,15 +41,15 @@ inline void cone_seen(__global const float *cone, __global const float *camera,
 // Whether a pixel lies within a trapezoid, whichever way round its corners go.
 inline bool within_corners(__local const float2 *corners, float2 pixel)
 {
-    int left = 0, right = 0;
-    for (int i = 0; i < 4; ++i) {
+    bool left = true, right = true;
+    for (int i = 0; i < 4 && (left || right); ++i) {  // most pixels are far from most parts
         const float2 from = corners[i], to = corners[(i + 1) % 4];
         const float side = (to.x - from.x) * (pixel.y - from.y) -
                            (to.y - from.y) * (pixel.x - from.x);
-        left += side > 0.0f;
-        right += side < 0.0f;
+        left &= side > 0.0f;
+        right &= side < 0.0f;
     }
-    return left == 4 || right == 4;
+    return left || right;
 }
 
 // Adds to the errors, once per camera, `weight` times the mean over the cameras of the share of
@@ -75,7 +75,8 @@ void add_uncovered(int n_points, int first, int stride, int n_views, float weigh
             const float2 pixel = pixels[view * n_points + (first + k * stride) % n_points];
             if (pixel.x == NOWHERE_SEEN) continue;
             bool covered = false;
-            for (int c = 0; c < N_CONES; ++c) covered |= within_corners(corners + 4 * c, pixel);
+            for (int c = 0; c < N_CONES && !covered; ++c)
+                covered = within_corners(corners + 4 * c, pixel);
             seen += 1.0f;
             uncovered += covered ? 0.0f : 1.0f;
         }
