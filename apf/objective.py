@@ -31,6 +31,7 @@ class ObjectiveConfig:
     shape's parts (the body's cones), from 1 on, for silhouettes segmented alike (eq. 4.43); none
     for plain ones. label_weights: of the segments, equal by default; divided by their sum.
     vertices_per_part: shape model, table 6.5: 4 draws cones as trapezoids, more as frusta.
+    round_ends: of the trapezoids; Rymut's have none.
     """
 
     kind: str = "sp"
@@ -40,6 +41,7 @@ class ObjectiveConfig:
     labels: tuple[int, ...] = ()
     label_weights: tuple[float, ...] = ()
     vertices_per_part: int = 4
+    round_ends: bool = True
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -134,7 +136,9 @@ class ImageObjective:
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
         labels = config.part_labels(mesh.n_parts if mesh else len(body.cones))
-        self._renderer = renderer_for(device, body, rig, n_hypotheses, labels, mesh)
+        self._renderer = renderer_for(
+            device, body, rig, n_hypotheses, labels, mesh, config.round_ends
+        )
         self._observed: tuple[Array | None, ...] = ()
         self._preparation: list[Launch] = []
 

@@ -9,6 +9,7 @@ import numpy as np
 from apf.body import BodyModel, Cone
 from apf.kinematics import Kinematics
 from apf.meshes import BodyMesh
+from apf.reference.render import cone_edges
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
 
@@ -16,7 +17,7 @@ from psfs.camera import CameraRig
 #: PACK rows in vectors, one lot after the other.
 _ROWS, _PACK = 128, 8
 #: 32-bit words of a Part in parts.h.
-_PART_WORDS = 24
+_PART_WORDS = 30
 #: Local memory for the spans of a mesh's parts: on a GPU so little that many groups run at once.
 _GPU_BYTES, _CPU_BYTES = 16384, 65536
 
@@ -79,6 +80,7 @@ class _Counter:
 class FlatRenderer:
     """Draws the cones of `body` as trapezoids (Rymut 2016, 4.3) and counts their pixels.
 
+    round_ends: with the ends that the cones have in the voxels' likelihood too.
     Cones that are not to be looked for in images cover their pixels, but show no edges.
     labels: (C,) int32 segment of each cone, from 0, for counts by segment. counts: device array
     (V, N, 2 + 2 L) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the
@@ -87,14 +89,21 @@ class FlatRenderer:
     """
 
     def __init__(
-        self, device: Device, body: BodyModel, rig: CameraRig, n: int, labels: np.ndarray
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        n: int,
+        labels: np.ndarray,
+        round_ends: bool = True,
     ) -> None:
-        self.device, self.rig, self.n_hypotheses = device, rig, n
+        self.device, self.rig, self.n_hypotheses, self.round_ends = device, rig, n, round_ends
         self.n_parts, self.n_labels = len(body.cones), int(labels.max()) + 1
         self._kinematics = Kinematics(device, body, n)
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        edged = np.array([cone.in_images for cone in body.cones], np.int32)
-        self._edged = device.to_device(edged, "the parts with edges")
+        edged, free = cone_edges(body)
+        table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
+        self._edged = device.to_device(table, "the parts with edges")
         self._labels = device.to_device(labels.astype(np.int32), "the labels")
         places = (len(rig), n, self.n_parts, _PART_WORDS)
         self._parts = device.empty(places, np.float32, "the parts in the pictures")
@@ -117,7 +126,13 @@ class FlatRenderer:
         """
         n, views = self.n_hypotheses, len(self.rig)
         place = self.device.launch(
-            self.device.kernel("parts", "place_parts", N_PARTS=self.n_parts),
+            self.device.kernel(
+                "parts",
+                "place_parts",
+                N_PARTS=self.n_parts,
+                PART_WORDS=_PART_WORDS,
+                ROUND_ENDS=int(self.round_ends),
+            ),
             (n * self.n_parts, views),
             (64, 1),
             np.int32(n),
@@ -128,7 +143,7 @@ class FlatRenderer:
         )
         counter = _Counter(self.device, self.rig, n, self.n_parts, self.n_labels)
         compared = Compared(roi, self._labels, silhouettes, proximity, self.counts, pictures)
-        count = counter.launch("render", (self._parts,), compared, {})
+        count = counter.launch("render", (self._parts,), compared, {"PART_WORDS": _PART_WORDS})
         return [*self._kinematics.launcher(poses), place, count]
 
 
@@ -237,12 +252,13 @@ def renderer_for(
     n: int,
     labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
+    round_ends: bool = True,
 ) -> FlatRenderer | MeshRenderer:
     """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh."""
     n_parts = len(body.cones) if mesh is None else mesh.n_parts
     labels = np.zeros(n_parts, np.int32) if labels is None else labels
     if mesh is None:
-        return FlatRenderer(device, body, rig, n, labels)
+        return FlatRenderer(device, body, rig, n, labels, round_ends)
     return MeshRenderer(device, body, rig, n, labels, mesh)
 
 
@@ -252,11 +268,12 @@ def draw_hypotheses(
     rig: CameraRig,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
+    round_ends: bool = True,
 ) -> np.ndarray:
     """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D): the number of the part seen, from 1 (0 is
     background), and 255 on edges. The very pixels that an `ImageObjective` counts."""
     n, shape = len(poses), (len(rig), rig.height, rig.width)
-    renderer = renderer_for(device, body, rig, n, mesh=mesh)
+    renderer = renderer_for(device, body, rig, n, mesh=mesh, round_ends=round_ends)
     pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
     silhouettes = device.zeros(silhouette_shape(rig, 1), np.uint32, "the silhouettes")
     proximity = device.zeros(shape, np.uint8, "the edge proximity")

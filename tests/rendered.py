@@ -68,11 +68,12 @@ def check_pictures(
     rig: CameraRig,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
+    round_ends: bool = True,
 ) -> None:
     """The device draws what the twin does, but for a boundary band: pixels on a part's outline,
     where rounding decides."""
-    drawn = draw_hypotheses(device, body, rig, poses, mesh)
-    expected = render.draw_hypotheses(body, rig, poses, mesh)
+    drawn = draw_hypotheses(device, body, rig, poses, mesh, round_ends)
+    expected = render.draw_hypotheses(body, rig, poses, mesh, round_ends)
     differing = painted = 0
     for v, camera in enumerate(rig):
         width, height = camera.size

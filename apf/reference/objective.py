@@ -93,7 +93,7 @@ class NumpyImageObjective:
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
-        pictures = draw_hypotheses(self.body, self.rig, poses, self.mesh)
+        pictures = draw_hypotheses(self.body, self.rig, poses, self.mesh, self.config.round_ends)
         counts = count_pixels(pictures, self._maps, self._roi, self._segments, self._labels)
         return 1 - objective_values(counts, self._image_areas(), self.config)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.meshes import BodyMesh
-from apf.reference.cones import FAR_OUT, outlines
+from apf.reference.cones import FAR_OUT, distances, outlines
 from apf.reference.kinematics import posed_cones
 from psfs.camera import Camera, CameraRig
 
@@ -15,69 +15,118 @@ Picture = tuple[np.ndarray, np.ndarray]
 
 
 def draw_hypotheses(
-    body: BodyModel, rig: CameraRig, poses: np.ndarray, mesh: BodyMesh | None = None
+    body: BodyModel,
+    rig: CameraRig,
+    poses: np.ndarray,
+    mesh: BodyMesh | None = None,
+    round_ends: bool = True,
 ) -> list[list[Picture]]:
     """Pictures by camera and pose of `poses` (N, D): of the body's cones, or of its mesh."""
     if mesh is None:
-        return draw_cones(body, rig, posed_cones(body, poses))
+        return draw_cones(body, rig, posed_cones(body, poses), round_ends)
     vertices, middles = mesh.posed(body, poses)
     posed = list(zip(vertices, middles, strict=True))
     return [[mesh_body(camera, mesh, *shape) for shape in posed] for camera in rig]
 
 
-def draw_cones(body: BodyModel, rig: CameraRig, cones: np.ndarray) -> list[list[Picture]]:
+def draw_cones(
+    body: BodyModel, rig: CameraRig, cones: np.ndarray, round_ends: bool = True
+) -> list[list[Picture]]:
     """Pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
-    edged = np.array([cone.in_images for cone in body.cones])
-    return [[flat_body(camera, posed, edged) for posed in cones] for camera in rig]
+    edged, free = cone_edges(body)
+    return [[flat_body(camera, c, edged, free, round_ends) for c in cones] for camera in rig]
 
 
-def flat_body(camera: Camera, cones: np.ndarray, edged: np.ndarray) -> Picture:
+def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
+    """Which cones show edges (C,), and which of their round ends do (C, 2): both bool.
+
+    An end is free, not a joint, if its tip lies outside of all other cones when the body stands.
+    """
+    cones = posed_cones(body, body.rest_pose[None])[0]
+    free = np.zeros((len(cones), 2), bool)
+    for c, cone in enumerate(cones):
+        axis = (cone[4:7] - cone[0:3]) / np.linalg.norm(cone[4:7] - cone[0:3])
+        tips = np.stack([cone[0:3] - cone[3] * axis, cone[4:7] + cone[7] * axis])
+        free[c] = (distances(tips, np.delete(cones, c, 0)) > 0).all(1)
+    return np.array([cone.in_images for cone in body.cones]), free
+
+
+def flat_body(
+    camera: Camera, cones: np.ndarray, edged: np.ndarray, free: np.ndarray, round_ends: bool = True
+) -> Picture:
     """What posed cones (C, 16) look like to `camera`.
 
     A cone hides those whose middle is farther away (painter's algorithm, Rymut 2016, 5.2). Edges
     are the visible pixels of a cone that have one of their four neighbours beyond its long sides
-    (Kwolek & Rymut 2016, section 3: what the ends of a limb show is no edge but a joint), for those
-    cones that are `edged` (C,).
+    (Kwolek & Rymut 2016, section 3: what the ends of a limb show is no edge but a joint) or beyond
+    one of its ends that are `free` (C, 2), for those cones that are `edged` (C,).
     """
     width, height = camera.size
     rows, columns = np.mgrid[-1 : height + 1, -1 : width + 1].astype(np.float64)
     parts = np.zeros((height, width), np.uint8)
     edges = np.zeros((height, width), bool)
     middles = (cones[:, 0:3] + cones[:, 4:7]) / 2
-    distances = np.linalg.norm(middles - camera.centre, axis=-1)
-    for c in np.argsort(-distances, kind="stable"):
+    away = np.linalg.norm(middles - camera.centre, axis=-1)
+    for c in np.argsort(-away, kind="stable"):
         corners = outlines(camera, cones[c])
         if np.isnan(corners).any():
             continue
-        shape, between = trapezoid(corners, columns, rows)
-        mine = shape[1:-1, 1:-1]
-        inner = between[:-2, 1:-1] & between[2:, 1:-1] & between[1:-1, :-2] & between[1:-1, 2:]
+        mine, inner = flat_part(corners, columns, rows, free[c], round_ends)
         parts[mine] = c + 1
         edges[mine] = edged[c] & ~inner[mine]
     return parts, edges
 
 
-def trapezoid(
-    corners: np.ndarray, columns: np.ndarray, rows: np.ndarray
+def flat_part(
+    corners: np.ndarray, columns: np.ndarray, rows: np.ndarray, free: np.ndarray, round_ends: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which pixels (columns, rows) lie within `corners` (4, 2), and which between its long sides.
+    """Which pixels a cone with `corners` (4, 2) covers, and which of them are no edge; both without
+    the border of the pixels (columns, rows).
 
-    A cone seen along its axis, whose trapezoid is less than half as long as wide, is a disc
-    instead, its circumference an edge.
+    It is the trapezoid, Rymut 2016, 4.3, and with round ends a disc at each; rows are filled from
+    their first pixel to their last. Seen along its axis, where the trapezoid is shorter than its
+    wider end's radius, it is the discs alone, without round ends one in its middle; all of their
+    outline is an edge.
     """
-    wide = max(np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[2] - corners[3]))
-    a, b = (corners[0] + corners[1]) / 2, (corners[2] + corners[3]) / 2
-    if np.linalg.norm(a - b) < 0.5 * wide:
-        x, y = (a + b) / 2
-        disc = (columns - x) ** 2 + (rows - y) ** 2 <= (0.5 * wide) ** 2
-        return disc, disc
+    ends = np.stack([corners[:2].mean(0), corners[2:].mean(0)])
+    radii = np.linalg.norm(corners[[0, 2]] - corners[[1, 3]], axis=-1) / 2
+    bare = np.linalg.norm(ends[0] - ends[1]) < radii.max()
+    outlined = np.array([bare, bare]) | (free & round_ends)
+    if not round_ends:
+        ends, radii = np.stack([ends.mean(0)] * 2), np.full(2, radii.max() * bare)
+    shapes = [
+        (columns - x) ** 2 + (rows - y) ** 2 <= r**2 for (x, y), r in zip(ends, radii, strict=True)
+    ]
+    insides = [eroded(disc) for disc, rim in zip(shapes, outlined, strict=True) if rim]
+    if not bare:
+        sides = half_planes(corners, columns, rows)
+        shown = sides[[outlined[0], True, outlined[1], True]]
+        shapes.append(np.logical_and.reduce(sides))
+        insides.append(eroded(np.logical_and.reduce(shown)))
+    return filled_rows(shapes)[1:-1, 1:-1], filled_rows(insides)
+
+
+def half_planes(corners: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(4, H, W) which pixels lie on the inner side of each side of a trapezoid (4, 2)."""
     (px, py), (qx, qy) = corners[2] - corners[0], corners[3] - corners[1]
     turn = np.sign(px * qy - py * qx)
     within = []
     for (x, y), (next_x, next_y) in zip(corners, np.roll(corners, -1, 0), strict=True):
         dx, dy = next_x - x, next_y - y
         within.append(turn * (dx * (rows - y) - dy * (columns - x)) >= 0)
-    return within[0] & within[1] & within[2] & within[3], within[1] & within[3]
+    return np.array(within)
+
+
+def eroded(mask: np.ndarray) -> np.ndarray:
+    """Pixels of `mask` (H, W) with all four neighbours in it, without the border."""
+    return mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
+
+
+def filled_rows(masks: list[np.ndarray]) -> np.ndarray:
+    """(H, W) the pixels between the first and the last of a row in any of `masks`."""
+    either = np.logical_or.reduce(masks)
+    from_left = np.logical_or.accumulate(either, 1)
+    return from_left & np.logical_or.accumulate(either[:, ::-1], 1)[:, ::-1]
 
 
 def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.ndarray) -> Picture:
@@ -93,15 +142,14 @@ def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.
     lines, owners = mesh.lines()
     lines, owners = lines[seen[lines[:, :2]].all(1)], owners[seen[lines[:, :2]].all(1)]
     parts, edges = np.zeros((height, width), np.uint8), np.zeros((height, width), bool)
-    distances = np.linalg.norm(middles - camera.centre, axis=-1)
+    away = np.linalg.norm(middles - camera.centre, axis=-1)
     columns = np.arange(-1, width + 1)
-    for p in np.argsort(-distances, kind="stable"):
+    for p in np.argsort(-away, kind="stable"):
         low, high = row_spans(pixels[lines[owners == p, :2]], np.arange(-1, height + 1))
         mask = (columns >= low[:, None]) & (columns <= high[:, None])
-        inner = mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
         mine = mask[1:-1, 1:-1]
         parts[mine] = p + 1
-        edges[mine] = mesh.edged[p] & ~inner[mine]
+        edges[mine] = mesh.edged[p] & ~eroded(mask)[mine]
     return parts, edges
 
 

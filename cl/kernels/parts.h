@@ -1,4 +1,5 @@
-// Cones as they show in pictures: a part is a trapezoid, or a disc.
+// Cones as they show in pictures: a part is a trapezoid with a disc at each end. Define: PART_WORDS,
+// the 32-bit words that the host allocates for each.
 
 // A side of a trapezoid: the pixels right (left) of the line x + slope (row - y) are inside.
 typedef struct {
@@ -6,13 +7,17 @@ typedef struct {
     int left;  // 1 where the line is the trapezoid's left border
 } Side;
 
-// Where radius > 0 it is a disc around `centre` instead of a trapezoid. Of the sides, 1 and 3 are
-// the long ones, which show an edge. The rows are empty (top > bottom) where nothing is seen.
+// Sides 0 and 2 are the ends of the cone, which `ends` and `radii` (px, 0 for none) belong to; 1 and
+// 3 are the long ones, whose outlines are edges. The rows are empty (top > bottom) where nothing is
+// seen. distance: m from the camera to the cone's middle. number: of its cone. edged: whether it has
+// edges at all. outlined: bit e where also the outline of end e is an edge. bare: whether the discs
+// are all of it.
 typedef struct {
     Side sides[4];
-    float2 centre;
-    float radius, distance;  // px; m from the camera to the cone's middle
-    int top, bottom;         // first and last row
-    int number;              // of its cone
-    int edged;               // whether its outline is an edge
+    float2 ends[2];
+    float radii[2];
+    float distance;
+    int top, bottom;
+    int number, edged, outlined, bare;
 } Part;
+typedef char part_has_part_words[sizeof(Part) == 4 * PART_WORDS ? 1 : -1];

@@ -6,49 +6,70 @@
 #include "counting.h"
 #include "parts.h"
 
+// The first and last pixels of a shape in PACK rows; none where first > last.
+typedef struct {
+    vint first, last;
+} Shape;
+
+// The pixels within [low, high] and columns limits.x..limits.y.
+inline Shape shape_of(vfloat low, vfloat high, float2 limits)
+{
+    // Beyond the limits integers would overflow.
+    low = within(low, limits.x, limits.y + 1.0f);
+    high = within(high, limits.x - 1.0f, limits.y);
+    return (Shape){first_from(low), TO_INT(high + 1.0f) - 1};
+}
+
+// From the first pixel of both to the last.
+inline Shape joined(Shape a, Shape b)
+{
+    const vint no_a = a.first > a.last, some_b = b.first <= b.last;
+    return (Shape){(no_a | (some_b & (b.first < a.first))) ? b.first : a.first,
+                   (no_a | (some_b & (b.last > a.last))) ? b.last : a.last};
+}
+
 // The spans of `part` in `rows` up to `bottom`: all its pixels, and those of them that are no edge,
 // within columns limits.x..limits.y.
 inline void rows_of(__local const Part *part, vint rows, float2 limits, int bottom, vint *all,
                     vint *inside)
 {
     const vfloat y = TO_FLOAT(rows);
-    vfloat low = limits.x, high = limits.y, inner_low = limits.x, inner_high = limits.y;
-    if (part->radius > 0.0f) {
-        const vfloat offset = y - part->centre.y, away = offset < 0.0f ? -offset : offset;
-        const float r2 = part->radius * part->radius;
-        const vfloat half_width = sqrt(most(r2 - away * away, 0.0f));
-        const vfloat beyond = r2 - (away + 1.0f) * (away + 1.0f);
-        const vfloat inner =
-            beyond < 0.0f ? (vfloat)(-1.0f) : least(half_width - 1.0f, sqrt(most(beyond, 0.0f)));
-        low = most(low, part->centre.x - half_width);
-        high = least(high, part->centre.x + half_width);
-        inner_low = most(inner_low, part->centre.x - inner);
-        inner_high = least(inner_high, part->centre.x + inner);
-    } else {
-        for (int i = 0; i < 4; ++i) {
-            const Side side = part->sides[i];
-            const vfloat x = side.x + side.slope * (y - side.y);
-            // How far into the part a pixel has a neighbour, in its row or the next, outside.
-            const float steep = side.slope < 0.0f ? -side.slope : side.slope;
-            const float rim = steep > 1.0f ? steep : 1.0f;
-            if (side.left) {
-                low = most(low, x);
-                if (i & 1) inner_low = most(inner_low, x + rim);
-            } else {
-                high = least(high, x);
-                if (i & 1) inner_high = least(inner_high, x - rim);
-            }
+    vfloat low = limits.x, high = limits.y, inner_low = low, inner_high = high;
+    for (int i = 0; i < 4; ++i) {
+        const Side side = part->sides[i];
+        const vfloat x = side.x + side.slope * (y - side.y);
+        // How far into the part a pixel has a neighbour, in its row or the next, outside.
+        const float steep = side.slope < 0.0f ? -side.slope : side.slope;
+        const float rim = steep > 1.0f ? steep : 1.0f;
+        const bool edge = (i & 1) || ((part->outlined >> (i / 2)) & 1);
+        if (side.left) {
+            low = most(low, x);
+            if (edge) inner_low = most(inner_low, x + rim);
+        } else {
+            high = least(high, x);
+            if (edge) inner_high = least(inner_high, x - rim);
         }
     }
-    if (!part->edged) {
-        inner_low = low;
-        inner_high = high;
+    const float2 none = (float2)(limits.y + 1.0f, limits.x - 1.0f);
+    Shape shape = shape_of(part->bare ? none.x : low, part->bare ? none.y : high, limits);
+    Shape inner =
+        shape_of(part->bare ? none.x : inner_low, part->bare ? none.y : inner_high, limits);
+    for (int e = 0; e < 2; ++e) {
+        const float radius = part->radii[e], x = part->ends[e].x;
+        const vfloat offset = y - part->ends[e].y, away = offset < 0.0f ? -offset : offset;
+        if (radius == 0.0f || !any(TO_INT(away - radius - 1.0f))) continue;
+        const vfloat squared = radius * radius - away * away;
+        const vfloat wide = squared < 0.0f ? (vfloat)(-1e6f) : sqrt(most(squared, 0.0f));
+        shape = joined(shape, shape_of(x - wide, x + wide, limits));
+        if (!((part->outlined >> e) & 1)) continue;
+        const vfloat beyond = squared - 2.0f * away - 1.0f;
+        const vfloat inner_wide =
+            beyond < 0.0f ? (vfloat)(-1e6f) : least(wide - 1.0f, sqrt(most(beyond, 0.0f)));
+        inner = joined(inner, shape_of(x - inner_wide, x + inner_wide, limits));
     }
     const vint hidden = (rows < part->top) | (rows > part->bottom) | (rows > bottom);
-    high = hidden ? (vfloat)(-1.0f) : most(high, -1.0f);
-    // Beyond the limits integers would overflow.
-    *all = span_within(least(low, limits.y + 1.0f), high);
-    *inside = span_within(least(inner_low, limits.y + 1.0f), most(inner_high, -1.0f));
+    *all = shape.first | (hidden ? (vint)(0) : shape.last + 1) << 16;
+    *inside = part->edged ? inner.first | (inner.last + 1) << 16 : *all;
 }
 
 // Counts the parts (V, N, N_PARTS), see counting.h.

@@ -29,10 +29,9 @@ inline vuint bits_between(vint first, vint end, int word)
 
 inline vuint span_bits(vint span, int word) { return bits_between(span & 0xffff, span >> 16, word); }
 
-// The span of the pixels within [low, high], 0 <= low, -1 <= high < 32767. Operators instead of
-// ceil and floor, which PoCL does not inline.
-inline vint span_within(vfloat low, vfloat high)
+// The least integer from `x` >= 0 on. Operators instead of ceil, which PoCL does not inline.
+inline vint first_from(vfloat x)
 {
-    const vint before = TO_INT(low), last = TO_INT(high + 1.0f);
-    return (low > TO_FLOAT(before) ? before + 1 : before) | last << 16;
+    const vint before = TO_INT(x);
+    return x > TO_FLOAT(before) ? before + 1 : before;
 }
