@@ -469,3 +469,18 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     tracker.start(beyond)
     voxels = world.voxels(0) if kind == "opencl" else world.twin(0)
     assert 0 <= tracker.step(voxels).pose[SONG.dof_names.index("l_calf.ry")] < 0.2
+
+
+@pytest.mark.parametrize("n_layers", [1, 3])
+def test_the_other_kind_of_work_groups_finds_the_same(device: Device, n_layers: int) -> None:
+    """GPUs take a work-group per particle, CPUs an item per pack of them: any device can do both."""
+    other = Device(device.handle)
+    other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
+    config = FilterConfig(n_particles=64, n_layers=n_layers)
+    one, two = (list(run(World(place), config, 2)) for place in (device, other))
+    for a, b in zip(one, two, strict=True):
+        # Where a parent flips they go on with other particles.
+        close = 0.02 if n_layers == 1 and a is one[0] else 1.0
+        assert np.all(np.abs(a.pose - b.pose) <= close * SONG.sigma)
+        np.testing.assert_allclose(a.ess, b.ess, rtol=0.02)
+        np.testing.assert_allclose(a.least_error, b.least_error, rtol=0.05)
