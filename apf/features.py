@@ -32,6 +32,8 @@ CELL, FILLED = 8, 16
 #: The width of pictures that the pixels of a FeatureConfig are stated for.
 STATED_WIDTH = 640
 _GROUP = 128
+#: Pixels of a row that one work-item of the costly kernels makes.
+_STRIP = 8
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class Features:
         self._pictures: Array | None = None  # what edges are made of beside the silhouette's input
         sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
         self._where = (self._silhouette.evidence, sizes, self.roi)
-        kernel = self._kernel("features", "region")
+        kernel = self._kernel("region")
         region = device.launch(kernel, (len(rig) * _GROUP,), (_GROUP,), *self._where)
         self._launches = [region, *self._edge_launches(), *self._distance_launches()]
 
@@ -155,19 +157,22 @@ class Features:
     def _edge_launches(self) -> list[Launch]:
         device, shape = self.device, self._edges.shape
         if self.config.edges == "outline":
-            return [self._launch("features", "outline_edges", 0, *self._where, self._edges)]
+            return [self._launch("outline_edges", 0, *self._where, self._edges)]
         if self.config.edges == "canny":
             self._pictures = device.empty(shape, np.uint8, "the edges")
             arrays = (self._pictures, *self._where, self._edges)
-            return [self._launch("features", "masked_edges", 0, *arrays)]
+            return [self._launch("masked_edges", 0, *arrays)]
         images = self._silhouette.input
         if self._background is None:
             images = self._pictures = device.empty((*shape, 3), np.uint8, "the pictures")
-        rows = device.empty((*shape, 2), np.int16, "the gradients")
+        planes = [
+            device.empty((*shape[:2], self.rig.width + _STRIP), np.int16, "the gradients")
+            for _ in range(2)
+        ]
         above_below = 4
         return [
-            self._launch("features", "gradient_rows", above_below, images, *self._where[1:], rows),
-            self._launch("features", "gradient_edges", 0, rows, *self._where, self._edges),
+            self._launch("gradient_rows", above_below, images, *self._where[1:], *planes),
+            self._launch("gradient_edges", 0, *planes, *self._where, self._edges),
         ]
 
     def _distance_launches(self) -> list[Launch]:
@@ -175,19 +180,21 @@ class Features:
         table = self.config.proximity_table(self.rig)
         return distance_launches(self.device, evidence, self._edges, self.roi, table, self.maps)
 
-    def _launch(self, stage: str, name: str, more_rows: int, *arrays: Array) -> Launch:
-        size = (self.rig.width, self.rig.height + more_rows, len(self.rig))
-        group = row_group(self.device, self.rig.width)
-        return self.device.launch(self._kernel(stage, name), size, group, *arrays)
+    def _launch(self, name: str, more_rows: int, *arrays: Array) -> Launch:
+        strips = name.startswith("gradient")
+        width = -(-self.rig.width // _STRIP) if strips else self.rig.width
+        size = (width, self.rig.height + more_rows, len(self.rig))
+        return self.device.launch(self._kernel(name), size, row_group(self.device, width), *arrays)
 
-    def _kernel(self, stage: str, name: str) -> Any:
+    def _kernel(self, name: str) -> Any:
         config, rig = self.config, self.rig
         return self.device.kernel(
-            stage,
+            "features",
             name,
             **{"WIDTH": rig.width, "HEIGHT": rig.height, "GROUP": _GROUP},
+            **{"PITCH": rig.width + _STRIP, "THRESHOLD2": config.threshold2},
             **{"CELL": CELL, "FILLED": FILLED, "MARGIN": config.pixels(config.margin, rig)},
-            **{"DILATION": config.pixels(config.dilation, rig), "THRESHOLD2": config.threshold2},
+            **{"DILATION": config.pixels(config.dilation, rig)},
         )
 
 
@@ -201,20 +208,22 @@ def distance_launches(
     (V, H, W) uint8 in the region, the last entry beyond reach.
     """
     views, height, width = edges.shape
-    defines = {"WIDTH": width, "HEIGHT": height, "REACH": math.isqrt(len(table) - 2)}
-    gaps = device.empty(edges.shape, np.uint16, "the edge distances")
+    reach = math.isqrt(len(table) - 2)
+    pitch, strips = width + 2 * reach + _STRIP, -(-width // _STRIP)
+    defines = {"WIDTH": width, "HEIGHT": height, "REACH": reach}
+    gaps = device.empty((views, height, pitch), np.uint16, "the edge distances")
     proximity = device.to_device(table, "the proximity table")
     return [
         device.launch(
             device.kernel("distance", "column_gaps", **defines),
-            (width, views),
+            (pitch, views),
             (64, 1),
             *(edges, roi, gaps),
         ),
         device.launch(
             device.kernel("distance", "nearest_edge", **defines),
-            (width, height, views),
-            row_group(device, width),
+            (strips, height, views),
+            row_group(device, strips),
             *(evidence, gaps, roi, proximity, maps),
         ),
     ]

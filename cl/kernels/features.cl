@@ -1,7 +1,12 @@
 // What image objectives compare a body with: region of interest and edges per view (Rymut 2016,
 // 2.1); twin: reference/features.py. Defines: WIDTH, HEIGHT of the stack of views; CELL, FILLED,
-// MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges.
+// MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; PITCH, at least WIDTH + STRIP,
+// of the gradients' rows.
 // A region is (x0, y0, x1, y1), the ends excluded; work-item (0, 0) stands at its corner.
+
+//
+// Vectors are explicit: PoCL makes none of loops whose lengths are known to the device only.
+#define STRIP 8
 
 inline int4 joined(int4 a, int4 b)
 {
@@ -49,23 +54,27 @@ inline int grey(__global const uchar *colour)
 // A Gaussian of 3x3 pixels, then Sobel's derivative, are one filter of 5x5 pixels that separates
 // into (1 4 6 4 1) along one axis and (-1 -2 0 2 1) along the other. This is its part along the
 // rows: derivative and smoothed grey, for the region and two rows above and below it. Pixels
-// beyond the picture repeat its border.
+// beyond the picture repeat its border. A work-item makes STRIP pixels; those of `derivatives` and
+// `smooth` beyond the region are of no use.
 __kernel void gradient_rows(__global const uchar *restrict images,
                             __global const int2 *restrict sizes,
                             __global const int4 *restrict regions,
-                            __global short2 *restrict rows)
+                            __global short *restrict derivatives, __global short *restrict smooth)
 {
     const int view = get_global_id(2);
     const int4 box = regions[view];
     const int2 size = sizes[view];
-    const int x = box.x + get_global_id(0), y = box.y - 2 + get_global_id(1);
+    const int x = box.x + STRIP * get_global_id(0), y = box.y - 2 + get_global_id(1);
     if (x >= box.z || y < 0 || y >= min(box.w + 2, size.y)) return;
-    const size_t row = ((size_t)view * HEIGHT + y) * WIDTH;
-    int taps[5];
-    for (int i = 0; i < 5; ++i)
-        taps[i] = grey(images + 3 * (row + min(max(x + i - 2, 0), size.x - 1)));
-    rows[row + x] = (short2)(taps[4] - taps[0] + 2 * (taps[3] - taps[1]),
-                             taps[0] + taps[4] + 4 * (taps[1] + taps[3]) + 6 * taps[2]);
+    __global const uchar *row = images + 3 * (((size_t)view * HEIGHT + y) * WIDTH);
+    short greys[STRIP + 4];
+    for (int i = 0; i < STRIP + 4; ++i)
+        greys[i] = grey(row + 3 * min(max(x + i - 2, 0), size.x - 1));
+    const short8 a = vload8(0, greys), b = vload8(0, greys + 1), c = vload8(0, greys + 2);
+    const short8 d = vload8(0, greys + 3), e = vload8(0, greys + 4);
+    const size_t at = ((size_t)view * HEIGHT + y) * PITCH + x;
+    vstore8((short8)(e - a + (d - b) * (short)2), 0, derivatives + at);
+    vstore8((short8)(a + e + (b + d) * (short)4 + c * (short)6), 0, smooth + at);
 }
 
 // Is there silhouette within DILATION pixels along x and y?
@@ -80,8 +89,9 @@ inline bool near_silhouette(__global const char *restrict evidence, int2 size, i
 }
 
 // 255 where the gradient's squared magnitude (Rymut 2016 eq. 2.8) is at least THRESHOLD2 near
-// the silhouette.
-__kernel void gradient_edges(__global const short2 *restrict rows,
+// the silhouette; a work-item makes STRIP pixels.
+__kernel void gradient_edges(__global const short *restrict derivatives,
+                             __global const short *restrict smooth,
                              __global const char *restrict evidence,
                              __global const int2 *restrict sizes,
                              __global const int4 *restrict regions,
@@ -90,18 +100,25 @@ __kernel void gradient_edges(__global const short2 *restrict rows,
     const int view = get_global_id(2);
     const int4 box = regions[view];
     const int2 size = sizes[view];
-    const int x = box.x + get_global_id(0), y = box.y + get_global_id(1);
+    const int x = box.x + STRIP * get_global_id(0), y = box.y + get_global_id(1);
     if (x >= box.z || y >= box.w) return;
-    int2 taps[5];
+    int8 along[5], across[5];
     for (int i = 0; i < 5; ++i) {
         const int v = min(max(y + i - 2, 0), size.y - 1);
-        taps[i] = convert_int2(rows[((size_t)view * HEIGHT + v) * WIDTH + x]);
+        const size_t at = ((size_t)view * HEIGHT + v) * PITCH + x;
+        along[i] = convert_int8(vload8(0, derivatives + at));
+        across[i] = convert_int8(vload8(0, smooth + at));
     }
-    const int gx = taps[0].x + taps[4].x + 4 * (taps[1].x + taps[3].x) + 6 * taps[2].x;
-    const int gy = taps[4].y - taps[0].y + 2 * (taps[3].y - taps[1].y);
-    bool edge = gx * gx + gy * gy >= THRESHOLD2;
-    if (edge) edge = near_silhouette(evidence, size, view, x, y);
-    edges[((size_t)view * HEIGHT + y) * WIDTH + x] = edge ? 255 : 0;
+    const int8 gx = along[0] + along[4] + (along[1] + along[3]) * 4 + along[2] * 6;
+    const int8 gy = across[4] - across[0] + (across[3] - across[1]) * 2;
+    int squared[STRIP];
+    vstore8(gx * gx + gy * gy, 0, squared);
+    const size_t row = ((size_t)view * HEIGHT + y) * WIDTH;
+    for (int i = 0; i < min(STRIP, box.z - x); ++i) {
+        bool edge = squared[i] >= THRESHOLD2;
+        if (edge) edge = near_silhouette(evidence, size, view, x + i, y);
+        edges[row + x + i] = edge ? 255 : 0;
+    }
 }
 
 // 255 where `candidates`, edges found elsewhere, lie near the silhouette.
