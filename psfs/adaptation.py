@@ -18,6 +18,8 @@ SLOWER = 4
 #: Squared distance to the background, in its standard deviations, of what it may drift to. Shadows
 #: and whatever else passes for background are further away, and leave no trace.
 NEAREST = 30.0
+#: Grey levels of background that must have been seen in a frame to tell the view's change.
+ENOUGH = 10_000.0
 
 
 class Adaptation:
@@ -25,7 +27,8 @@ class Adaptation:
     `config.adapt` of the difference per frame (Song et al. eq. (1) with a memory that fades).
 
     Only pixels that look much like the background do, and none where a voxel is seen within two
-    cells, or foreground in the same cell: who keeps still does not become background.
+    cells, or foreground in the same cell: who keeps still does not become background. The others
+    become brighter or darker by the share that the view as a whole did in the frame before.
     """
 
     def __init__(
@@ -41,26 +44,32 @@ class Adaptation:
     ) -> None:
         rows, columns = cells(rig)
         mean_rate, variance_rate = rates(config)
-        kernel = device.kernel(
-            "adaptation",
-            "adapt",
+        defines: dict[str, int | float] = dict(
             **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
             **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": REACH},
             **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
+            **{"VIEWS": len(rig), "ENOUGH": ENOUGH},
             LEAST_VARIANCE=float(config.sigma_floor**2),
             WIDTH_GREY=float(config.shadow_width_grey),
             WIDTH_COLOUR=float(config.shadow_width_colour),
         )
         size = (columns, -(-rows // PERIOD), len(rig))
         phase = np.int32(0)
-        arrays = (pictures, evidence, marks, sizes, phase, planes)
-        self._launch = device.launch(kernel, size, row_group(device, columns), *arrays)
+        drift = device.zeros(len(rig), np.float32, "the views' change of light")
+        totals = device.zeros((len(rig), 2), np.int32, "the views' change of light")
+        arrays = (pictures, evidence, marks, sizes, phase, planes, drift, totals)
+        adapt, view_drift = (
+            device.kernel("adaptation", name, **defines) for name in ("adapt", "view_drift")
+        )
+        self._adapt = device.launch(adapt, size, row_group(device, columns), *arrays)
+        self._view_drift = device.launch(view_drift, (len(rig),), None, totals, drift)
         self._frames = 0
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
-        self._launch.set_arg(4, np.int32(self._frames % PERIOD))
-        self._launch()
+        self._adapt.set_arg(4, np.int32(self._frames % PERIOD))
+        self._adapt()
+        self._view_drift()
         self._frames += 1
 
 

@@ -1,8 +1,9 @@
 // The background follows the scene's light where nobody stands (psfs/adaptation.py). One work-item
 // per cell of CELL x CELL pixels, every PERIOD-th row of cells a time.
+// Where it does not know better, a pixel takes on the change that the others of the view have seen.
 // Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; REACH (cells of border of the marks); PERIOD;
 // MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of
-// the light factor (psfs/config.py).
+// the light factor (psfs/config.py); ENOUGH, grey levels seen that tell a view's change.
 #define PIXELS (WIDTH * HEIGHT)
 #define MARKS_X (CELLS_X + 2 * REACH)
 #define MARKS_Y (CELLS_Y + 2 * REACH)
@@ -21,14 +22,28 @@ inline int is_person(__global const uchar *marks, __global const char *evidence,
     return found;
 }
 
+// drift = by which share the background of each view got brighter, from `totals` (difference in
+// sixteenths of a grey level, grey levels of the background), which are cleared.
+__kernel void view_drift(__global int *restrict totals, __global float *restrict drift)
+{
+    const int view = get_global_id(0);
+    if (view >= VIEWS) return;
+    const float seen = totals[2 * view + 1];
+    drift[view] = seen >= ENOUGH ? MEAN_RATE * totals[2 * view] / (16.0f * seen) : 0.0f;
+    totals[2 * view] = totals[2 * view + 1] = 0;
+}
+
 // `background` holds the planes of log_ratio in silhouette.cl.
 __kernel void adapt(__global const uchar *restrict images, __global const char *restrict evidence,
                     __global const uchar *restrict marks, __global const int2 *restrict sizes,
-                    const int phase, __global float *restrict background)
+                    const int phase, __global float *restrict background,
+                    __global const float *restrict drift, __global int *restrict totals)
 {
     const int x = get_global_id(0), y = get_global_id(1) * PERIOD + phase, view = get_global_id(2);
     if (x >= CELLS_X || y >= CELLS_Y) return;
-    if (is_person(marks + view * MARKS_X * MARKS_Y, evidence + view * PIXELS, x, y)) return;
+    const int hidden =
+        is_person(marks + view * MARKS_X * MARKS_Y, evidence + view * PIXELS, x, y);
+    float change = 0.0f, seen = 0.0f;
     const int bottom = min(CELL * (y + 1), sizes[view].y);
     const int right = min(CELL * (x + 1), sizes[view].x);
     for (int row = CELL * y; row < bottom; ++row)
@@ -41,13 +56,18 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
                 difference[c] = colour[c] - plane[c * PIXELS];
                 distance += plane[(3 + c) * PIXELS] * difference[c] * difference[c];
             }
-            if (distance > NEAREST) continue;
+            if (hidden || distance > NEAREST) {
+                for (int c = 0; c < 3; ++c) plane[c * PIXELS] *= 1.0f + drift[view];
+                continue;
+            }
             float peak = 0.0f, brightest = 0.0f, darkest = 256.0f;
             for (int c = 0; c < 3; ++c) {
                 const float d = difference[c], before = 1.0f / plane[(3 + c) * PIXELS];
                 const float drifted = before + VARIANCE_RATE * (d * d - before);
                 const float variance = drifted > LEAST_VARIANCE ? drifted : LEAST_VARIANCE;
                 const float mean = plane[c * PIXELS] + MEAN_RATE * d;
+                change += d;
+                seen += plane[c * PIXELS];
                 plane[c * PIXELS] = mean;
                 plane[(3 + c) * PIXELS] = 1.0f / variance;
                 peak += 0.5f * log(65536.0f / 6.2831853f / variance);
@@ -59,4 +79,8 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
             plane[6 * PIXELS] = peak;
             plane[7 * PIXELS] = 1.0f / (width * width);
         }
+    if (seen > 0.0f) {
+        atomic_add(&totals[2 * view], (int)rint(16.0f * change));
+        atomic_add(&totals[2 * view + 1], (int)rint(seen));
+    }
 }

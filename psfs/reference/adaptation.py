@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from psfs.adaptation import NEAREST, PERIOD, rates
+from psfs.adaptation import ENOUGH, NEAREST, PERIOD, rates
 from psfs.background import Background
 from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
 from psfs.floor import CELL
 from psfs.foreground import REACH
-from psfs.reference.silhouette import in_pictures
+from psfs.reference.silhouette import _of_pixels, in_pictures
 
 
 class NumpyAdaptation:
@@ -23,6 +23,7 @@ class NumpyAdaptation:
         self.background = Background(background.mean.astype(np.float64), std)
         self._inside = in_pictures(rig)
         self._frames = 0
+        self._drift = np.zeros(len(rig))
 
     def __call__(self, images: np.ndarray, evidence: np.ndarray, marks: np.ndarray) -> None:
         """images (V, H, W, 3) uint8, evidence counts (V, H, W), marks (V, rows, columns) bool."""
@@ -31,11 +32,13 @@ class NumpyAdaptation:
         mean_rate, variance_rate = rates(self.config)
         for view, image in enumerate(images):
             mean, std = self.background.mean[view], self.background.std[view]
-            free = ~_person(marks[view], evidence[view]) & due[:, None]
-            pixels = free.repeat(CELL, 0).repeat(CELL, 1)[: image.shape[0], : image.shape[1]]
-            difference = image - mean
-            pixels = pixels & self._inside[view] & (((difference / std) ** 2).sum(-1) <= NEAREST)
-            d, variance = difference[pixels], std[pixels] ** 2
+            free = _of_pixels(~_person(marks[view], evidence[view]), image.shape)
+            difference, looked_at = image - mean, self._inside[view].copy()
+            looked_at &= _of_pixels(np.broadcast_to(due[:, None], marks[view].shape), image.shape)
+            pixels = looked_at & free & (((difference / std) ** 2).sum(-1) <= NEAREST)
+            mean[looked_at & ~pixels] *= 1 + self._drift[view]
+            d, variance, seen = difference[pixels], std[pixels] ** 2, mean[pixels].sum()
+            self._drift[view] = mean_rate * d.sum() / seen if seen >= ENOUGH else 0
             mean[pixels] += mean_rate * d
             variance += variance_rate * (d**2 - variance)
             std[pixels] = np.maximum(np.sqrt(variance), self.config.sigma_floor)
