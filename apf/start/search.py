@@ -10,8 +10,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.initial import fit_to_joints
-from apf.reference.kinematics import bone_matrices, posed_cones, posed_joints
+from apf.reference.kinematics import bone_matrices, posed_cones
 from apf.reference.likelihood import overlap_errors
 from apf.start.shape import Cloud, Shape, angular, contacts, fit_shape, stature, surface_places
 from apf.tracker import tracker_for
@@ -19,8 +18,8 @@ from cl import Device, NumpyDevice
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
 
-#: Headings that are tried, and how many of them are looked at closely.
-_HEADINGS, _KEPT = 8, 3
+#: Headings that are tried.
+_HEADINGS = 8
 #: Deviations of the search by kind of axis of the root, m and rad.
 _ROOT = {"tx": 0.08, "ty": 0.08, "tz": 0.06, "rx": 0.15, "ry": 0.15, "rz": 0.35}
 #: Those of the other angles: a share of what their limits span, at most so many rad; in the
@@ -86,12 +85,9 @@ class PoseSearch:
         for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
             tracker.start(standing_pose(body, cloud.tree.data, heading))
             estimate = tracker.step(voxels)
-            found.append((estimate.least_error[-1], estimate.pose))
-        poses = [pose for _, pose in sorted(found, key=lambda entry: entry[0])[:_KEPT]]
-        hypotheses = [self.polished(cloud, shape, pose) for pose in poses]
-        best = min(hypotheses, key=lambda h: h.misfit)
-        hypotheses.append(self.polished(cloud, best.shape, self._turned_round(best)))
-        return one_per_side(self.template, hypotheses)
+            found.append(Hypothesis(shape, estimate.pose, float(estimate.least_error[-1])))
+        kept = one_per_side(self.template, found)
+        return one_per_side(self.template, [self.polished(cloud, shape, h.pose) for h in kept])
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """One limb after the other searched for again, anywhere within its limits."""
@@ -131,14 +127,6 @@ class PoseSearch:
             start[moving] = (rest[moving] + anywhere) / 2
             starts.append(start)
         return starts
-
-    def _turned_round(self, hypothesis: Hypothesis) -> np.ndarray:
-        """The pose (D,) that looks the other way with its joints where the other side's were."""
-        body = self.model.body(hypothesis.shape)
-        joints = posed_joints(body, hypothesis.pose[None])[0]
-        swap = {"l_": "r_", "r_": "l_"}
-        names = [swap.get(name[:2], name[:2]) + name[2:] for name in body.joint_names]
-        return fit_to_joints(body, dict(zip(names, joints, strict=True)))[1]
 
 
 def search_body(body: BodyModel, limb: str | None = None) -> BodyModel:

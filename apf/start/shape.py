@@ -16,8 +16,9 @@ from apf.reference.kinematics import posed_cones, posed_joints
 #: length and a part's radius beside it.
 SIZE, GIRTH, LENGTH, RADIUS = 0.08, 0.15, 0.025, 0.08
 #: Deviation of a known stature, m, and of an angle from rest, rad (only decides what is open).
-_STATURE, _ANGLE = 0.01, 1.0
-#: What a frame's cloud counts: as many independent distances of this deviation, m.
+_STATURE, _ANGLE = 0.005, 1.0
+#: What all clouds together count: as many independent distances of this deviation, m. The body is
+#: not made of cones, and wrong in the same way in every frame: more frames know no more of it.
 _COUNT, _NOISE = 300.0, 0.02
 #: Difference for derivatives; distance between points on the body, m; share of damping.
 _STEP, _SPACING, _DAMPING = 1e-5, 0.06, 1e-3
@@ -197,7 +198,7 @@ def fit_shape(
         solutions = []
         for cloud, pose, mine, grown in zip(clouds, poses, cones, by_shape, strict=True):
             found = contacts(cloud, mine, samples, width)
-            normal, gradient = _normal_equations(body, pose, mine, grown, found)
+            normal, gradient = _normal_equations(body, pose, mine, grown, found, len(poses))
             solutions.append(_eliminated(normal, gradient, loose, pose - template.rest_pose))
             n = template.n_dof
             matrix += normal[n:, n:] - normal[n:, :n] @ solutions[-1][:, :-1]
@@ -222,15 +223,20 @@ def angular(body: BodyModel) -> np.ndarray:
 
 
 def _normal_equations(
-    body: BodyModel, pose: np.ndarray, cones: np.ndarray, by_shape: np.ndarray, found: Contacts
+    body: BodyModel,
+    pose: np.ndarray,
+    cones: np.ndarray,
+    by_shape: np.ndarray,
+    found: Contacts,
+    n_frames: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """J'J (D + S, D + S) and J'r (D + S,) of the gaps r along the normals, m."""
+    """J'J (D + S, D + S) and J'r (D + S,) of the gaps r along the normals, in deviations."""
     here = placed(found.place, cones[found.cone])
     gap = np.sum(found.normal * (here - found.target), 1)
     others = np.concatenate([posed_cones(body, pose + _STEP * np.eye(body.n_dof)), by_shape])
     moved = placed(found.place, others[:, found.cone]) - here
     rows = np.einsum("kc,pkc->pk", found.normal, moved) / _STEP
-    weighted = rows * (found.weight * _COUNT / _NOISE**2)
+    weighted = rows * (found.weight * _COUNT / n_frames / _NOISE**2)
     return weighted @ rows.T, weighted @ gap
 
 
