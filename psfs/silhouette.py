@@ -74,8 +74,9 @@ class Silhouette:
         device, rig, config = self._device, self.rig, self._config
         bordered, whole = (len(rig), rig.height + 2, rig.width + 2), (rig.width, rig.height)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
+        mixed: tuple[Array, ...] = ()
         if isinstance(background, ChromaKey):
-            before, mixed = [key_launch(device, rig, background, config, self.input, ratios)], ()
+            before = [key_launch(device, rig, background, config, self.input, ratios)]
         else:
             before, mixed = self._before_scene(background, ratios)
         table = device.to_device(config.ratio_counts(), "the evidence table")

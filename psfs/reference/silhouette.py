@@ -36,11 +36,10 @@ def silhouette_evidence(
     for view, nats in enumerate(_log_ratios(images, rig, background, config)):
         ratios.append(config.ratio_steps * nats - _taught(foreground, view, images[view]))
     inside = in_pictures(rig)
-    scene = not isinstance(background, ChromaKey)
-    telling = inside if scene else background.screen > 0
+    telling = background.screen > 0 if isinstance(background, ChromaKey) else inside
     counts = np.where(telling, _in_counts(np.stack(ratios), config), 0)
     evidence = _evidence_of(counts, inside, config)
-    if not scene:
+    if isinstance(background, ChromaKey):
         return evidence
     for view, (image, mean, std) in enumerate(
         zip(images, background.mean, background.std, strict=True)
