@@ -473,7 +473,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
 
 @pytest.mark.parametrize("n_layers", [1, 3])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, n_layers: int) -> None:
-    """GPUs take a work-group per particle, CPUs an item per pack of them: any device can do both."""
+    """GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
     other = Device(device.handle)
     other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
     config = FilterConfig(n_particles=64, n_layers=n_layers)

@@ -14,8 +14,9 @@
 #define ROW (ROW_PACKS * PACK)
 // What a group of voxels adds to the system, in packs: N_DOF rows, then its share of the cost.
 #define PART (N_DOF * ROW_PACKS + 1)
-// Rows that an item works on at once.
+// Rows that an item works on at once, and parts that it waits for together.
 #define LINES 4
+#define TOGETHER 8
 // A voxel's normal, moment (point x normal), distance, square root of its weight, nearest cone.
 #define VOXEL_FLOATS 9
 
@@ -223,7 +224,9 @@ void refine_step(int first, int last, int n_parts, float strength, float weight,
     for (int e = lane; e < N_DOF * ROW; e += GROUP) {
         const int i = e / ROW, j = e % ROW, place = j < i ? j * ROW + i : e;
         float sum = 0.0f;
-        for (int part = 0; part < n_parts; ++part) sum += parts[part * PART * PACK + place];
+        for (int part = 0; part < n_parts; part += TOGETHER)
+            for (int p = part; p < part + TOGETHER; ++p)
+                sum += p < n_parts ? parts[p * PART * PACK + place] : 0.0f;
         const float prior = 1.0f / (sigma[i] * sigma[i]);
         sum *= weight;
         if (j == i) sum += prior;
