@@ -29,7 +29,8 @@ class SilhouetteConfig:
     looks like many clothes, a green carpet under less light like nothing else.
     floor: height of the floor, m. A shadow that falls there is the same for all cameras: it may
     be as dark as floor_shadow_low, but the floor is not darker for one camera than for the one
-    that sees it brightest, but for a standard deviation floor_shadow_width of alpha.
+    that sees it brightest, but for a standard deviation floor_shadow_width of alpha; and alpha
+    itself has the standard deviation floor_shadow_depth around 1: shoes are darker than shadows.
     key_spread: before a screen of one colour, least standard deviation of its chromaticity.
     foreground_limit, background_limit: nats that a single pixel may say for the foreground or the
     background in the mean over 3x3 pixels. independent: how many independent pixels those 3x3
@@ -59,6 +60,7 @@ class SilhouetteConfig:
     floor: float = 0.0
     floor_shadow_low: float = 0.15
     floor_shadow_width: float = 0.05
+    floor_shadow_depth: float = 0.45
     rim_share: float = 0.5
     rim_cost: float = 3.0
     key_spread: float = 0.03
@@ -80,7 +82,12 @@ class SilhouetteConfig:
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
                 "expected 0 < low <= 1 <= high"
             )
-        widths = ("shadow_width_grey", "shadow_width_colour", "floor_shadow_width")
+        widths = (
+            "shadow_width_grey",
+            "shadow_width_colour",
+            "floor_shadow_width",
+            "floor_shadow_depth",
+        )
         limits = ("foreground_limit", "background_limit", "rim_cost")
         for name in ("sigma_floor", "key_spread", *widths, *limits, "independent"):
             _check_between(name, getattr(self, name), 0.0, np.inf)

@@ -135,6 +135,7 @@ class Silhouette:
             "SHADOW_HIGH": float(config.shadow_high),
             "FLOOR_LOW": float(config.floor_shadow_low),
             "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
+            "FLOOR_DEPTH": float(config.floor_shadow_depth**-2),
             "FLOOR_LIT": float(config.floor_lit),
             "FLOOR_LEFT": FLOOR_LEFT,
             "RIM_SHARE": float(config.rim_share),

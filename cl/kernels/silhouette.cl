@@ -1,8 +1,9 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py).
 // Defines: WIDTH, HEIGHT; for pictures also VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW,
 // FLOOR_LIT, FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance),
-// RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST and
-// HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of the cells.
+// FLOOR_DEPTH (1 / variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio
+// per nat), LOWEST and HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of
+// the cells.
 #include "camera.h"
 
 // Is the pixel inside the picture of its view, which may be smaller than the stack of views?
@@ -137,7 +138,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const float fb = b - dim * mb, fg = g - dim * mg, fr = r - dim * mr;
     const float darker = seen > dim ? seen - dim : 0.0f;
     const float on_it = wb * fb * fb + wg * fg * fg + wr * fr * fr +
-                        FLOOR_WEIGHT * darker * darker + (1.0f - dim) * (1.0f - dim);
+                        FLOOR_WEIGHT * darker * darker + FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
     least = on_floor && on_it < least ? on_it : least;
 
     const float uniform_ratio = plane[6 * PIXELS] - 0.5f * least;

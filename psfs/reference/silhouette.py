@@ -223,7 +223,7 @@ def background_ratio(
     factor that fits best within the shadow range, at the price of ((1 - alpha) / width)^2 / 2;
     and on the floor, where `light` (H, W) is not NaN, the one that fits best, at the price of
     ((light - alpha) / floor_shadow_width)^2 / 2 if it is darker than `light`, and in any case of
-    (1 - alpha)^2 / 2.
+    ((1 - alpha) / floor_shadow_depth)^2 / 2.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -240,7 +240,8 @@ def background_ratio(
     if light is not None:
         alpha = np.clip(factor, config.floor_shadow_low, config.shadow_high)
         darker = np.maximum(light - alpha, 0) / config.floor_shadow_width
-        on_floor = distance(alpha) + darker**2 + (1 - alpha) ** 2
+        depth = (1 - alpha) / config.floor_shadow_depth
+        on_floor = distance(alpha) + darker**2 + depth**2
         least = np.fmin(least, on_floor)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
     ratio: np.ndarray = peak - 0.5 * least
