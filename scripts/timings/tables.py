@@ -30,7 +30,7 @@ class Grid:
         table = Table(box=box.SIMPLE)
         for k, column in enumerate(self.columns):
             justify: Literal["left", "right"] = "right" if self._is_figures(k) else "left"
-            table.add_column(column, justify=justify, no_wrap=not k)
+            table.add_column(column, justify=justify, no_wrap=not k, overflow="fold")
         for row in self.rows:
             table.add_row(*(cell.strip("*_") for cell in row))
         stdout.print(f"\n[bold]{self.title}[/bold]")
