@@ -15,9 +15,13 @@ from timings.tables import NONE, Grid, number
 def peers(machines: Sequence[Machine]) -> str:
     """The chapters on the two halves alone, as far as they were measured."""
     reconstruction = [
-        _reconstruction(machine, machine.results["psfs"]).markdown()
+        text
         for machine in machines
         if "psfs" in machine.results
+        for text in (
+            _reconstruction(machine, machine.results["psfs"]).markdown(),
+            *(_folded(grid) for grid in _growth(machine, machine.results["psfs"])),
+        )
     ]
     tracking = [
         named(_folded(grid), machine)
@@ -64,6 +68,22 @@ def _reconstruction(machine: Machine, results: Results) -> Grid:
         f"{machine.title}: {results.settings['views']} cameras, {nx} x {ny} x {nz} voxels",
         ["program", "median, ms", "quartiles", "least", "Open3D : it", "NumPy : it"], rows,
     )  # fmt: skip
+
+
+def _growth(machine: Machine, results: Results) -> list[Grid]:
+    """Voxels up to 512^3, and cameras; a table for every device."""
+    grids = []
+    for name, rows in results.sections.items():
+        if not name.startswith("growth "):
+            continue
+        title = device_title(name.removeprefix("growth "), machine)
+        cells = [
+            [row["mode"], " x ".join(map(str, row["shape"])), str(row["views"]), str(row["ms"])]
+            for row in rows
+        ]
+        heads = ["mode", "voxels", "cameras", "ms, median [quartiles]"]
+        grids.append(Grid(f"{title}: growth with voxels and cameras", heads, cells))
+    return grids
 
 
 def _spread(timing: Timing) -> str:
