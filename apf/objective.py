@@ -31,7 +31,7 @@ class ObjectiveConfig:
     shape's parts (the body's cones), from 1 on, for silhouettes segmented alike (eq. 4.43); none
     for plain ones. label_weights: of the segments, equal by default; divided by their sum.
     vertices_per_part: shape model, table 6.5: 4 draws cones as trapezoids, more as frusta.
-    round_ends: of the trapezoids; Rymut's have none.
+    round_ends: of the trapezoids, as the cones have in the voxels' likelihood; Rymut's have none.
     """
 
     kind: str = "sp"
@@ -41,7 +41,7 @@ class ObjectiveConfig:
     labels: tuple[int, ...] = ()
     label_weights: tuple[float, ...] = ()
     vertices_per_part: int = 4
-    round_ends: bool = True
+    round_ends: bool = False
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

@@ -95,7 +95,7 @@ class FlatRenderer:
         rig: CameraRig,
         n: int,
         labels: np.ndarray,
-        round_ends: bool = True,
+        round_ends: bool = False,
     ) -> None:
         self.device, self.rig, self.n_hypotheses, self.round_ends = device, rig, n, round_ends
         self.n_parts, self.n_labels = len(body.cones), int(labels.max()) + 1
@@ -252,7 +252,7 @@ def renderer_for(
     n: int,
     labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
-    round_ends: bool = True,
+    round_ends: bool = False,
 ) -> FlatRenderer | MeshRenderer:
     """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh."""
     n_parts = len(body.cones) if mesh is None else mesh.n_parts
@@ -268,7 +268,7 @@ def draw_hypotheses(
     rig: CameraRig,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
-    round_ends: bool = True,
+    round_ends: bool = False,
 ) -> np.ndarray:
     """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D): the number of the part seen, from 1 (0 is
     background), and 255 on edges. The very pixels that an `ImageObjective` counts."""

@@ -68,7 +68,7 @@ def check_pictures(
     rig: CameraRig,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
-    round_ends: bool = True,
+    round_ends: bool = False,
 ) -> None:
     """The device draws what the twin does, but for a boundary band: pixels on a part's outline,
     where rounding decides."""

@@ -68,7 +68,7 @@ def test_a_cone_is_a_rectangle_with_two_edges() -> None:
 
 
 def test_round_ends_show_an_edge_where_they_are_free() -> None:
-    parts, edges = drawn([UPRIGHT], (False, True))
+    parts, edges = drawn([UPRIGHT], (False, True), round_ends=True)
     assert parts.sum() == pytest.approx(20 * 60 + np.pi * 10**2, rel=0.02)
     rows, _ = np.nonzero(parts)
     assert (rows.min(), rows.max()) == (21, 100)
@@ -218,14 +218,18 @@ def walker() -> tuple[CameraRig, BodyModel, np.ndarray, np.ndarray]:
     return rig, body, pose, np.stack([cv2.imread(str(f), 0) for f in files])
 
 
-def test_the_walkers_true_pose_covers_its_silhouette(device: Device, walker: Any) -> None:
-    """f1 >= 0.85; a step away it is much less."""
+@pytest.mark.parametrize(("round_ends", "least"), [(False, 0.85), (True, 0.89)])
+def test_the_walkers_true_pose_covers_its_silhouette(
+    device: Device, walker: Any, round_ends: bool, least: float
+) -> None:
+    """A step away f1 is much less."""
     rig, body, pose, masks = walker
+    config = ObjectiveConfig("ws", 1.0, 0.0, round_ends=round_ends)
     away = pose.copy()
     away[body.dof_names.index("pelvis.tx")] += 0.5
-    objective = ImageObjective(device, body, rig, 2, ObjectiveConfig("ws", 1.0, 0.0))
+    objective = ImageObjective(device, body, rig, 2, config)
     maps = np.stack([masks, np.zeros_like(masks)], -1)
     objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
     right, wrong = 1 - rendered.errors_of(device, objective, np.stack([pose, away]))
-    assert right >= 0.9
+    assert right >= least
     assert wrong < 0.4

@@ -45,6 +45,9 @@ def register(commands: argparse._SubParsersAction) -> None:
         default=4,
         help="per part: 4 for trapezoids, 8 for square frusta, more for elliptic ones",
     )
+    group.add_argument(
+        "--round-ends", action="store_true", help="trapezoids with the cones' round ends"
+    )
     group.add_argument("--mesh", type=Path, metavar="FILE", help="a mesh, metres, for trimesh")
     group.add_argument(
         "--weights",
@@ -60,6 +63,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.opengl and args.round_ends:
+        raise UserError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
     chosen = selected_frames(args, sequence)
@@ -75,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for row in bar.track(rows, description="rendering"):
             frame = sequence.read(int(track.frames[row]))
-            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh)
+            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh, args.round_ends)
             for view, camera in enumerate(sequence.rig):
                 width, height = camera.size
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
@@ -104,14 +109,16 @@ def _drawn(
     rig: CameraRig,
     pose: np.ndarray,
     mesh: BodyMesh | None,
+    round_ends: bool,
 ) -> np.ndarray:
     """(V, H, W, 2) uint8 part and edge of `pose` (D,); without a device by OpenGL."""
     if device is None:
         return OpenGLRenderer(body, rig, mesh).draw(pose[None])[0]
     if isinstance(device, Device):
-        return draw_hypotheses(device, body, rig, pose[None], mesh)[0]
+        return draw_hypotheses(device, body, rig, pose[None], mesh, round_ends)[0]
     out = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
-    for view, ((parts, edges),) in enumerate(twin.draw_hypotheses(body, rig, pose[None], mesh)):
+    pictures = twin.draw_hypotheses(body, rig, pose[None], mesh, round_ends)
+    for view, ((parts, edges),) in enumerate(pictures):
         height, width = parts.shape
         out[view, :height, :width] = np.stack([parts, 255 * edges], -1)
     return out

@@ -19,7 +19,7 @@ def draw_hypotheses(
     rig: CameraRig,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
-    round_ends: bool = True,
+    round_ends: bool = False,
 ) -> list[list[Picture]]:
     """Pictures by camera and pose of `poses` (N, D): of the body's cones, or of its mesh."""
     if mesh is None:
@@ -30,7 +30,7 @@ def draw_hypotheses(
 
 
 def draw_cones(
-    body: BodyModel, rig: CameraRig, cones: np.ndarray, round_ends: bool = True
+    body: BodyModel, rig: CameraRig, cones: np.ndarray, round_ends: bool = False
 ) -> list[list[Picture]]:
     """Pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
     edged, free = cone_edges(body)
@@ -52,7 +52,7 @@ def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def flat_body(
-    camera: Camera, cones: np.ndarray, edged: np.ndarray, free: np.ndarray, round_ends: bool = True
+    camera: Camera, cones: np.ndarray, edged: np.ndarray, free: np.ndarray, round_ends: bool = False
 ) -> Picture:
     """What posed cones (C, 16) look like to `camera`.
 
