@@ -23,10 +23,12 @@ from psfs.grid import VoxelGrid
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
 
-#: A pose this long after the last one is searched for no wider than this, s.
-_LONGEST_GAP = 0.5
+#: A pose is searched for as widely as the time since the last one asks for, up to this, s.
+_LONGEST_GAP = 0.25
+#: An error of image objectives (1 is no overlap at all) beyond which a pose is not believed.
+_NOTHING_SEEN = 0.9
 #: Evaluations of the searches whose time gives the cost of one.
-_PROBES = (480, 1920)
+_PROBES = (960, 3000)
 #: How much earlier than needed the processing begins, as a share of what it takes.
 _EARLY = 0.25
 #: Weight of the newest in the running means of durations.
@@ -160,12 +162,13 @@ class Live:
                     self._free.set()
                 estimate = self._tracker.search()
             self._free.set()
+            self._keep(estimate)
             seconds = self.timeline.now() - start
             self.timeline.result(shot.frame.index, shot.time)
             self.result.frames.append(shot.frame.index)
             self.result.estimates.append(estimate)
             self._tracking_time, last = _smoothed(self._tracking_time, seconds), shot
-            self._resize(seconds if self._overlaps else seconds + self._processing_time, estimate)
+            self._resize(seconds if self._overlaps else seconds + self._processing_time)
 
     # The search's size ----------------------------------------------------------------------
 
@@ -202,12 +205,20 @@ class Live:
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])
 
-    def _resize(self, seconds: float, estimate: Estimate) -> None:
+    def _keep(self, estimate: Estimate) -> None:
+        """Remember a pose that fits; go back to the last such one where nothing does, instead of
+        wandering off."""
+        if self._method.uses_voxels or estimate.least_error[-1] < _NOTHING_SEEN:
+            self._pose = estimate.pose
+        else:
+            self._tracker.start(self._pose)
+
+    def _resize(self, seconds: float) -> None:
         if self._governor is None:
             return
         other = self._governor.revised(self._method, seconds)
         if other is not None:
-            self._pose, self._method = estimate.pose, other
+            self._method = other
             self._tracker = self._started(other)
 
     def _started(self, method: Method) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from apf.methods import Method
 
 #: With fewer evaluations a search does not follow a person; with more it gains nothing.
-FEWEST, MOST = 480, 6000
+FEWEST, MOST = 960, 6000
 #: Particles come in multiples of this, and there are at least so many.
 _STEP, _FEWEST_PARTICLES = 16, 48
 _FEWEST_LAYERS, _MOST_LAYERS = 6, 15
