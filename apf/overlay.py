@@ -97,11 +97,12 @@ def overlay_picture(
     joints: np.ndarray,
     edges: np.ndarray,
     views: Items[int] | None = None,
+    note: str = "",
 ) -> np.ndarray:
     """One frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
 
-    Where the frame has no images it is drawn on the masks. Arguments as in `draw_overlay`. The
-    mosaic has even sides within MOSAIC_SIZE.
+    note: written beside the frame's number. Where the frame has no images it is drawn on the
+    masks. Arguments as in `draw_overlay`. The mosaic has even sides within MOSAIC_SIZE.
     """
     chosen = range(len(rig)) if views is None else views
     columns, scale = _arrangement(len(chosen), rig.width, rig.height)
@@ -113,7 +114,7 @@ def overlay_picture(
         size = (min(camera.size[0], width), min(camera.size[1], height))
         picture = cv2.resize(picture_of(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
         picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
-        _label(picture, f"{camera.name}   frame {frame.index}")
+        _label(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (place // columns), width * (place % columns)
         mosaic[y : y + size[1], x : x + size[0]] = picture
     return mosaic
@@ -195,6 +196,7 @@ def write_overlay(
                     track.joints[row],
                     track.edges,
                     views,
+                    "   LOST" if track.lost[row] else "",
                 )
                 if writer is None:
                     writer = _writer(temporary, path, track, picture)

@@ -156,6 +156,19 @@ def test_chosen_cameras(tmp_path: Path) -> None:
         write_overlay(tmp_path / "b.mp4", sequence, track, BODY, cameras=["cam9"])
 
 
+def test_lost_frames_say_so(tmp_path: Path) -> None:
+    """Beside the frame's number, where the strip for the text grows wider."""
+    sequence, track = Footage([(320, 240)]), tracks.walker(frames=2)
+    lost = replace(track, diagnostics={"lost": np.array([False, True])})
+    frames = []
+    for name, shown in (("a", track), ("b", lost)):
+        write_overlay(tmp_path / f"{name}.mp4", sequence, shown, BODY)
+        capture = cv2.VideoCapture(str(tmp_path / f"{name}.mp4"))
+        frames.append([capture.read()[1].astype(int) for _ in range(2)])
+    first, second = (np.abs(a - b)[:24].max() for a, b in zip(*frames, strict=True))
+    assert first < 10 < 60 < second
+
+
 @pytest.mark.parametrize(
     ("frames", "message"), [([4, 5, 6], "frames 4..6; the sequence 6"), ([], "no frame")]
 )
