@@ -16,6 +16,7 @@ from apf.body import BodyModel
 from apf.meshes import BodyMesh
 from apf.reference.cones import FAR_OUT, outlines
 from apf.reference.kinematics import posed_cones
+from apf.shaders import FILL_FRAGMENT, FILL_VERTEX, LINE_FRAGMENT, LINE_VERTEX
 from cl import UserError
 from psfs.camera import CameraRig
 
@@ -24,98 +25,6 @@ _TILES, _LARGEST = 8, 8192
 #: Lengths of the arrays in the shaders.
 _MOST_VIEWS, _MOST_PARTS = 64, 256
 _CLIP_DISTANCE = 0x3000  # GL_CLIP_DISTANCE0
-
-_COMMON = """
-#version 430
-layout(std430, binding=0) readonly buffer Pixels { vec2 pixels[]; };
-layout(std430, binding=1) readonly buffer Parts { vec4 parts[]; };   // depth, radius, middle
-layout(std430, binding=2) readonly buffer Shape { ivec4 shape[]; };
-uniform int n_vertices, n_parts, columns;
-uniform vec2 tile, atlas;
-uniform vec2 sizes[64];
-uniform int n_views, first;
-out float gl_ClipDistance[4];
-
-vec2 pixel(int vertex) { return pixels[gl_InstanceID * n_vertices + vertex]; }
-vec4 part_of(int part) { return parts[gl_InstanceID * n_parts + part]; }
-bool seen(vec2 p) { return !any(isnan(p)); }
-
-void place(vec2 p, float depth)
-{
-    vec2 corner = tile * vec2(gl_InstanceID % columns, gl_InstanceID / columns);
-    vec2 size = sizes[(first + gl_InstanceID) % n_views];
-    gl_ClipDistance[0] = p.x + 0.5;
-    gl_ClipDistance[1] = p.y + 0.5;
-    gl_ClipDistance[2] = size.x - 0.5 - p.x;
-    gl_ClipDistance[3] = size.y - 0.5 - p.y;
-    gl_Position = vec4(2.0 * (corner + p + 0.5) / atlas - 1.0, 2.0 * depth - 1.0, 1.0);
-}
-void leave_out() { place(vec2(-9.0), 0.0); }
-"""
-
-_FILL_VERTEX = (
-    _COMMON
-    + """
-flat out vec4 disc;
-flat out float number;
-out vec2 here;
-void main()
-{
-    ivec4 triangle = shape[gl_VertexID / 3];
-    vec4 part = part_of(triangle.w);
-    number = float(triangle.w + 1) / 255.0;
-    disc = part;
-    here = pixel(triangle[gl_VertexID % 3]);
-    if (seen(pixel(triangle.x)) && seen(pixel(triangle.y)) && seen(pixel(triangle.z)))
-        place(here, part.x);
-    else
-        leave_out();
-}
-"""
-)
-
-_FILL_FRAGMENT = """
-#version 430
-flat in vec4 disc;
-flat in float number;
-in vec2 here;
-uniform int edged[256];
-out vec2 colour;
-void main()
-{
-    float away = distance(here, disc.zw);
-    if (disc.y > 0.0 && away > disc.y) discard;
-    bool rim = disc.y > 0.0 && away > disc.y - 1.0 && edged[int(round(number * 255.0)) - 1] != 0;
-    colour = vec2(number, rim ? 1.0 : 0.0);
-}
-"""
-
-_LINE_VERTEX = (
-    _COMMON
-    + """
-layout(std430, binding=3) readonly buffer Owners { int owners[]; };
-float side(vec2 a, vec2 b, vec2 p) { return (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x); }
-void main()
-{
-    int line = gl_VertexID / 2;
-    ivec4 ends = shape[line];
-    vec2 a = pixel(ends.x), b = pixel(ends.y);
-    vec4 part = part_of(owners[line]);
-    // A contour: both surfaces that meet here lie on one side of it.
-    bool contour = ends.z < 0 || side(a, b, pixel(ends.z)) * side(a, b, pixel(ends.w)) > 0.0;
-    if (contour && part.y == 0.0 && seen(a) && seen(b))
-        place(gl_VertexID % 2 == 0 ? a : b, part.x - 1e-6);
-    else
-        leave_out();
-}
-"""
-)
-
-_LINE_FRAGMENT = """
-#version 430
-out vec2 colour;
-void main() { colour = vec2(0.0, 1.0); }
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +40,7 @@ class Shapes:
 
 
 class OpenGLRenderer:
-    """Draws `body`, flat or as `mesh`, in the cameras of `rig` by OpenGL.
+    """Draws `body`, flat (without round ends) or as `mesh`, in the cameras of `rig` by OpenGL.
 
     Raises UserError where moderngl or EGL is missing.
     """
@@ -149,8 +58,8 @@ class OpenGLRenderer:
         depth = self._context.depth_renderbuffer(self._size)
         self._frame = self._context.framebuffer([colour], depth)
         triangles, lines, owners, edged = _flat_shape(body) if mesh is None else _mesh_shape(mesh)
-        self._fill = self._program(_FILL_VERTEX, _FILL_FRAGMENT, 3 * len(triangles))
-        self._lines = self._program(_LINE_VERTEX, _LINE_FRAGMENT, 2 * len(lines))
+        self._fill = self._program(FILL_VERTEX, FILL_FRAGMENT, 3 * len(triangles))
+        self._lines = self._program(LINE_VERTEX, LINE_FRAGMENT, 2 * len(lines))
         self._fill.program["edged"].value = [*edged.astype(int), *[0] * (_MOST_PARTS - len(edged))]
         self._buffers = [self._context.buffer(a.tobytes()) for a in (triangles, lines, owners)]
         n_vertices = triangles[:, :3].max() + 1
@@ -246,7 +155,7 @@ class OpenGLRenderer:
 
     def _program(self, vertex: str, fragment: str, n_vertices: int) -> _Drawing:
         program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
-        mode = self._context.TRIANGLES if fragment is _FILL_FRAGMENT else self._context.LINES
+        mode = self._context.TRIANGLES if fragment is FILL_FRAGMENT else self._context.LINES
         return _Drawing(program, self._context.vertex_array(program, []), mode, n_vertices)
 
     def _set_sizes(self, program: Any, n_vertices: int, n_parts: int) -> None:

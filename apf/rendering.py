@@ -10,7 +10,7 @@ from apf.body import BodyModel, Cone
 from apf.kinematics import Kinematics
 from apf.meshes import BodyMesh
 from apf.reference.render import cone_edges
-from cl import Array, Device, Launch
+from cl import Array, Device, Launch, UserError
 from psfs.camera import CameraRig
 
 #: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
@@ -18,6 +18,8 @@ from psfs.camera import CameraRig
 _ROWS, _PACK = 128, 8
 #: 32-bit words of a Part in parts.h.
 _PART_WORDS = 30
+#: Columns that the spans' 16 bits hold, with a sign and room for what means none.
+_WIDEST = 16380
 #: Local memory for the spans of a mesh's parts: on a GPU so little that many groups run at once.
 _GPU_BYTES, _CPU_BYTES = 16384, 65536
 
@@ -254,7 +256,12 @@ def renderer_for(
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> FlatRenderer | MeshRenderer:
-    """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh."""
+    """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
+
+    Raises UserError for pictures too wide to draw in.
+    """
+    if rig.width > _WIDEST:
+        raise UserError(f"pictures {rig.width} px wide; expected at most {_WIDEST}")
     n_parts = len(body.cones) if mesh is None else mesh.n_parts
     labels = np.zeros(n_parts, np.int32) if labels is None else labels
     if mesh is None:

@@ -27,7 +27,10 @@ inline vuint bits_between(vint first, vint end, int word)
     return bits_from(first - 32 * word) & ~bits_from(end - 32 * word);
 }
 
-inline vuint span_bits(vint span, int word) { return bits_between(span & 0xffff, span >> 16, word); }
+inline vuint span_bits(vint span, int word)
+{
+    return bits_between(span & 0xffff, span >> 16, word);
+}
 
 // The least integer from `x` >= 0 on. Operators instead of ceil, which PoCL does not inline.
 inline vint first_from(vfloat x)

@@ -129,7 +129,7 @@ def by_opengl(observed: Observed, hypotheses: tuple[int, ...], runs: int) -> dic
             {"hypotheses": n, "views_drawn": n * len(observed.rig)}
             | {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
         )
-    return {"label": f"OpenGL, {renderer.name}", "rows": rows}
+    return {"label": f"OpenGL, {renderer.name.split(' (')[0]}", "rows": rows}
 
 
 def _by_opengl(renderer: OpenGLRenderer, observed: Observed, n: int) -> dict[str, float]:
