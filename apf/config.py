@@ -63,12 +63,12 @@ class FilterConfig:
     n_layers: int = 10
     first_survival: float = 0.5
     last_survival: float = 0.05
-    noise: float = 0.5
+    noise: float = 0.35
     noise_decay: float = 0.8
     spread: float = 0.0
     velocity: float = 0.0
-    trunk_layers: int = 0
-    edge_weight: float = 2.0
+    trunk_layers: int = 3
+    edge_weight: float = 4.0
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
     overlap_weight: float = 1.0

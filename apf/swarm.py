@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,6 +115,7 @@ class ParticleSwarm(Tracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
+        config = replace(config, trunk_layers=0)  # particles scatter once a frame, all of the body
         self._swarm = Swarm(device, body, config, swarm or SwarmConfig())
         super().__init__(device, body, scorer, self._swarm, config)
 

@@ -117,7 +117,7 @@ class Layer:
     """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
 
     def __init__(self, device: Device, body: BodyModel, n: int, **settings: float) -> None:
-        settings = {"n_layers": 3, "seed": 0x12345_6789ABCD, **MILD} | settings
+        settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
         self.config = FilterConfig(n_particles=n, **settings)  # type: ignore[arg-type]
         self.set = ParticleSet(device, body, self.config)
         self.device = device

@@ -20,8 +20,8 @@ def test_the_trunk_is_what_branches() -> None:
     assert names == {"pelvis", "thorax"}
 
 
-def test_by_default_all_layers_spread_alike() -> None:
-    sigmas = layer_sigmas(SONG, FilterConfig())
+def test_without_trunk_layers_all_spread_alike() -> None:
+    sigmas = layer_sigmas(SONG, FilterConfig(trunk_layers=0))
     assert sigmas.shape == (10, 31)
     np.testing.assert_array_equal(sigmas, np.broadcast_to(SONG.sigma, sigmas.shape))
 

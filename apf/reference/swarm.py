@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ class NumpyParticleSwarm(NumpyTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        super().__init__(body, scorer, config)
+        super().__init__(body, scorer, replace(config, trunk_layers=0))
         self.swarm = swarm or SwarmConfig()
 
     def _search(self) -> Estimate:

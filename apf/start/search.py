@@ -18,8 +18,8 @@ from cl import Device, NumpyDevice
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
 
-#: Headings that are tried.
-_HEADINGS = 8
+#: Headings that are tried, how many of the best go on, and how far these are apart, rad.
+_HEADINGS, _KEPT, _APART = 8, 3, 0.8
 #: Deviations of the search by kind of axis of the root, m and rad.
 _ROOT = {"tx": 0.08, "ty": 0.08, "tz": 0.06, "rx": 0.15, "ry": 0.15, "rz": 0.35}
 #: Those of the other angles: a share of what their limits span, at most so many rad; in the
@@ -67,11 +67,11 @@ class PoseSearch:
         self.free = () if keep_shape else (0, 1)
         self.random = np.random.default_rng(seed)
         self.config = FilterConfig(
-            n_particles=n_particles, n_layers=10, noise=1.0, noise_decay=0.75, seed=seed
+            n_particles=n_particles, noise=1.0, noise_decay=0.75, trunk_layers=0, seed=seed
         )
 
     def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
-        """The best hypothesis and, if any, the best that looks the other way; best first.
+        """The best hypotheses that look in different directions, best first.
 
         voxels: what a tracker observes; cloud: the person's points among them.
         """
@@ -86,8 +86,8 @@ class PoseSearch:
             tracker.start(standing_pose(body, cloud.tree.data, heading))
             estimate = tracker.step(voxels)
             found.append(Hypothesis(shape, estimate.pose, float(estimate.least_error[-1])))
-        kept = one_per_side(self.template, found)
-        return one_per_side(self.template, [self.polished(cloud, shape, h.pose) for h in kept])
+        kept = distinct(self.template, found, _KEPT + 1)
+        return distinct(self.template, [self.polished(cloud, shape, h.pose) for h in kept], _KEPT)
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """One limb after the other searched for again, anywhere within its limits."""
@@ -176,14 +176,17 @@ def misfit(body: BodyModel, pose: np.ndarray, cloud: Cloud) -> float:
     return float(unexplained + _BEND * bends + _OVERLAP * overlap)
 
 
-def one_per_side(template: BodyModel, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The best hypothesis, and the best of those that look more than 90 degrees away from it."""
-    ordered = sorted(hypotheses, key=lambda h: h.misfit)
-    ahead = forward(template, ordered[0].pose)
-    others = [h for h in ordered if ahead @ forward(template, h.pose) < 0]
-    return [ordered[0], *others[:1]]
+def distinct(template: BodyModel, hypotheses: Sequence[Hypothesis], n: int) -> list[Hypothesis]:
+    """The best `n` hypotheses, best first, that look more than `_APART` away from each other."""
+    kept: list[Hypothesis] = []
+    for hypothesis in sorted(hypotheses, key=lambda h: h.misfit):
+        ahead = forward(template, hypothesis.pose)
+        if all(ahead @ forward(template, other.pose) < np.cos(_APART) for other in kept):
+            kept.append(hypothesis)
+    return kept[:n]
 
 
 def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """(2,) horizontal part of where the root's x axis points."""
-    return bone_matrices(body, pose[None])[0][0, 0, :2, 0]
+    """(2,) horizontal direction, of length 1, in which the root's x axis points."""
+    direction = bone_matrices(body, pose[None])[0][0, 0, :2, 0]
+    return direction / np.linalg.norm(direction)
