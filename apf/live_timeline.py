@@ -142,7 +142,7 @@ class Timeline:
                 start = (1000 * (appeared - low), max(lanes.values()) + 0.3)
                 stop = (1000 * (end - low), min(lanes.values()) - 0.3)
                 axes.annotate(
-                    "", stop, start, annotation_clip=True,
+                    "", stop, start, annotation_clip=True, zorder=3,
                     arrowprops={"arrowstyle": "->", "color": colours[frame], "alpha": 0.6},
                 )  # fmt: skip
         axes.set(

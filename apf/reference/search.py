@@ -92,7 +92,7 @@ class NumpyTracker:
         """Track one frame further."""
         self.scorer.observe(observation)
         found = self._search()
-        pose, information = found.pose, found.information
+        pose, information = found.pose, np.zeros((self.body.n_dof, self.body.n_dof))
         if hasattr(self.scorer, "points"):
             pose, information = settled(self.body, self.scorer, pose, self.config, self._frame + 1)
         misfit = self.scorer.misfit(pose) if hasattr(self.scorer, "misfit") else np.nan
