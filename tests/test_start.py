@@ -11,7 +11,15 @@ from apf.body import BodyModel, load_body
 from apf.reference.cones import distances
 from apf.reference.kinematics import posed_cones, posed_joints
 from apf.start.find import find_start
-from apf.start.search import Hypothesis, forward, misfit, one_per_side, search_body, standing_pose
+from apf.start.search import (
+    Hypothesis,
+    distinct,
+    forward,
+    misfit,
+    search_body,
+    sideways,
+    standing_pose,
+)
 from apf.start.shape import Cloud, Shape, fit_shape, placed, stature, surface_places
 from apf.start.stored import StoredVoxels, person_points
 from cl import Device, UserError
@@ -96,16 +104,23 @@ def test_misfit_knows_front_and_back_and_contortions() -> None:
     assert misfit(SONG, lost_arm, cloud) > good + 0.03
 
 
-def test_one_hypothesis_per_side() -> None:
+def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     def looking(degrees: float, badly: float) -> Hypothesis:
         pose = SONG.rest_pose.copy()
         pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
         return Hypothesis(np.zeros(1), pose, badly)
 
-    kept = one_per_side(SONG, [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2))])
-    assert [h.misfit for h in kept] == [1, 2]
+    every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
+    assert [h.misfit for h in distinct(SONG, every, 3)] == [1, 2, 5]
+    assert [h.misfit for h in distinct(SONG, every, 2)] == [1, 2]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
-    assert len(one_per_side(SONG, [looking(0, 1), looking(30, 2)])) == 1
+
+
+def test_people_look_where_they_go() -> None:
+    pose = SONG.rest_pose[None]  # looks along x
+    factors = [sideways(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
+    assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
+    assert sideways(SONG, pose, np.array([-0.1, 0.0])) == 1
 
 
 def test_a_limb_is_searched_for_alone() -> None:

@@ -38,7 +38,7 @@ from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
 
-#: A start whose rival, looking the other way, fits nearly as well is told of.
+#: A start whose rival, looking another way, fits nearly as well is told of.
 _DOUBT = 1.1
 
 #: Settings of the search that have a flag of their own.
@@ -260,7 +260,9 @@ def found_start(
         seed=args.seed or 0,
     )
     if found.rival < _DOUBT:
-        stderr.print("the person might look the other way: fits the voxels nearly as well")
+        stderr.print(
+            "it is not sure which way the person looks: another fits the voxels nearly as well"
+        )
     return found.body, found.pose
 
 

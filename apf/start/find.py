@@ -10,8 +10,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.reference.kinematics import bone_matrices
-from apf.start.search import Hypothesis, PoseSearch, forward, misfit
+from apf.start.search import Hypothesis, PoseSearch, misfit, sideways
 from apf.start.shape import Cloud, fit_shape, stature
 from apf.start.stored import person_points
 from apf.tracker import tracker_for
@@ -21,9 +20,6 @@ from psfs.grid import VoxelGrid
 
 #: Fewest surface voxels that can be a person.
 _FEWEST = 200
-#: A person who walks looks where he goes: share that a misfit grows by when he goes backwards, and
-#: the way, m, from which on that counts.
-_BACKWARDS, _WAY = 0.15, 0.3
 #: Misfit above which no body was found.
 _HOPELESS = 0.55
 
@@ -32,7 +28,7 @@ _HOPELESS = 0.55
 class Start:
     """body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
     frames used. misfit: of `pose`, 0 is perfect. rival: how much worse the best hypothesis that
-    looks the other way is, as a factor of the misfit; infinite where there is none."""
+    looks elsewhere is, as a factor of the misfit; infinite where there is none."""
 
     body: BodyModel
     pose: np.ndarray
@@ -66,7 +62,8 @@ def find_start(
     own body. Raises UserError if no frame shows a person.
     """
     clouds = [Cloud(points) for points in _people(voxels)]
-    search = PoseSearch(device, rig, grid, template, height, keep_shape, seed)
+    way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
+    search = PoseSearch(device, rig, grid, template, height, keep_shape, seed, way)
     config = FilterConfig(noise=noise, seed=seed)
 
     def follow(body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
@@ -86,7 +83,8 @@ def find_start(
         )
         body = search.model.body(shape)
         misfits = [misfit(body, pose, cloud) for pose, cloud in zip(poses, clouds, strict=True)]
-        return _Fit(body, shape, poses, np.array(misfits))
+        score = float(np.mean(misfits)) * sideways(body, poses, search.way)
+        return _Fit(body, shape, poses, np.array(misfits), score)
 
     anchor, hypotheses = _best_frame(search, voxels, clouds)
     fits = []
@@ -96,7 +94,7 @@ def find_start(
     fits.sort(key=lambda fit: fit.score)
     best = int(np.argmin(fits[0].misfits))
     final = shaped(fits[0].shape, fits[0].poses[best], best)
-    if final.misfits.mean() > fits[0].misfits.mean():
+    if final.score > fits[0].score:
         final = fits[0]
     if final.misfits.mean() > _HOPELESS:
         raise UserError(
@@ -109,24 +107,14 @@ def find_start(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A body of scales `shape` (S,), poses (M, D) and misfits (M,) in all frames."""
+    """A body of scales `shape` (S,), poses (M, D) and misfits (M,) in all frames; score: their
+    mean, more if the person does not look where he goes."""
 
     body: BodyModel
     shape: np.ndarray
     poses: np.ndarray
     misfits: np.ndarray
-
-    @property
-    def score(self) -> float:
-        """The mean misfit, more if the person walks backwards."""
-        places = bone_matrices(self.body, self.poses)[1][:, 0, :2]
-        steps = np.diff(places, axis=0)
-        way = float(np.linalg.norm(steps, axis=1).sum())
-        if way < _WAY:
-            return float(self.misfits.mean())
-        ahead = np.stack([forward(self.body, pose) for pose in self.poses[:-1]])
-        backwards = max(0.0, -float(np.sum(steps * ahead)) / way)
-        return float(self.misfits.mean()) * (1 + _BACKWARDS * backwards)
+    score: float
 
 
 def _people(voxels: Sequence[Any]) -> list[np.ndarray]:

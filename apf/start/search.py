@@ -34,6 +34,9 @@ _SCALE = 0.04
 #: Unexplained share that counts as much as bending a joint by a quarter of its range, and as
 #: parts wholly in each other.
 _BEND, _OVERLAP = 0.003, 0.1
+#: People look where they go: share that a misfit grows by when they go backwards, and the way, m,
+#: from which on that counts.
+_BACKWARDS, _WAY = 0.25, 0.25
 #: Share of the points below the feet or above the head.
 _STRAY = 0.002
 
@@ -48,7 +51,10 @@ class Hypothesis:
 
 
 class PoseSearch:
-    """Searches single frames for a person of unknown size and pose: `search(voxels, cloud)`."""
+    """Searches single frames for a person of unknown size and pose: `search(voxels, cloud)`.
+
+    way: (2,) m, by how much the person moves over the first frames.
+    """
 
     def __init__(
         self,
@@ -59,10 +65,11 @@ class PoseSearch:
         height: float | None,
         keep_shape: bool,
         seed: int,
+        way: np.ndarray,
         n_particles: int = 200,
     ) -> None:
         self.device, self.rig, self.grid = device, rig, grid
-        self.template, self.height = template, height
+        self.template, self.height, self.way = template, height, way
         self.model = Shape(template)
         self.free = () if keep_shape else (0, 1)
         self.random = np.random.default_rng(seed)
@@ -87,7 +94,12 @@ class PoseSearch:
             estimate = tracker.step(voxels)
             found.append(Hypothesis(shape, estimate.pose, float(estimate.least_error[-1])))
         kept = distinct(self.template, found, _KEPT + 1)
-        return distinct(self.template, [self.polished(cloud, shape, h.pose) for h in kept], _KEPT)
+        polished = [self.polished(cloud, shape, h.pose) for h in kept]
+        ahead = [
+            replace(h, misfit=h.misfit * sideways(self.template, h.pose[None], self.way))
+            for h in polished
+        ]
+        return distinct(self.template, ahead, _KEPT)
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """One limb after the other searched for again, anywhere within its limits."""
@@ -190,3 +202,13 @@ def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """(2,) horizontal direction, of length 1, in which the root's x axis points."""
     direction = bone_matrices(body, pose[None])[0][0, 0, :2, 0]
     return direction / np.linalg.norm(direction)
+
+
+def sideways(body: BodyModel, poses: np.ndarray, way: np.ndarray) -> float:
+    """Factor of the misfit of poses (M, D) of a person who moves by `way` (2,) m: people look where
+    they go; 1 where they do or hardly move, up to 1 + `_BACKWARDS` where they go backwards."""
+    length = float(np.linalg.norm(way))
+    if length < _WAY:
+        return 1.0
+    ahead = np.mean([forward(body, pose) for pose in poses], 0) @ way / length
+    return 1 + _BACKWARDS * (1 - float(ahead)) / 2
