@@ -67,6 +67,12 @@ def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "44,44,99,3,10,20,left arm" in (tmp_path / "runs.csv").read_text()
     with pytest.raises(UserError, match=r"other conditions \(filter\)"):
         Results.resumed(path, {"filter": {"noise": 0.6}})
+    again = Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"a": "/a"}})
+    again.add(a_run(BASE, 2, 50.0))
+    more = Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"b": "/b"}})
+    assert more.conditions["folders"] == {"a": "/a", "b": "/b"}
+    with pytest.raises(UserError, match=r"other conditions \(a\)"):
+        Results.resumed(path, {"filter": {"noise": 0.5}, "folders": {"a": "/elsewhere"}})
     path.write_text("[]")
     with pytest.raises(UserError, match=r"not the results of accuracy\.py"):
         Results.resumed(path, {})

@@ -136,12 +136,16 @@ class Results:
             before = data["conditions"]
         except (ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: not the results of accuracy.py ({error})") from None
-        if before != conditions:
-            names = [k for k in conditions if before.get(k) != conditions[k]]
+        # Further folders may come in; those that are known must be the same.
+        known, given = (of.pop("folders", {}) for of in (before, conditions))
+        names = [key for key in conditions if before.get(key) != conditions[key]]
+        names += [name for name in given if known.get(name, given[name]) != given[name]]
+        if names:
             raise UserError(
                 f"{path}: made under other conditions ({', '.join(names)}); "
                 "expected another -o, or the same"
             )
+        conditions["folders"] = {**known, **given}
         return cls(path, conditions, kept)
 
     def lacks(self, setting: Setting, seed: int) -> bool:
