@@ -47,6 +47,8 @@ _SETTINGS = {
     "n_layers": ("--layers", "annealing layers, or the swarm's iterations"),
     "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
     "noise": ("--noise", "scale of the noise"),
+    "spread": ("--spread", "bound of the noise, times the set's own deviation; 0 for none"),
+    "trunk_layers": ("--trunk-layers", "apf: first layers that move the trunk alone"),
     "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
     "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
 }
