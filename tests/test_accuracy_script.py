@@ -103,3 +103,12 @@ def test_cameras_stand_around() -> None:
     assert spread_cameras(rig, 8) == list(rig.names)
     with pytest.raises(UserError, match="expected 1 to 8"):
         spread_cameras(rig, 9)
+
+
+def test_shapes_by_their_vertices() -> None:
+    """Rymut 2016, table 6.5."""
+    setting = replace(BASE, method="pso", objective="sp@130")
+    assert method_of(setting, 0).image.vertices_per_part == 130
+    assert method_of(replace(setting, objective="sp"), 0).image.vertices_per_part == 4
+    with pytest.raises(UserError, match="expected"):
+        method_of(replace(setting, objective="sp@many"), 0)

@@ -58,14 +58,21 @@ class Run:
 
 def method_of(setting: Setting, seed: int) -> Method:
     """The search and the objective of a setting. An objective is one of `apf.methods.OBJECTIVES`,
-    or terms of the voxels' likelihood joined by +, such as edge+silhouette. Raises UserError."""
-    objective, weights = setting.objective, {}
+    sp@130 say for a shape of 130 vertices per part (Rymut 2016, table 6.5), or terms of the voxels'
+    likelihood joined by +, such as edge+silhouette. Raises UserError."""
+    objective, _, vertices = setting.objective.partition("@")
+    weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
         objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # which has no layers: as many scores at once
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
-    return Method.of(setting.method, objective, **weights, **size)
+    method = Method.of(setting.method, objective, **weights, **size)
+    if not vertices:
+        return method
+    if not vertices.isdigit():
+        raise UserError(f"objective {setting.objective}; expected a number of vertices after @")
+    return replace(method, image=replace(method.image, vertices_per_part=int(vertices)))
 
 
 def tracked(device: Device, recording: Recording, setting: Setting, seed: int) -> Track:
