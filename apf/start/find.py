@@ -93,7 +93,9 @@ def find_start(
         fits.append(shaped(found.shape, found.pose, anchor))
     fits.sort(key=lambda fit: fit.score)
     best = int(np.argmin(fits[0].misfits))
-    final = shaped(fits[0].shape, fits[0].poses[best], best)
+    known = Hypothesis(fits[0].shape, fits[0].poses[best], float(fits[0].misfits[best]))
+    known = search.with_limbs(voxels[best], clouds[best], known)  # the body is known better now
+    final = shaped(known.shape, known.pose, best)
     if final.score > fits[0].score:
         final = fits[0]
     if final.misfits.mean() > _HOPELESS:
