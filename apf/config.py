@@ -77,7 +77,7 @@ class FilterConfig:
     n_points: int = 1024
     point_turns: int = 4
     sample_spacing: float = 0.04
-    refine_steps: int = 5
+    refine_steps: int = 4
     refine_scale: float = 0.03
     refine_reach: float = 0.06
     refine_strength: float = 1350.0

@@ -44,16 +44,19 @@ class Adaptation:
     ) -> None:
         rows, columns = cells(rig)
         mean_rate, variance_rate = rates(config)
+        # A GPU needs more work-items to hide that they wait for memory.
+        parts = CELL if device.is_gpu else 1
         defines: dict[str, int | float] = dict(
             **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
             **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": REACH},
+            PARTS=parts,
             **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
             **{"VIEWS": len(rig), "ENOUGH": ENOUGH},
             LEAST_VARIANCE=float(config.sigma_floor**2),
             WIDTH_GREY=float(config.shadow_width_grey),
             WIDTH_COLOUR=float(config.shadow_width_colour),
         )
-        size = (columns, -(-rows // PERIOD), len(rig))
+        size = (columns, parts * -(-rows // PERIOD), len(rig))
         phase = np.int32(0)
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
         totals = device.zeros((len(rig), 2), np.int32, "the views' change of light")

@@ -1,7 +1,7 @@
-// The background follows the scene's light where nobody stands (psfs/adaptation.py). One work-item
-// per cell of CELL x CELL pixels, every PERIOD-th row of cells a time.
+// The background follows the scene's light where nobody stands (psfs/adaptation.py). PARTS
+// work-items per cell of CELL x CELL pixels, every PERIOD-th row of cells a time.
 // Where it does not know better, a pixel takes on the change that the others of the view have seen.
-// Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; REACH (cells of border of the marks); PERIOD;
+// Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of the marks); PERIOD;
 // MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of
 // the light factor (psfs/config.py); ENOUGH, grey levels seen that tell a view's change.
 #define PIXELS (WIDTH * HEIGHT)
@@ -39,14 +39,16 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
                     const int phase, __global float *restrict background,
                     __global const float *restrict drift, __global int *restrict totals)
 {
-    const int x = get_global_id(0), y = get_global_id(1) * PERIOD + phase, view = get_global_id(2);
+    const int x = get_global_id(0), view = get_global_id(2), part = get_global_id(1) % PARTS;
+    const int y = get_global_id(1) / PARTS * PERIOD + phase;
     if (x >= CELLS_X || y >= CELLS_Y) return;
     const int hidden =
         is_person(marks + view * MARKS_X * MARKS_Y, evidence + view * PIXELS, x, y);
     float change = 0.0f, seen = 0.0f;
-    const int bottom = min(CELL * (y + 1), sizes[view].y);
+    const int top = CELL * y + CELL / PARTS * part;
+    const int bottom = min(top + CELL / PARTS, sizes[view].y);
     const int right = min(CELL * (x + 1), sizes[view].x);
-    for (int row = CELL * y; row < bottom; ++row)
+    for (int row = top; row < bottom; ++row)
         for (int column = CELL * x; column < right; ++column) {
             const int pixel = row * WIDTH + column;
             __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
