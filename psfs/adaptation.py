@@ -12,7 +12,7 @@ from psfs.foreground import REACH
 from psfs.launching import row_group
 
 #: Every pixel is looked at once in so many frames, a part of the picture in each.
-PERIOD = 4
+PERIOD = 8
 #: The variance drifts so many times as slowly as the mean: it needs more samples.
 SLOWER = 4
 #: Squared distance to the background, in its standard deviations, of what it may drift to. Shadows

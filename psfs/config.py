@@ -64,7 +64,7 @@ class SilhouetteConfig:
     rim_share: float = 0.5
     rim_cost: float = 3.0
     key_spread: float = 0.03
-    adapt: float = 0.05
+    adapt: float = 0.025
     learn: bool = True
     place_inside: float = 0.98
     place_outside: float = 0.3

@@ -62,7 +62,7 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
                 for (int c = 0; c < 3; ++c) plane[c * PIXELS] *= 1.0f + drift[view];
                 continue;
             }
-            float peak = 0.0f, brightest = 0.0f, darkest = 256.0f;
+            float variances = 1.0f, brightest = 0.0f, darkest = 256.0f;
             for (int c = 0; c < 3; ++c) {
                 const float d = difference[c], before = 1.0f / plane[(3 + c) * PIXELS];
                 const float drifted = before + VARIANCE_RATE * (d * d - before);
@@ -72,13 +72,13 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
                 seen += plane[c * PIXELS];
                 plane[c * PIXELS] = mean;
                 plane[(3 + c) * PIXELS] = 1.0f / variance;
-                peak += 0.5f * log(65536.0f / 6.2831853f / variance);
+                variances *= variance;
                 brightest = mean > brightest ? mean : brightest;
                 darkest = mean < darkest ? mean : darkest;
             }
             const float saturation = (brightest - darkest) / (brightest > 1.0f ? brightest : 1.0f);
             const float width = WIDTH_GREY + saturation * (WIDTH_COLOUR - WIDTH_GREY);
-            plane[6 * PIXELS] = peak;
+            plane[6 * PIXELS] = 1.5f * log(65536.0f / 6.2831853f) - 0.5f * log(variances);
             plane[7 * PIXELS] = 1.0f / (width * width);
         }
     if (seen > 0.0f) {
