@@ -157,7 +157,7 @@ def observer_of(
     rig, background = sequence.rig, sequence.background
     if method.uses_voxels:
         assert grid is not None, "voxels have a grid"
-        return reconstructor_for(device, rig, grid, background, reconstruction)
+        return reconstructor_for(device, rig, grid, background, reconstruction, sparse=True)
     config = method.features
     if not sequence.has_images:
         config = replace(config, edges="outline")

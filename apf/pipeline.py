@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -22,7 +22,8 @@ from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.config import ReconstructionConfig
 from psfs.grid import VoxelGrid
-from psfs.sequence import Sequence
+from psfs.reconstruct import Reconstructor
+from psfs.sequence import Frame, Sequence
 
 #: The search for a lost person: so much more noise, so many times the layers.
 _WIDER, _LONGER = 4.0, 2
@@ -51,7 +52,7 @@ def track_sequence(
     observe = observer_of(device, sequence, grid, method, reconstruction)
     scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
     tracker = watched(device, body, sequence.rig, grid, scaled)
-    seen = ((frame.index, observe(frame)) for frame in sequence.frames(selection))
+    seen = observed(observe, sequence.frames(selection))
     frames, estimates = track_voxels(tracker, pose, seen, progress)
     made_by: dict[str, Any] = {
         "sequence": str(sequence.folder),
@@ -66,6 +67,19 @@ def track_sequence(
             "shape": list(grid.shape),
         }
     return track_of(body, sequence.fps, frames, estimates, made_by)
+
+
+def observed(
+    observe: Callable[[Frame], Any], frames: Iterable[Frame]
+) -> Iterator[tuple[int, Any]]:
+    """Number and observation of every frame; where `observe` can stream, it is ahead of them."""
+    if isinstance(observe, Reconstructor):
+        for voxels in observe.stream(frames):
+            assert voxels.frame is not None
+            yield voxels.frame.index, voxels
+    else:
+        for frame in frames:
+            yield frame.index, observe(frame)
 
 
 def watched(
