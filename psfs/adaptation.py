@@ -20,6 +20,7 @@ SLOWER = 4
 NEAREST = 30.0
 #: Grey levels of background that must have been seen in a frame to tell the view's change.
 ENOUGH = 10_000.0
+_GROUP = 256
 
 
 class Adaptation:
@@ -57,15 +58,18 @@ class Adaptation:
             WIDTH_COLOUR=float(config.shadow_width_colour),
         )
         size = (columns, parts * -(-rows // PERIOD), len(rig))
+        defines |= {"LOOKED_AT": size[0] * size[1], "GROUP": _GROUP}
         phase = np.int32(0)
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
-        totals = device.zeros((len(rig), 2), np.int32, "the views' change of light")
-        arrays = (pictures, evidence, marks, sizes, phase, planes, drift, totals)
+        shape = (len(rig), size[0] * size[1], 2)
+        changes = device.empty(shape, np.float32, "the views' change of light")
+        arrays = (pictures, evidence, marks, sizes, phase, planes, drift, changes)
         adapt, view_drift = (
             device.kernel("adaptation", name, **defines) for name in ("adapt", "view_drift")
         )
         self._adapt = device.launch(adapt, size, row_group(device, columns), *arrays)
-        self._view_drift = device.launch(view_drift, (len(rig),), None, totals, drift)
+        groups = (_GROUP * len(rig),)
+        self._view_drift = device.launch(view_drift, groups, (_GROUP,), changes, drift)
         self._frames = 0
 
     def __call__(self) -> None:

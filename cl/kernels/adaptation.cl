@@ -3,7 +3,10 @@
 // Where it does not know better, a pixel takes on the change that the others of the view have seen.
 // Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of the marks); PERIOD;
 // MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE; WIDTH_GREY, WIDTH_COLOUR of
-// the light factor (psfs/config.py); ENOUGH, grey levels seen that tell a view's change.
+// the light factor (psfs/config.py); ENOUGH, grey levels seen that tell a view's change; LOOKED_AT,
+// work-items of a view; GROUP.
+#include "reduction.h"
+
 #define PIXELS (WIDTH * HEIGHT)
 #define MARKS_X (CELLS_X + 2 * REACH)
 #define MARKS_Y (CELLS_Y + 2 * REACH)
@@ -22,26 +25,38 @@ inline int is_person(__global const uchar *marks, __global const char *evidence,
     return found;
 }
 
-// drift = by which share the background of each view got brighter, from `totals` (difference in
-// sixteenths of a grey level, grey levels of the background), which are cleared.
-__kernel void view_drift(__global int *restrict totals, __global float *restrict drift)
+// drift = by which share the background of each view got brighter, from what the view's cells have
+// seen of it. One work-group per view.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void view_drift(__global const float2 *restrict changes, __global float *restrict drift)
 {
-    const int view = get_global_id(0);
-    if (view >= VIEWS) return;
-    const float seen = totals[2 * view + 1];
-    drift[view] = seen >= ENOUGH ? MEAN_RATE * totals[2 * view] / (16.0f * seen) : 0.0f;
-    totals[2 * view] = totals[2 * view + 1] = 0;
+    __local float scratch[GROUP];
+    const int view = get_group_id(0);
+    float change = 0.0f, seen = 0.0f;
+    for (int i = get_local_id(0); i < LOOKED_AT; i += GROUP) {
+        change += changes[view * LOOKED_AT + i].x;
+        seen += changes[view * LOOKED_AT + i].y;
+    }
+    change = group_sum(scratch, change);
+    seen = group_sum(scratch, seen);
+    if (get_local_id(0) == 0) drift[view] = seen >= ENOUGH ? MEAN_RATE * change / seen : 0.0f;
 }
 
-// `background` holds the planes of log_ratio in silhouette.cl.
+// `background` holds the planes of log_ratio in silhouette.cl; changes: (V, LOOKED_AT), by how many
+// grey levels the background of a work-item's pixels changed, and their grey levels before.
 __kernel void adapt(__global const uchar *restrict images, __global const char *restrict evidence,
                     __global const uchar *restrict marks, __global const int2 *restrict sizes,
                     const int phase, __global float *restrict background,
-                    __global const float *restrict drift, __global int *restrict totals)
+                    __global const float *restrict drift, __global float2 *restrict changes)
 {
     const int x = get_global_id(0), view = get_global_id(2), part = get_global_id(1) % PARTS;
     const int y = get_global_id(1) / PARTS * PERIOD + phase;
-    if (x >= CELLS_X || y >= CELLS_Y) return;
+    const int place = get_global_id(1) * CELLS_X + x;
+    if (x >= CELLS_X || place >= LOOKED_AT) return;
+    if (y >= CELLS_Y) {
+        changes[view * LOOKED_AT + place] = (float2)(0.0f, 0.0f);
+        return;
+    }
     const int hidden =
         is_person(marks + view * MARKS_X * MARKS_Y, evidence + view * PIXELS, x, y);
     float change = 0.0f, seen = 0.0f;
@@ -81,8 +96,5 @@ __kernel void adapt(__global const uchar *restrict images, __global const char *
             plane[6 * PIXELS] = 1.5f * log(65536.0f / 6.2831853f) - 0.5f * log(variances);
             plane[7 * PIXELS] = 1.0f / (width * width);
         }
-    if (seen > 0.0f) {
-        atomic_add(&totals[2 * view], (int)rint(16.0f * change));
-        atomic_add(&totals[2 * view + 1], (int)rint(seen));
-    }
+    changes[view * LOOKED_AT + place] = (float2)(change, seen);
 }
