@@ -12,9 +12,9 @@ from cl import UserError
 SIGMA_FPS = 60.0
 
 
-#: Terms of the voxels' likelihood, and the weight of those that are off by default.
-TERMS = ("edge", "silhouette", "surface", "overlap", "two-sided")
-_WEIGHT_OF_OTHERS = 2.0
+#: Terms of the voxels' likelihood, and the weights of those that are off by default.
+TERMS = ("edge", "silhouette", "surface", "overlap", "two-sided", "colour", "smoothness")
+_WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.05}
 
 
 def likelihood_weights(text: str) -> dict[str, float]:
@@ -26,8 +26,9 @@ def likelihood_weights(text: str) -> dict[str, float]:
         if term not in TERMS:
             raise UserError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
         name = _weight_name(term)
+        usual = _WEIGHTS_OF_OTHERS.get(term, getattr(FilterConfig, name))
         try:
-            weights[name] = float(value or getattr(FilterConfig, name) or _WEIGHT_OF_OTHERS)
+            weights[name] = float(value or usual)
         except ValueError:
             raise UserError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
     return weights
@@ -51,7 +52,11 @@ class FilterConfig:
     eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
     unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
     stay apart meet, likewise; two_sided_weight: of the share of the silhouettes that the body
-    leaves uncovered; all three are 0 for Song's likelihood alone. surface_scale: distance, m,
+    leaves uncovered; colour_weight: of the share of surface voxels whose colour is not that of the
+    part nearest to them, see `LimbColours`, whose colours agree by half at colour_scale and move by
+    the share colour_rate after each frame; smoothness_weight: of the mean squared change since the
+    last frame, in smoothness_scale times the body's sigmas (at 60 frames/s), see `Smoothness`; all
+    five are 0 for Song's likelihood alone. surface_scale: distance, m,
     at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
     refinement at all of them, by each layer at every `point_turns`-th, in turn.
     sample_spacing: distance, m, between samples on a cone. limb_spread: up to how many sigma (at
@@ -73,6 +78,11 @@ class FilterConfig:
     surface_weight: float = 4.0
     overlap_weight: float = 1.0
     two_sided_weight: float = 0.0
+    colour_weight: float = 0.0
+    colour_scale: float = 0.1
+    colour_rate: float = 0.1
+    smoothness_weight: float = 0.0
+    smoothness_scale: float = 1.0
     surface_scale: float = 0.05
     n_points: int = 1024
     point_turns: int = 4
@@ -104,13 +114,17 @@ class FilterConfig:
                 )
         if self.trunk_layers < 0:
             raise UserError(f"trunk_layers is {self.trunk_layers}; expected 0 or more")
+        if self.colour_rate > 1:
+            raise UserError(f"colour_rate is {self.colour_rate}; expected a share up to 1")
         positive = (
             "noise", "noise_decay", "surface_scale", "sample_spacing",
             "refine_scale", "refine_reach", "refine_strength", "refine_width",
+            "colour_scale", "colour_rate", "smoothness_scale",
         )  # fmt: skip
         others = (
             "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
-            "overlap_weight", "two_sided_weight", "limb_spread", "limb_margin",
+            "overlap_weight", "two_sided_weight", "colour_weight", "smoothness_weight",
+            "limb_spread", "limb_margin",
         )  # fmt: skip
         negative = [name for name in positive if not getattr(self, name) > 0]
         negative += [name for name in others if not getattr(self, name) >= 0]

@@ -10,6 +10,8 @@ from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.coverage import Coverage
 from apf.kinematics import body_defines, pack_body
+from apf.limb_colours import LimbColours
+from apf.smoothness import Smoothness
 from cl import Array, Device, Launch, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
@@ -80,6 +82,23 @@ class VoxelLikelihood:
         self._coverage: Coverage | None = None
         if config.two_sided_weight > 0:
             self._coverage = Coverage(device, body, rig, self._cameras, self.points)
+        self._colours: LimbColours | None = None
+        if config.colour_weight > 0:
+            self._colours = LimbColours(device, body, self._body, self.points, config)
+        self._smoothness: Smoothness | None = None
+        if config.smoothness_weight > 0:
+            self._smoothness = Smoothness(device, body, config)
+
+    def forget(self) -> None:
+        """A new track begins: no colour is known, no pose expected."""
+        for term in (self._colours, self._smoothness):
+            if term is not None:
+                term.forget()
+
+    def learner(self, pose: Array) -> list[Launch]:
+        """The launches that end a frame: its estimate is the first of `pose` (.., D)."""
+        terms = (self._colours, self._smoothness)
+        return [launch for term in terms if term is not None for launch in term.learner(pose)]
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -94,6 +113,8 @@ class VoxelLikelihood:
         self._sample_surface()
         if self._coverage is not None:
             self._coverage.observe()
+        if self._colours is not None:
+            self._colours.observe(voxels)
 
     def launcher(self, poses: Array) -> list[Launch]:
         """The launches that score `poses` (N, D) float32 into `errors`, arguments set.
@@ -115,6 +136,13 @@ class VoxelLikelihood:
         launches = [self._launch(poses.shape[0], poses, place, config.weights, errors)]
         if self._coverage is not None:
             launches += self._coverage.launcher(poses, place, config.two_sided_weight, errors)
+        n_views = len(self.rig)
+        if self._colours is not None:
+            weight = n_views * config.colour_weight
+            launches += self._colours.launcher(poses, place, weight, errors)
+        if self._smoothness is not None:
+            weight = n_views * config.smoothness_weight
+            launches += self._smoothness.launcher(poses, weight, errors)
         return launches
 
     def misfit_launcher(self, pose: Array) -> list[Launch]:

@@ -116,8 +116,11 @@ def watched(
 
 
 def at_rate(config: FilterConfig, fps: float) -> FilterConfig:
-    """`config` with the noise that `fps` frames per second need."""
-    return replace(config, noise=config.noise * SIGMA_FPS / fps)
+    """`config` with the noise that `fps` frames per second need, and smoothness that bears it."""
+    longer = SIGMA_FPS / fps
+    return replace(
+        config, noise=config.noise * longer, smoothness_scale=config.smoothness_scale * longer
+    )
 
 
 def track_voxels(

@@ -14,7 +14,8 @@ class Scorer(Protocol):
     has `points`, (K, 4) float32 surface points with a fourth value of 0 where there is none, and
     `rescoring_launcher` has the tracker's estimate refined on them (see `VoxelLikelihood`). One
     that has `misfit`, (1,) float32, and `misfit_launcher(pose)`, which fills it for the first of
-    `pose` (.., D), says in absolute terms how badly an estimate fits (see there, too).
+    `pose` (.., D), says in absolute terms how badly an estimate fits (see there, too). One that
+    has `learner(pose)`, launches, and `forget()` is told every frame's estimate and every start.
     """
 
     @property

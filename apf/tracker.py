@@ -77,6 +77,8 @@ class Tracker:
         """Put all particles at `pose` (D,)."""
         self._particles.start(checked_pose(self.body, pose))
         self._n_frames = 0
+        if hasattr(self.scorer, "forget"):
+            self.scorer.forget()
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further: Voxels, or what else the scorer observes."""
@@ -106,6 +108,8 @@ class Tracker:
         launches.append(particles.settle(self._alternatives.shift))
         if hasattr(self.scorer, "misfit_launcher"):
             launches += self.scorer.misfit_launcher(result)
+        if hasattr(self.scorer, "learner"):
+            launches += self.scorer.learner(result)
         return [*launches, self._gather()]
 
     def _gather(self) -> Launch:

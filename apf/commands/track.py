@@ -132,7 +132,8 @@ def add_method_flags(
         "--likelihood",
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
-        "it is not the usual one; Song et al.'s is edge,silhouette (default: all but two-sided)",
+        "it is not the usual one; Song et al.'s is edge,silhouette; colour needs pictures "
+        f"(default: {','.join(TERMS[:4])})",
     )
     group = parser.add_argument_group("search")
     rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]

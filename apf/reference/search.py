@@ -14,9 +14,11 @@ from apf.proposal import layer_sigmas
 from apf.reference.alternatives import settled
 from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, share, total_errors
+from apf.reference.limb_colours import chromaticities, colour_errors, learnt
 from apf.reference.noise import normals
+from apf.reference.smoothness import expectation, jump_errors
 from apf.tracker import Estimate, checked_pose
-from cl import NumpyDevice
+from cl import NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
 from psfs.reference.reconstruct import NumpyVoxels
@@ -38,26 +40,57 @@ class NumpyVoxelLikelihood:
         self.body, self.rig, self.config = body, rig, config
         self._reprojection = NumpyReprojection(device, rig, grid)
         self._sampling = cone_sampling(body, config.sample_spacing)
-        self.points = np.empty((0, 3))
+        self.points, self._colours = np.empty((0, 3)), np.empty((0, 3))
         self.turn = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """A new track begins: no colour is known, no pose expected."""
+        self.parts = np.zeros((len(self.body.cones), 3))
+        self.motion = np.full((self.body.n_dof, 2), np.nan)
+
+    def learn(self, pose: np.ndarray) -> None:
+        """End a frame whose estimate is `pose` (D,)."""
+        config = self.config
+        self.motion = expectation(self.motion, pose, config.velocity)
+        if config.colour_weight > 0:
+            cones = posed_cones(self.body, pose[None])[0]
+            scale, rate = config.surface_scale, config.colour_rate
+            self.parts = learnt(self.parts, self.points, self._colours, cones, scale, rate)
 
     def observe(self, voxels: NumpyVoxels) -> None:
-        """Take the voxels of a frame."""
+        """Take the voxels of a frame. Raises UserError if a term lacks pictures."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
+        if self.config.colour_weight > 0:
+            if voxels.colours is None:
+                raise UserError(
+                    "the likelihood's term colour: the frame has no pictures to colour its voxels "
+                    "with; expected images"
+                )
+            colours = sampled_surface(voxels.colours(), self.config.n_points)
+            self._colours = chromaticities(colours)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D)."""
-        return self._errors(poses, share(self.points, self.turn, self.config.point_turns))
+        return self._errors(poses, self.turn, self.config.point_turns)
 
     def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
         """Errors (N,) of poses (N, D) by every `stride`-th surface sample."""
-        return self._errors(poses, share(self.points, 0, stride))
+        return self._errors(poses, 0, stride)
 
-    def _errors(self, poses: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        body, config = self.body, self.config
-        cones = posed_cones(body, poses)
-        return total_errors(self.rig, cones, self._maps, seen, self._sampling, body.apart, config)
+    def _errors(self, poses: np.ndarray, turn: int, turns: int) -> np.ndarray:
+        body, config, rig = self.body, self.config, self.rig
+        cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
+        errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
+        if config.colour_weight > 0:
+            samples = share(self._colours, turn, turns)
+            found = colour_errors(seen, samples, self.parts, cones, config.colour_scale)
+            errors = errors + len(rig) * config.colour_weight * found
+        if config.smoothness_weight > 0:
+            found = jump_errors(body, poses, self.motion[:, 1], config)
+            errors = errors + len(rig) * config.smoothness_weight * found
+        return errors
 
     def misfit(self, pose: np.ndarray) -> float:
         """See `VoxelLikelihood.misfit_launcher`, of a pose (D,)."""
@@ -87,6 +120,8 @@ class NumpyTracker:
         self._parents = np.arange(n)
         self._frame = 0
         self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
+        if hasattr(self.scorer, "forget"):
+            self.scorer.forget()
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further."""
@@ -100,6 +135,8 @@ class NumpyTracker:
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
         self._last, self._drift = pose, pose - found.pose + self.config.velocity * change
         self._frame += 1
+        if hasattr(self.scorer, "learn"):
+            self.scorer.learn(pose)
         return replace(found, pose=pose, information=information, misfit=misfit)
 
     def _search(self) -> Estimate:
