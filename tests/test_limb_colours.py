@@ -187,6 +187,27 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
     assert not tracker.scorer._colours.parts.get().any()
 
 
+def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
+    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
+    masks = scenes.masks_of(rig)
+    images = np.zeros((*masks.shape, 3), np.uint8)
+    images[..., 0] = np.linspace(0, 250, masks.shape[1])[:, None]  # blue below, red above
+    images[..., 2] = 250 - images[..., 0]
+    picture: Any = scenes.Picture(images=images, masks=masks)
+    config = FilterConfig(n_particles=37, n_points=200, colour_weight=1.0)
+    here = VoxelLikelihood(device, SONG, rig, grid, config)
+    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    twin = NumpyVoxelLikelihood(NumpyDevice(), SONG, rig, grid, config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    assert here._colours is not None
+    found, points = here._colours._samples.get(), here.points.get()
+    assert np.ptp(found[found[:, 2] > 0, 0]) > 0.3
+    same = np.linalg.norm(points[:, :3] - twin.points, axis=1) < 1e-4
+    assert same.mean() > 0.8  # a voxel more or less shifts those behind it
+    close = np.linalg.norm(found[:, :3] - twin._colours, axis=1) < 0.02
+    assert close[same].mean() > 0.95
+
+
 def test_without_pictures_the_term_is_refused(device: Device) -> None:
     rig, grid = scenes.ring(2), scenes.small_grid(0.1)
     config = FilterConfig(n_particles=37, colour_weight=1.0)
