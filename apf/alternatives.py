@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from apf.annealing import seed_words
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.refine import Refinement
@@ -41,35 +43,45 @@ class Alternatives:
     particles near the estimate do not reach where it is, and those that are spread widely are
     wrong in the rest of the body. Twin: reference/alternatives.py, kernels: alternatives.cl.
 
-    `shift` is the device array (D,) of how far the estimate moved from the mean; `information`
-    (D (D + 1) / 2,) is that of `Refinement` for the pose taken. Zero where nothing is refined.
+    Of R runs with a seed each, by default that of the config, every one is settled by itself.
+    `shift` is the device array (R, D) of how far the estimates moved from the means; `information`
+    (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
     """
 
-    def __init__(self, device: Device, body: BodyModel, scorer: Any, config: FilterConfig) -> None:
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        scorer: Any,
+        config: FilterConfig,
+        seeds: Sequence[int] | None = None,
+    ) -> None:
         self.device = device
         self.config = config
         self.scorer = scorer
         self.n_dof = n = body.n_dof
         limbs = limbs_of(body)
         self._n_limbs = len(limbs) if config.limb_spread > 0 and config.refine_steps > 0 else 0
-        n_candidates = 1 + self._n_limbs
+        seeds = tuple(seeds or [config.seed])
+        self._n_runs = n_runs = len(seeds)
+        n_candidates = n_runs * (1 + self._n_limbs)
         self._refinement = Refinement(device, body, config, n_candidates)
         self._candidates = device.empty((n_candidates, n), np.float32)
         self._errors = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
-        n_poses = config.n_particles if self._n_limbs else 1
+        n_poses = n_runs * config.n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
-        self._seed = np.array([config.seed & 0xFFFFFFFF, config.seed >> 32], np.uint32)
-        self.shift = device.zeros((n,), np.float32)
-        self.information = device.zeros((n * (n + 1) // 2,), np.float32)
+        self._seeds = device.to_device(seed_words(seeds))
+        self.shift = device.zeros((n_runs, n), np.float32)
+        self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
 
     def launcher(self, frame: Array, result: Array) -> list[Launch]:
-        """The launches that settle a frame: they move the mean in `result`, its first D values.
+        """The launches that settle a frame: they move the means in `result`, its first R D values.
 
-        frame: (1,) uint32, the number of the frame that the random numbers are drawn for.
+        frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
         """
         scorer, candidates = self.scorer, self._candidates
         if self.config.refine_steps == 0 or not hasattr(scorer, "points"):
@@ -88,15 +100,15 @@ class Alternatives:
         return [*launches, self._accept(result)]
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
-        n = poses.shape[0]
+        n = poses.shape[0] // self._n_runs
         return self.device.launch(
             self._kernel("propose"),
-            (self.n_dof, n),
+            (self.n_dof, n, self._n_runs),
             None,
             np.int32(n),
             np.int32(self.config.n_layers),
             np.float32(self.config.limb_spread),
-            self._seed,
+            self._seeds,
             frame,
             self._sigma,
             self._limits,
@@ -108,8 +120,8 @@ class Alternatives:
     def _choose(self) -> Launch:
         return self.device.launch(
             self._kernel("choose"),
-            (_GROUP * (1 + self._n_limbs),),
-            (_GROUP,),
+            (_GROUP * (1 + self._n_limbs), self._n_runs),
+            (_GROUP, 1),
             np.int32(self.config.n_particles),
             self.scorer.errors,
             self._poses,
@@ -119,7 +131,7 @@ class Alternatives:
     def _accept(self, result: Array) -> Launch:
         return self.device.launch(
             self._kernel("accept"),
-            (max(self.n_dof, self.information.size),),
+            (max(self.n_dof, self.information.shape[1]), self._n_runs),
             None,
             np.int32(1 + self._n_limbs),
             np.float32(self.config.limb_margin),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,52 +22,71 @@ _BITS = 18
 
 
 class ParticleSet:
-    """Particles, their weights and parents, all on the device.
+    """Particles, their weights and parents, all on the device, of R runs with a seed each: `seeds`,
+    by default one with that of the config. Runs do not mix: each has n_particles, N in all.
 
     `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
-    the host reads after a frame: mean (D), deviation (D), then per layer effective sample size,
-    beta and least error. `frame` (1,) counts the frames.
+    the host reads after a frame: means (R, D), deviations (R, D), then per layer and run effective
+    sample size, beta and least error. `frame` (R,) counts the frames.
     """
 
-    def __init__(self, device: Device, body: BodyModel, config: FilterConfig) -> None:
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        config: FilterConfig,
+        seeds: Sequence[int] | None = None,
+    ) -> None:
         self.device = device
         self.config = config
         self.n_dof = body.n_dof
-        n = config.n_particles
-        self._defines = _defines(device, n, body.n_dof)
+        self.seeds = tuple(seeds or [config.seed])
+        self.n_runs = n_runs = len(self.seeds)
+        n = n_runs * config.n_particles
+        self._defines = _defines(device, config.n_particles, body.n_dof)
         self._group, self._pack = self._defines["GROUP"], self._defines["PACK"]
         self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
         self.weights = device.empty((n,), np.float32, "the weights")
-        self.result = device.zeros((2 * body.n_dof + 3 * config.n_layers,), np.float32)
+        self.result = device.zeros((n_runs * (2 * body.n_dof + 3 * config.n_layers),), np.float32)
         self._parents = device.empty((n,), np.int32, "the parents")
-        self._motion = device.zeros((body.n_dof, 2), np.float32)
-        self.frame = device.zeros((1,), np.uint32)
+        self._motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
+        self.frame = device.zeros((n_runs,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
         self._limits = device.to_device(limits)
         self._diffusions: list[tuple[int, Launch]] = []
-        self._seed = np.array([config.seed & 0xFFFFFFFF, config.seed >> 32], np.uint32)
+        self._seeds = device.to_device(seed_words(self.seeds))
 
     def start(self, pose: np.ndarray) -> None:
-        """All particles at `pose` (D,), frame number 0."""
+        """All particles of all runs at `pose` (D,), frame number 0."""
         n = self.config.n_particles
         for poses in self.sets:
-            poses.set(np.tile(pose.astype(np.float32), (n, 1)))
-        self._parents.set(np.arange(n, dtype=np.int32))
+            poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
+        self._parents.set(np.tile(np.arange(n, dtype=np.int32), self.n_runs))
         self.frame.fill(0)
         self._motion.fill(0)
+
+    def restart(self, run: int, pose: np.ndarray) -> None:
+        """All particles of one run at `pose` (D,), its frame number 0; waits for the device."""
+        n = self.config.n_particles
+        particles = slice(run * n, (run + 1) * n)
+        for poses in self.sets:
+            _replace(poses, particles, pose.astype(np.float32))
+        _replace(self._parents, particles, np.arange(n, dtype=np.int32))
+        _replace(self.frame, slice(run, run + 1), np.uint32(0))
+        _replace(self._motion, slice(run, run + 1), np.float32(0))
 
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
         launch = self.device.launch(
             self._kernel("diffuse"),
-            (-(-self.n_dof // self._pack), self.config.n_particles),
+            (-(-self.n_dof // self._pack), self.config.n_particles, self.n_runs),
             None,
             np.int32(self.config.n_particles),
             np.int32(layer),
             np.float32(self.config.layer_noise[layer]),
             np.float32(self.config.spread if layer > 0 else 0.0),
-            self._seed,
+            self._seeds,
             self.frame,
             self._sigmas,
             self._limits,
@@ -91,14 +111,14 @@ class ParticleSet:
         A positive `beta` is the exponent whatever the survival."""
         return self.device.launch(
             self._kernel("anneal"),
-            (self._group,),
+            (self._group * self.n_runs,),
             (self._group,),
             np.int32(self.config.n_particles),
             np.int32(layer),
             np.int32(layer == self.config.n_layers - 1),
             np.float32(self.config.survival_rates[layer]),
             np.float32(beta),
-            self._seed,
+            self._seeds,
             self.frame,
             errors,
             self.weights,
@@ -110,8 +130,8 @@ class ParticleSet:
         """Weighted mean and deviation of set `source`."""
         return self.device.launch(
             self._kernel("estimate"),
-            (self.n_dof * self._group,),
-            (self._group,),
+            (self.n_dof * self._group, self.n_runs),
+            (self._group, 1),
             np.int32(self.config.n_particles),
             self.weights,
             self.sets[source],
@@ -119,10 +139,10 @@ class ParticleSet:
         )
 
     def settle(self, shift: Array) -> Launch:
-        """End the frame: the next one's particles move by `shift` (D,) and the motion."""
+        """End the frame: the next one's particles move by `shift` (R, D) and the motion."""
         return self.device.launch(
             self._kernel("settle"),
-            (self.n_dof,),
+            (self.n_dof, self.n_runs),
             None,
             np.float32(self.config.velocity),
             self.frame,
@@ -142,3 +162,14 @@ def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
     rounds = math.ceil(_BITS / math.log2(n_betas + 1))
     run = -(-n // (defines["GROUP"] * defines["PACK"]))
     return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}
+
+
+def seed_words(seeds: Sequence[int]) -> np.ndarray:
+    """(R, 2) uint32: lower and upper half of each seed."""
+    return np.array([[seed & 0xFFFFFFFF, seed >> 32] for seed in seeds], np.uint32)
+
+
+def _replace(array: Array, rows: slice, value: np.ndarray | np.generic) -> None:
+    host = array.get()
+    host[rows] = value
+    array.set(host)

@@ -14,7 +14,7 @@ SIGMA_FPS = 60.0
 
 #: Terms of the voxels' likelihood, and the weights of those that are off by default.
 TERMS = ("edge", "silhouette", "surface", "overlap", "two-sided", "colour", "smoothness")
-_WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.05}
+_WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.01}
 
 
 def likelihood_weights(text: str) -> dict[str, float]:
@@ -140,6 +140,11 @@ class FilterConfig:
             [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
             np.float32,
         )
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the likelihood has terms that depend on the track so far."""
+        return self.colour_weight > 0 or self.smoothness_weight > 0
 
     @property
     def refine_shrink(self) -> float:

@@ -51,6 +51,8 @@ class VoxelLikelihood:
     cameras of `rig`, and by the surface voxels themselves.
 
     `errors` is Song et al. eq. (16) with the sign put right, and more terms (see `FilterConfig`).
+    Those of `n_runs` trackings have room in it and, one each, in `misfit`. Raises UserError for
+    several with terms that depend on the track so far.
     """
 
     def __init__(
@@ -60,7 +62,13 @@ class VoxelLikelihood:
         rig: CameraRig,
         grid: VoxelGrid,
         config: FilterConfig,
+        n_runs: int = 1,
     ) -> None:
+        if n_runs > 1 and config.remembers:
+            raise UserError(
+                f"{n_runs} runs at once: the likelihood's terms colour and smoothness depend on "
+                "the track so far; expected neither"
+            )
         self.device = device
         self.rig = rig
         self.config = config
@@ -77,8 +85,8 @@ class VoxelLikelihood:
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
-        self.errors = device.empty((config.n_particles,), np.float32, "the errors")
-        self.misfit = device.zeros((1,), np.float32)
+        self.errors = device.empty((n_runs * config.n_particles,), np.float32, "the errors")
+        self.misfit = device.zeros((n_runs,), np.float32)
         self._coverage: Coverage | None = None
         if config.two_sided_weight > 0:
             self._coverage = Coverage(device, body, rig, self._cameras, self.points)
@@ -145,12 +153,12 @@ class VoxelLikelihood:
             launches += self._smoothness.launcher(poses, weight, errors)
         return launches
 
-    def misfit_launcher(self, pose: Array) -> list[Launch]:
-        """The launches that put into `misfit` (1,) float32 how badly the first of `pose` (.., D)
-        fits, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
+    def misfit_launcher(self, poses: Array) -> list[Launch]:
+        """The launches that put into `misfit` (R,) float32 how badly the first R of `poses` (.., D)
+        fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
         surface voxels that it leaves unexplained."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        return [self._launch(1, pose, (0, 1), weights, self.misfit)]
+        return [self._launch(self.misfit.size, poses, (0, 1), weights, self.misfit)]
 
     def _launch(
         self, n: int, poses: Array, place: tuple[int, int], weights: np.ndarray, errors: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
@@ -88,16 +88,29 @@ def tracker_of(
     rig: CameraRig,
     grid: VoxelGrid | None,
     method: Method,
+    seeds: Sequence[int] | None = None,
 ) -> Any:
-    """The tracker of `method` on the device, or its twin; only the voxels' needs a grid."""
-    scorer = scorer_of(device, body, rig, grid, method)
+    """The tracker of `method` on the device, or its twin; only the voxels' needs a grid.
+
+    seeds: of the runs that it makes at once, see `batches`; the method's by default.
+    """
+    assert seeds is None or batches(device, method), "only some trackers make several runs"
+    scorer = scorer_of(device, body, rig, grid, method, len(seeds or [0]))
     if isinstance(device, NumpyDevice):
         return _twin(device, body, rig, scorer, method)
     if method.search == "pso":
         return ParticleSwarm(device, body, scorer, method.filter, method.swarm)
     if method.search == "sir":
         return SirParticleFilter(device, body, scorer, method.filter, method.sir)
-    return AnnealedParticleFilter(device, body, rig, grid, method.filter, scorer=scorer)
+    return AnnealedParticleFilter(
+        device, body, rig, grid, method.filter, scorer=scorer, seeds=seeds
+    )
+
+
+def batches(device: Device | NumpyDevice, method: Method) -> bool:
+    """Whether the tracker of `method` can make several runs at once."""
+    fits = method.search == "apf" and method.uses_voxels and not method.filter.remembers
+    return fits and isinstance(device, Device)
 
 
 def scorer_of(
@@ -106,8 +119,9 @@ def scorer_of(
     rig: CameraRig,
     grid: VoxelGrid | None,
     method: Method,
+    n_runs: int = 1,
 ) -> Any:
-    """What the tracker of `method` searches with, or its twin."""
+    """What the tracker of `method` searches with, or its twin; for so many runs at once."""
     if not method.uses_voxels:
         return objective_for(device, body, rig, method.filter.n_particles, method.image)
     assert grid is not None, "voxels have a grid"
@@ -115,7 +129,7 @@ def scorer_of(
         from apf.reference.search import NumpyVoxelLikelihood
 
         return NumpyVoxelLikelihood(device, body, rig, grid, method.filter)
-    return VoxelLikelihood(device, body, rig, grid, method.filter)
+    return VoxelLikelihood(device, body, rig, grid, method.filter, n_runs)
 
 
 def _twin(device: NumpyDevice, body: BodyModel, rig: CameraRig, scorer: Any, method: Method) -> Any:

@@ -12,8 +12,8 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import SIGMA_FPS, FilterConfig
-from apf.methods import Method, observer_of, tracker_of
-from apf.recovery import Watched
+from apf.methods import Method, batches, observer_of, tracker_of
+from apf.recovery import SeparateRuns, Watched, WatchedRuns
 from apf.reference.kinematics import posed_joints
 from apf.track import Track
 from apf.tracker import Estimate
@@ -48,17 +48,35 @@ def track_sequence(
     again if there is none).
     """
     method = method or Method()
+    seeds = [method.filter.seed]
+    return track_seeds(
+        device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress
+    )[0]
+
+
+def track_seeds(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid | None,
+    body: BodyModel,
+    pose: np.ndarray,
+    method: Method,
+    seeds: list[int],
+    reconstruction: ReconstructionConfig | None = None,
+    selection: slice | None = None,
+    progress: Callable[[], object] | None = None,
+) -> list[Track]:
+    """As `track_sequence`, one track for each of `seeds` from a single reconstruction."""
     step = (selection.step or 1) if selection else 1
     observe = observer_of(device, sequence, grid, method, reconstruction)
     scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
-    tracker = watched(device, body, sequence.rig, grid, scaled)
+    tracker = watched_runs(device, body, sequence.rig, grid, scaled, seeds)
     seen = observed(observe, sequence.frames(selection))
     frames, estimates = track_voxels(tracker, pose, seen, progress)
     made_by: dict[str, Any] = {
         "sequence": str(sequence.folder),
         "device": device.name,
         "version": version("psfs-apf"),
-        **method.described(),
     }
     if grid is not None and method.uses_voxels:
         made_by["grid"] = {
@@ -66,17 +84,53 @@ def track_sequence(
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    return track_of(body, sequence.fps, frames, estimates, made_by)
+    return [
+        track_of(body, sequence.fps, frames, list(run), {**made_by, **of.described()})
+        for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
+    ]
 
 
-def observed(
-    observe: Callable[[Frame], Any], frames: Iterable[Frame]
-) -> Iterator[tuple[int, Any]]:
-    """Number and observation of every frame; where `observe` can stream, it is ahead of them."""
+def seeded(method: Method, seeds: list[int]) -> list[Method]:
+    """`method` with each of `seeds`. Raises UserError for impossible ones."""
+    return [replace(method, filter=replace(method.filter, seed=seed)) for seed in seeds]
+
+
+def watched_runs(
+    device: Device | NumpyDevice,
+    body: BodyModel,
+    rig: CameraRig,
+    grid: VoxelGrid | None,
+    method: Method,
+    seeds: list[int],
+) -> WatchedRuns | SeparateRuns:
+    """The watched trackers of `method` with each of `seeds`, as one where the method can."""
+    methods = seeded(method, seeds)
+    if len(seeds) == 1 or not batches(device, method):
+        return SeparateRuns([watched(device, body, rig, grid, of) for of in methods])
+
+    def watch(run: int, restart: Any) -> Watched:
+        return watched(device, body, rig, grid, methods[run], restart)
+
+    return WatchedRuns(tracker_of(device, body, rig, grid, method, seeds), len(seeds), watch)
+
+
+def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
+    """Number and observation of every frame; where `observe` can stream, it is ahead of them. A
+    KeyboardInterrupt while the next frame is read is raised after the frame before it."""
+    interrupts: list[KeyboardInterrupt] = []
+
+    def uninterrupted() -> Iterator[Frame]:
+        try:
+            yield from frames
+        except KeyboardInterrupt as interrupt:
+            interrupts.append(interrupt)
+
     if isinstance(observe, Reconstructor):
-        for voxels in observe.stream(frames):
+        for voxels in observe.stream(uninterrupted()):
             assert voxels.frame is not None
             yield voxels.frame.index, voxels
+        if interrupts:
+            raise interrupts[0]
     else:
         for frame in frames:
             yield frame.index, observe(frame)
@@ -88,8 +142,10 @@ def watched(
     rig: CameraRig,
     grid: VoxelGrid | None,
     method: Method,
+    tracker: Any = None,
 ) -> Watched:
-    """The tracker of `method` that knows when it has lost the person, see `apf.recovery`."""
+    """The tracker of `method` that knows when it has lost the person, see `apf.recovery`; or
+    `tracker`, which searches by that method."""
     search = method.filter
     longer = {} if method.search == "sir" else {"n_layers": _LONGER * search.n_layers}
     wider = replace(search, noise=_WIDER * search.noise, **longer)
@@ -111,7 +167,7 @@ def watched(
             return []  # nobody is there
         return [found.pose]
 
-    tracker = tracker_of(device, body, rig, grid, method)
+    tracker = tracker or tracker_of(device, body, rig, grid, method)
     return Watched(tracker, wide, everywhere if method.uses_voxels else None)
 
 
@@ -128,15 +184,16 @@ def track_voxels(
     pose: np.ndarray,
     voxels: Iterable[tuple[int, Any]],
     progress: Callable[[], object] | None = None,
-) -> tuple[list[int], list[Estimate]]:
-    """Frame numbers and estimates of a tracker that starts at `pose` (D,) and is shown `voxels`.
+) -> tuple[list[int], list[Any]]:
+    """Frame numbers and what `step` returned of a tracker, or of runs, that start at `pose` (D,)
+    and are shown `voxels`.
 
     A KeyboardInterrupt ends the track after the last whole frame; it is raised again if there is
     none.
     """
     tracker.start(pose)
     frames: list[int] = []
-    estimates: list[Estimate] = []
+    estimates: list[Any] = []
     try:
         for index, shown in voxels:
             estimate = tracker.step(shown)

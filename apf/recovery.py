@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -74,7 +74,11 @@ class Watched:
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further."""
-        found = self._judged(self._tracker.step(observation), TRACKED)
+        return self.watched(self._tracker.step(observation), observation)
+
+    def watched(self, estimate: Estimate, observation: Any) -> Estimate:
+        """What `step` makes of the tracker's own `estimate` of an observation."""
+        found = self._judged(estimate, TRACKED)
         if found.lost:
             found = self._recovered(observation, found)
         if found.lost:
@@ -122,6 +126,59 @@ class Watched:
         for _ in range(_LOCAL_STEPS):
             estimate = self._wide.step(observation)
         return self._judged(estimate, restart)
+
+
+class WatchedRuns:
+    """The runs that one tracker makes at once, each watched by itself: a run that has lost the
+    person looks for him alone, by a tracker of its own, and only then pays for it.
+
+    watch: makes of a run's number and what starts that run anew, `start(pose)`, its `Watched`.
+    Until a run loses the person it is, bit by bit, the same as alone.
+    """
+
+    def __init__(self, tracker: Any, n_runs: int, watch: Callable[[int, Any], Watched]) -> None:
+        self._tracker = tracker
+        self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles of all runs at `pose` (D,)."""
+        for run in self._runs:
+            run.start(pose)
+        self._tracker.start(pose)
+
+    def step(self, observation: Any) -> list[Estimate]:
+        """Track one frame further; the estimate of each run."""
+        estimates = self._tracker.step_runs(observation)
+        return [
+            run.watched(estimate, observation)
+            for run, estimate in zip(self._runs, estimates, strict=True)
+        ]
+
+
+class SeparateRuns:
+    """Trackers that are shown the same, one after the other; same use as `WatchedRuns`."""
+
+    def __init__(self, trackers: Sequence[Any]) -> None:
+        self._trackers = trackers
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles of all runs at `pose` (D,)."""
+        for tracker in self._trackers:
+            tracker.start(pose)
+
+    def step(self, observation: Any) -> list[Estimate]:
+        """Track one frame further; the estimate of each run."""
+        return [tracker.step(observation) for tracker in self._trackers]
+
+
+class _Restart:
+    """One of a tracker's runs, as far as it can be started by itself."""
+
+    def __init__(self, tracker: Any, run: int) -> None:
+        self._tracker, self._run = tracker, run
+
+    def start(self, pose: np.ndarray) -> None:
+        self._tracker.restart(self._run, pose)
 
 
 def _as_long(found: Estimate, usual: Estimate) -> Estimate:

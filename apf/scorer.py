@@ -13,9 +13,10 @@ class Scorer(Protocol):
     errors: (N,) float32, -log weight at exponent 1 of each pose: smaller is better. A scorer that
     has `points`, (K, 4) float32 surface points with a fourth value of 0 where there is none, and
     `rescoring_launcher` has the tracker's estimate refined on them (see `VoxelLikelihood`). One
-    that has `misfit`, (1,) float32, and `misfit_launcher(pose)`, which fills it for the first of
-    `pose` (.., D), says in absolute terms how badly an estimate fits (see there, too). One that
-    has `learner(pose)`, launches, and `forget()` is told every frame's estimate and every start.
+    that has `misfit`, (R,) float32, R the tracker's runs, and `misfit_launcher(poses)`, which fills
+    it for the first R of `poses` (.., D), says in absolute terms how badly they fit (see there,
+    too). One that has `learner(pose)`, launches, and `forget()` is told every frame's estimate and
+    every start; it serves a single run.
     """
 
     @property

@@ -67,7 +67,7 @@ class Swarm(ParticleSet):
             np.float32(self.swarm.inertia),
             np.float32(self.swarm.cognitive),
             np.float32(self.swarm.social),
-            self._seed,
+            self._seeds,
             self.frame,
             self._limits,
             self.result,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,27 +64,36 @@ class Tracker:
         self.config = config
         self.scorer = scorer
         self._particles = particles
-        self._alternatives = Alternatives(device, body, scorer, config)
+        self._alternatives = Alternatives(device, body, scorer, config, particles.seeds)
         self._misfit: Array | None = getattr(scorer, "misfit", None)
         if self._misfit is None:
-            self._misfit = device.to_device(np.full(1, np.nan, np.float32))
-        size = particles.result.size + self._alternatives.information.size + 1
+            self._misfit = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
+        size = particles.result.size + self._alternatives.information.size + particles.n_runs
         self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
         self._n_frames = 0
 
     def start(self, pose: np.ndarray) -> None:
-        """Put all particles at `pose` (D,)."""
+        """Put all particles of all runs at `pose` (D,)."""
         self._particles.start(checked_pose(self.body, pose))
         self._n_frames = 0
         if hasattr(self.scorer, "forget"):
             self.scorer.forget()
 
+    def restart(self, run: int, pose: np.ndarray) -> None:
+        """Put all particles of one run at `pose` (D,), while the others go on."""
+        self._particles.restart(run, checked_pose(self.body, pose))
+
     def step(self, observation: Any) -> Estimate:
-        """Track one frame further: Voxels, or what else the scorer observes."""
+        """Track one frame further, Voxels or what else the scorer observes: the first run's
+        estimate."""
+        return self.step_runs(observation)[0]
+
+    def step_runs(self, observation: Any) -> list[Estimate]:
+        """Track one frame further: the estimate of each run."""
         self.observe(observation)
-        return self.search()
+        return self.search_runs()
 
     def observe(self, observation: Any) -> None:
         """Enqueue what the scorer keeps of an observation, the first half of `step`."""
@@ -91,10 +101,14 @@ class Tracker:
 
     def search(self) -> Estimate:
         """The estimate for what was observed, the second half of `step`."""
+        return self.search_runs()[0]
+
+    def search_runs(self) -> list[Estimate]:
+        """Each run's estimate for what was observed, the second half of `step_runs`."""
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
-        return unpacked(self._report.get(), self.body.n_dof)
+        return unpacked(self._report.get(), self.body.n_dof, self._particles.n_runs)
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""
@@ -121,6 +135,7 @@ class Tracker:
             None,
             np.int32(result.size),
             np.int32(information.size),
+            np.int32(self._particles.n_runs),
             result,
             information,
             self._misfit,
@@ -135,7 +150,8 @@ class AnnealedParticleFilter(Tracker):
     """Tracks `body` through voxel clouds of `grid`, seen by `rig`. Twin: reference/tracker.py.
 
     With a `scorer` of its own it tracks through whatever that observes, image features say, and
-    needs no grid.
+    needs no grid. With several `seeds` it makes as many runs at once, each bit by bit that of its
+    seed alone, for `step_runs`; a scorer of its own then has room for the particles of all.
     """
 
     def __init__(
@@ -147,12 +163,13 @@ class AnnealedParticleFilter(Tracker):
         config: FilterConfig | None = None,
         *,
         scorer: Scorer | None = None,
+        seeds: Sequence[int] | None = None,
     ) -> None:
         config = config or FilterConfig()
         if scorer is None:
             assert grid is not None, "voxels have a grid"
-            scorer = VoxelLikelihood(device, body, rig, grid, config)
-        super().__init__(device, body, scorer, ParticleSet(device, body, config), config)
+            scorer = VoxelLikelihood(device, body, rig, grid, config, len(seeds or [0]))
+        super().__init__(device, body, scorer, ParticleSet(device, body, config, seeds), config)
 
     def _search(self, source: int) -> list[Launch]:
         launches: list[Launch] = []
@@ -186,14 +203,29 @@ def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     return np.clip(pose, body.lower, body.upper)
 
 
-def unpacked(report: np.ndarray, n_dof: int) -> Estimate:
-    """What a tracker downloads, as an Estimate: `ParticleSet.result`, the lower triangle of
-    `Estimate.information` row by row, the misfit."""
-    n_information = n_dof * (n_dof + 1) // 2
-    parts = np.split(report.astype(np.float64), [n_dof, 2 * n_dof, -n_information - 1, -1])
-    pose, deviation, layers, triangle, misfit = parts
-    ess, beta, least_error = layers.reshape(-1, 3).T
-    information = np.zeros((n_dof, n_dof))
-    information[np.tril_indices(n_dof)] = triangle
-    information += np.tril(information, -1).T
-    return Estimate(pose, deviation, ess, beta, least_error, information, float(misfit[0]))
+def unpacked(report: np.ndarray, n_dof: int, n_runs: int) -> list[Estimate]:
+    """What a tracker downloads, as each run's Estimate: `ParticleSet.result`, the lower triangle of
+    `Estimate.information` row by row for every run, the misfits."""
+    n_poses, n_triangles = n_runs * n_dof, n_runs * n_dof * (n_dof + 1) // 2
+    ends = [n_poses, 2 * n_poses, -n_triangles - n_runs, -n_runs]
+    poses, deviations, layers, triangles, misfits = np.split(report.astype(np.float64), ends)
+    rows, columns = np.tril_indices(n_dof)
+    information = np.zeros((n_runs, n_dof, n_dof))
+    information[:, rows, columns] = triangles.reshape(n_runs, -1)
+    information += np.tril(information, -1).transpose(0, 2, 1)
+    estimates = []
+    for run, place in enumerate(range(0, n_poses, n_dof)):
+        dofs = slice(place, place + n_dof)
+        ess, beta, least_error = layers.reshape(-1, n_runs, 3)[:, run].T
+        estimates.append(
+            Estimate(
+                poses[dofs],
+                deviations[dofs],
+                ess,
+                beta,
+                least_error,
+                information[run],
+                float(misfits[run]),
+            )
+        )
+    return estimates

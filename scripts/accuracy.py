@@ -20,13 +20,14 @@ from typing import Any
 
 from accuracy.recordings import Recording, record
 from accuracy.report import plot, print_joints, print_tables, write_summary
-from accuracy.runs import Results, run
+from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
 
 from apf.config import TERMS, FilterConfig
 from apf.methods import OBJECTIVES, SEARCHES
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
+from apf.track import spans
 from cl import Device, UserError, select_device
 from psfs.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
 from psfs.sequence import Sequence
@@ -163,14 +164,15 @@ def _do_runs(
     """All runs that the results lack, those of one recording together."""
     settings = dict.fromkeys(setting for part in plan.values() for setting in part)
     ordered = sorted(settings, key=lambda s: (s.sequence, -s.cameras, s.step))
-    todo = [(s, seed) for s in ordered for seed in range(seeds) if results.lacks(s, seed)]
+    lacking = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in ordered}
+    todo = [(s, part) for s, rest in lacking.items() for part in together(device, s, rest) if part]
     if not todo:
         return
     with progress_bar() as bar:
-        task = bar.add_task("runs", total=len(todo))
+        task = bar.add_task("runs", total=sum(len(part) for _, part in todo))
         shown: tuple[str, int, int] | None = None
         recording: Recording | None = None
-        for setting, seed in todo:
+        for setting, part in todo:
             wanted = (setting.sequence, setting.cameras, setting.step)
             if recording is None or wanted != shown:
                 name = f"{setting.sequence}_{setting.cameras}cam_step{setting.step}.npz"
@@ -180,15 +182,17 @@ def _do_runs(
                 recording = record(device, folder, *wanted[1:], cache, partial(bar.advance, frames))
                 bar.remove_task(frames)
                 shown = wanted
-            bar.update(task, description=_described(setting, seed))
-            results.add(run(device, recording, setting, seed))
-            bar.advance(task)
+            bar.update(task, description=_described(setting, part))
+            for done in run(device, recording, setting, part):
+                results.add(done)
+            bar.advance(task, len(part))
 
 
-def _described(setting: Setting, seed: int) -> str:
+def _described(setting: Setting, seeds: list[int]) -> str:
     return (
         f"{setting.sequence}, {setting.cameras} cameras, 1/{setting.step} frames, "
-        f"{setting.method} {setting.objective} {setting.particles} x {setting.layers}, seed {seed}"
+        f"{setting.method} {setting.objective} {setting.particles} x {setting.layers}, "
+        f"seeds {spans(seeds)}"
     )
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from apf.synthetic.scene import SceneConfig, make_rig
-from cl import UserError
+from cl import Device, UserError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 from accuracy.recordings import spread_cameras
 from accuracy.report import Summary, print_tables, write_summary
-from accuracy.runs import Results, Run, method_of
+from accuracy.runs import Results, Run, method_of, together
 from accuracy.settings import Setting, Table
 
 VALUES = {
@@ -112,3 +112,11 @@ def test_shapes_by_their_vertices() -> None:
     assert method_of(replace(setting, objective="sp"), 0).image.vertices_per_part == 4
     with pytest.raises(UserError, match="expected"):
         method_of(replace(setting, objective="sp@many"), 0)
+
+
+def test_seeds_are_tracked_at_once_where_possible() -> None:
+    device = Device.best()
+    assert together(device, BASE, [0, 2, 3]) == [[0, 2, 3]]
+    assert together(device, replace(BASE, objective="edge+silhouette"), [0, 1]) == [[0, 1]]
+    for other in ({"method": "pso"}, {"objective": "sp"}, {"objective": "surface+smoothness"}):
+        assert together(device, replace(BASE, **other), [0, 1]) == [[0], [1]]

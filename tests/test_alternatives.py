@@ -67,7 +67,7 @@ def settle(
     result = device.to_device(mean.astype(np.float32))
     for launch in alternatives.launcher(frame, result):
         launch()
-    return result.get(), alternatives.shift.get(), alternatives.information.get()
+    return result.get(), alternatives.shift.get()[0], alternatives.information.get()[0]
 
 
 def raised(body: BodyModel) -> np.ndarray:
@@ -149,3 +149,25 @@ def test_a_scorer_without_surface_settles_nothing(device: Device) -> None:
         device.zeros((1,), np.uint32), device.zeros((31,), np.float32)
     )
     assert launches == []
+
+
+def test_runs_are_settled_each_by_itself(device: Device) -> None:
+    """Bit by bit as alone, from means, frames and seeds of their own."""
+    body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
+    config = replace(CONFIG, n_particles=37, refine_steps=2, last_survival=0.4)
+    scorer = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    means = bodies.random_poses(body, 3).astype(np.float32)
+
+    def of(rows: list[int]) -> list[np.ndarray]:
+        scorer.errors = device.zeros((len(rows) * config.n_particles,), np.float32)
+        chosen = [seeds[row] for row in rows]
+        alternatives = Alternatives(device, body, scorer, config, chosen)
+        result = device.to_device(means[rows])
+        for launch in alternatives.launcher(device.to_device(frames[rows]), result):
+            launch()
+        return [array.get() for array in (result, alternatives.shift, alternatives.information)]
+
+    together = of([0, 1, 2])
+    for row in range(3):
+        for several, alone in zip(together, of([row]), strict=True):
+            np.testing.assert_array_equal(several[row], alone[0])

@@ -116,10 +116,17 @@ def test_children_are_reflected_at_the_limits() -> None:
 class Layer:
     """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
 
-    def __init__(self, device: Device, body: BodyModel, n: int, **settings: float) -> None:
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        n: int,
+        seeds: tuple[int, ...] | None = None,
+        **settings: float,
+    ) -> None:
         settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
         self.config = FilterConfig(n_particles=n, **settings)  # type: ignore[arg-type]
-        self.set = ParticleSet(device, body, self.config)
+        self.set = ParticleSet(device, body, self.config, seeds)
         self.device = device
         self.set.start(body.rest_pose)
 
@@ -241,6 +248,56 @@ def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
     deviation = np.sqrt(weights @ (poses - mean) ** 2)
     np.testing.assert_allclose(found[SONG.n_dof : 2 * SONG.n_dof], deviation, atol=1e-5)
     assert not found[2 * SONG.n_dof :].any()  # the layers' diagnostics are left alone
+
+
+def test_runs_do_not_mix(device: Device) -> None:
+    """Kernels for several runs against the twin of each."""
+    n, velocity, seeds, frames = 37, 0.4, (3, 0x12345_6789ABCD, 8), [5, 0, 2]
+    layer = Layer(device, SONG, n, seeds=seeds, noise=3.0, velocity=velocity)
+    particles, random = layer.set, np.random.default_rng(0)
+    particles.frame.set(np.array(frames, np.uint32))
+    errors = np.stack([errors_of(kind, n) for kind in ("large", "spread", "narrow")])
+    particles.anneal(1, device.to_device(errors))()
+    diagnostics = particles.result.get()[6 * SONG.n_dof :].reshape(-1, 3, 3)[1]
+    weights, parents = (a.get().reshape(3, n) for a in (particles.weights, particles._parents))
+    poses = bodies.random_poses(SONG, 3 * n, wild=True).astype(np.float32).reshape(3, n, -1)
+    children = layer.diffuse(2, poses, parents).reshape(3, n, -1)
+    particles.estimate(0)()
+    means, deviations = particles.result.get()[: 6 * SONG.n_dof].reshape(2, 3, -1)
+    shift = random.normal(size=means.shape).astype(np.float32)
+    particles.settle(device.to_device(shift))()
+    drift = particles._motion.get()[..., 1]
+    for run, (seed, frame) in enumerate(zip(seeds, frames, strict=True)):
+        ess, beta, least = diagnostics[run]
+        assert least == errors[run].min()
+        assert ess == pytest.approx(layer.config.survival_rates[1] * n, rel=1e-2)
+        expected = normalised_weights(errors[run].astype(float), float(beta))
+        np.testing.assert_allclose(weights[run], expected, rtol=1e-3, atol=1e-6)
+        wanted = systematic_parents(weights[run].astype(float), uniform(seed, frame, 1))
+        assert np.abs(parents[run] - wanted).max() <= 1
+        assert (parents[run] != wanted).mean() < 0.05
+        noise = normals(seed, frame, 2, n, SONG.n_dof) * SONG.sigma * layer.config.layer_noise[2]
+        wanted = diffuse(poses[run].astype(float), parents[run], noise, SONG.lower, SONG.upper)
+        np.testing.assert_allclose(children[run], wanted, atol=5e-6)
+        mean = weights[run] @ poses[run].astype(float)
+        np.testing.assert_allclose(means[run], mean, atol=1e-5)
+        deviation = np.sqrt(weights[run] @ (poses[run] - mean) ** 2)
+        np.testing.assert_allclose(deviations[run], deviation, atol=1e-5)
+        change = velocity * mean if frame > 1 else 0.0
+        np.testing.assert_allclose(drift[run], shift[run] + change, atol=1e-5)
+
+
+def test_one_run_is_started_again_alone(device: Device) -> None:
+    layer = Layer(device, STICK, 5, seeds=(1, 2, 3))
+    particles, pose = layer.set, STICK.rest_pose + 0.01
+    of_runs = [*particles.sets, particles._parents, particles.frame, particles._motion]
+    for array in of_runs:
+        array.fill(7)
+    particles.restart(1, pose)
+    for array, expected in zip(of_runs, (pose, pose, np.arange(5), 0, 0), strict=True):
+        first, second, third = np.split(array.get(), 3)
+        np.testing.assert_allclose(second, np.broadcast_to(expected, second.shape), rtol=1e-6)
+        assert np.all(first == 7) and np.all(third == 7)
 
 
 # Whole frames ---------------------------------------------------------------------------------
@@ -378,6 +435,35 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
         assert_equal(a, b)
     other = list(run(world, replace(config, seed=4), 1))
     assert np.any(other[0].pose != first[0].pose)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"n_particles": 37, "n_layers": 3, "spread": 0.5, "velocity": 0.5},
+        {"n_particles": 129, "n_layers": 2, "limb_spread": 0.0},
+        {"n_particles": 20, "n_layers": 2, "two_sided_weight": 1.0, "refine_steps": 0},
+    ],
+)
+def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: dict) -> None:
+    """Bit by bit, and in any place among the others."""
+    world, config = World(device), FilterConfig(**{"last_survival": 0.2, **settings})
+    seeds = (4, 2**40 + 1, 0)
+    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config, seeds=seeds)
+    tracker.start(world.pose(0))
+    found = [tracker.step_runs(world.voxels(frame)) for frame in range(3)]
+    for place, seed in enumerate(seeds):
+        for alone, together in zip(run(world, replace(config, seed=seed), 3), found, strict=True):
+            assert_equal(together[place], alone)
+            np.testing.assert_array_equal(together[place].information, alone.information)
+            assert together[place].misfit == alone.misfit
+    assert np.any(found[0][0].pose != found[0][1].pose)
+
+
+def test_terms_that_depend_on_the_track_serve_one_run(device: Device) -> None:
+    world, config = World(device), FilterConfig(n_particles=37, smoothness_weight=0.1)
+    with pytest.raises(UserError, match="2 runs at once"):
+        AnnealedParticleFilter(device, world.body, world.rig, world.grid, config, seeds=(0, 1))
 
 
 def test_a_filter_started_again_forgets(device: Device) -> None:

@@ -68,6 +68,21 @@ def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
     assert np.any(a != c)
 
 
+def test_several_seeds_at_once(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each as alone, in a folder of its own; how far they differ and err is said."""
+    few = ["--frames", "0:3", "--no-overlay"]
+    assert track(walk, tmp_path / "all", *few, "--seed", "3", "--seeds", "2") == 0
+    said = capsys.readouterr().out
+    assert "2 runs: joints lie" in said and "mean error:" in said
+    assert {path.name for path in (tmp_path / "all").iterdir()} == {"seed3", "seed4"}
+    assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
+    together, alone = Track.load(tmp_path / "all" / "seed4"), Track.load(tmp_path / "one")
+    np.testing.assert_array_equal(together.poses, alone.poses)
+    assert together.config == alone.config
+
+
 def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
     assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay") == 0
     first = Track.load(tmp_path / "a")
@@ -139,6 +154,7 @@ def test_bad_sequences(
         ["--device", "abacus"],
         ["--cameras", "cam01,cam99"],
         ["--height", "178"],
+        ["--seeds", "0"],
     ],
 )
 def test_bad_flags(

@@ -13,14 +13,14 @@ import numpy as np
 from apf.body import BodyModel, load_body, save_body
 from apf.bodytrack import is_bodytrack, read_body
 from apf.config import TERMS, FilterConfig, likelihood_weights
-from apf.evaluate import load_truth
+from apf.evaluate import evaluate, load_truth
 from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
 from apf.initial import fit_to_joints, read_pose, write_pose
 from apf.joint_names import match_joints
 from apf.methods import OBJECTIVES, SEARCH_DEFAULTS, Method
 from apf.objective import ObjectiveConfig
 from apf.overlay import write_overlay
-from apf.pipeline import track_sequence
+from apf.pipeline import seeded, track_seeds
 from apf.sir import SirConfig
 from apf.start import start_of
 from apf.swarm import SwarmConfig
@@ -108,6 +108,13 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
     add_all_cameras_flag(parser)
     add_method_flags(parser)
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
+        "how far they differ",
+    )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)
 
@@ -177,6 +184,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
 def run(args: argparse.Namespace) -> None:
     method = chosen_method(args)
+    seeds = chosen_seeds(args, method)
     if args.height is not None and not 0.5 <= args.height <= 2.5:
         raise UserError(f"--height is {args.height}; expected 0.5 to 2.5 metres")
     device = select_device(args.device)
@@ -199,22 +207,57 @@ def run(args: argparse.Namespace) -> None:
         bar.advance(task)
 
     try:
-        track = track_sequence(
-            device, sequence, grid, body, pose, method, selection=selection, progress=advance
-        )
+        tracks = track_seeds(
+            device, sequence, grid, body, pose, method, seeds,
+            selection=selection, progress=advance,
+        )  # fmt: skip
     finally:
         if bar.live.is_started:  # stopping prints a line
             bar.stop()
-    write_pose(args.output / "start.txt", pose)
-    write_track(args.output, sequence, track, body, overlay=not args.no_overlay)
-    if len(track) < len(frames):
-        stderr.print(f"{len(track)} of {len(frames)} frames are in {args.output}")
+    for seed, track in zip(seeds, tracks, strict=True):
+        folder = args.output if args.seeds is None else args.output / f"seed{seed}"
+        write_pose(folder / "start.txt", pose)
+        write_track(folder, sequence, track, body, overlay=not args.no_overlay)
+        tell_of(track, len(frames), folder)
+    if len(tracks[0]) < len(frames):
         raise KeyboardInterrupt
-    stdout.print(f"{len(track)} frames tracked: {args.output}", soft_wrap=True)
+    if len(tracks) > 1:
+        tell_spread(sequence, tracks)
+
+
+def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
+    """The seeds of the runs to make. Raises UserError."""
+    n_runs = 1 if args.seeds is None else args.seeds
+    if n_runs < 1:
+        raise UserError(f"--seeds is {n_runs}; expected at least 1")
+    first = method.filter.seed
+    seeds = list(range(first, first + n_runs))
+    seeded(method, seeds[-1:])
+    return seeds
+
+
+def tell_of(track: Track, n_frames: int, folder: Path) -> None:
+    """Print what became of `n_frames` that were to be tracked."""
+    if len(track) < n_frames:
+        stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
+        return
+    stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
     if track.lost.any():
         stdout.print(f"the person was lost in frames {spans(track.frames[track.lost].tolist())}")
     if len(track.restarts):
         stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
+
+
+def tell_spread(sequence: Sequence, tracks: list[Track]) -> None:
+    """Print how far the runs differ and, where the sequence has its truth, how far they err."""
+    joints = np.stack([track.joints for track in tracks])
+    away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
+    stdout.print(f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean")
+    truth = sequence.folder / "truth.npz"
+    if truth.exists():
+        errors = [1000 * evaluate(track, load_truth(truth)).mean_error for track in tracks]
+        spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
+        stdout.print(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
 
 
 def first_pose(

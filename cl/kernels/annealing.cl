@@ -1,6 +1,6 @@
-// One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean. Twin:
-// reference/annealing.py. Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS, ROUNDS and
-// RUN; that of pack.h.
+// One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean; of several
+// runs at once, whose particles follow each other and do not mix. Twin: reference/annealing.py.
+// Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS, ROUNDS and RUN; that of pack.h.
 #include "philox.h"
 #include "reduction.h"
 
@@ -107,15 +107,20 @@ inline int first_child(float share, float offset, int n)
 
 // Finds beta whose effective sample size is survival_rate * n, unless a positive one is given, then
 // weights, normalised, and the parents of systematic resampling; the last layer of a frame counts
-// it. One work-group, of which every item owns RUN packs of particles that follow each other.
-// result: mean (N_DOF), deviation (N_DOF), then per layer effective sample size, beta, least error.
+// it. One work-group per run, whose items own RUN packs of particles each that follow each other.
+// result: every run's mean (N_DOF), every run's deviation (N_DOF), then per layer and run effective
+// sample size, beta, least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void anneal(int n, int layer, int last, float survival_rate, float given_beta, uint2 seed,
-            __global uint *frame, __global const float *errors, __global float *weights,
-            __global int *parents, __global float *result)
+void anneal(int n, int layer, int last, float survival_rate, float given_beta,
+            __global const uint2 *seeds, __global uint *frames, __global const float *errors,
+            __global float *weights, __global int *parents, __global float *result)
 {
     __local float scratch[SUMS * GROUP];
+    const int run = get_group_id(0), n_runs = get_num_groups(0);
     const int lane = get_local_id(0), begin = lane * RUN * PACK;
+    errors += run * n;
+    weights += run * n;
+    parents += run * n;
     vfloat excess[RUN];
     float lowest = INFINITY;
     for (int k = 0; k < RUN; ++k) {
@@ -144,7 +149,7 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta, u
     const float total = sums[0];
 
     const float offset =
-        uniform01(philox4x32((uint4)(frame[0], layer, WHOLE_SET, 0), seed).x);
+        uniform01(philox4x32((uint4)(frames[run], layer, WHOLE_SET, 0), seeds[run]).x);
     float running = before;
     int child = first_child(before / total, offset, n);
     for (int k = 0; k < RUN; ++k) {
@@ -163,8 +168,8 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta, u
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
     if (lane == 0) {
-        if (last) ++frame[0];
-        __global float *diagnostics = result + 2 * N_DOF + 3 * layer;
+        if (last) ++frames[run];
+        __global float *diagnostics = result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run);
         diagnostics[0] = sums[0] * sums[0] / sums[1];
         diagnostics[1] = beta;
         diagnostics[2] = lowest;
@@ -174,31 +179,32 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta, u
 // Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
 // and in the first layer plus the motion that is expected since the last frame.
 // Its deviation is noise * the layer's row of sigmas, but not above spread * the set's own
-// deviation (result, see anneal) where spread is positive. An item works on PACK degrees of freedom
-// of a particle.
-__kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
-                      __global const uint *frame, __global const float *sigmas,
+// deviation (result, see anneal) where spread is positive. parents: numbered within the run. An
+// item works on PACK degrees of freedom of a particle.
+__kernel void diffuse(int n, int layer, float noise, float spread, __global const uint2 *seeds,
+                      __global const uint *frames, __global const float *sigmas,
                       __global const float2 *limits, __global const float *result,
                       __global const float2 *motion, __global const int *parents,
                       __global const float *poses, __global float *children)
 {
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
+    const int run = get_global_id(2), n_runs = get_global_size(2), child = run * n + particle;
     if (first >= N_DOF || particle >= n) return;
-    __global const float *pose = poses + parents[particle] * N_DOF;
+    __global const float *pose = poses + (run * n + parents[child]) * N_DOF;
     __global const float *sigma = sigmas + layer * N_DOF;
 #define DOF(l) lane_index(first, 0x##l, N_DOF)
 #define SIGMA(l) sigma[DOF(l)]
-#define SPREAD(l) result[N_DOF + DOF(l)]
+#define SPREAD(l) result[(n_runs + run) * N_DOF + DOF(l)]
 #define POSE(l) pose[DOF(l)]
-#define MOTION(l) motion[DOF(l)].y
+#define MOTION(l) motion[run * N_DOF + DOF(l)].y
 #define LOWER(l) limits[DOF(l)].x
 #define UPPER(l) limits[DOF(l)].y
     const vuint whole = 0;
-    const vwords counter = {whole + frame[0], whole + (uint)layer, whole + (uint)particle,
+    const vwords counter = {whole + frames[run], whole + (uint)layer, whole + (uint)particle,
                             PACK_OF(vuint, DOF)};
     vfloat deviation = noise * PACK_OF(vfloat, SIGMA);
     if (spread > 0.0f) deviation = least(deviation, spread * PACK_OF(vfloat, SPREAD));
-    vfloat value = PACK_OF(vfloat, POSE) + deviation * normal_pack(counter, seed);
+    vfloat value = PACK_OF(vfloat, POSE) + deviation * normal_pack(counter, seeds[run]);
     if (layer == 0) value += PACK_OF(vfloat, MOTION);
     const vfloat lower = PACK_OF(vfloat, LOWER), upper = PACK_OF(vfloat, UPPER);
     value = value < lower ? 2.0f * lower - value : value;
@@ -206,17 +212,20 @@ __kernel void diffuse(int n, int layer, float noise, float spread, uint2 seed,
     float lanes[PACK];
     STORE_PACK(within(value, lower, upper), lanes);
     for (int l = 0; l < PACK && first + l < N_DOF; ++l)
-        children[particle * N_DOF + first + l] = lanes[l];
+        children[child * N_DOF + first + l] = lanes[l];
 }
 
-// Song et al. eq. (12): weighted mean of the set, and its standard deviation. One work-group per
-// degree of freedom.
+// Song et al. eq. (12): weighted mean of a run's set, and its standard deviation. One work-group
+// per degree of freedom and run.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void estimate(int n, __global const float *weights, __global const float *poses,
               __global float *result)
 {
     __local float scratch[GROUP];
     const int dof = get_group_id(0), lane = get_local_id(0);
+    const int run = get_group_id(1), n_runs = get_num_groups(1);
+    weights += run * n;
+    poses += run * n * N_DOF;
     float sum = 0.0f;
     for (int i = lane; i < n; i += GROUP) sum += weights[i] * poses[i * N_DOF + dof];
     const float centre = group_sum(scratch, sum);
@@ -227,21 +236,21 @@ void estimate(int n, __global const float *weights, __global const float *poses,
     }
     squares = group_sum(scratch, squares);
     if (lane == 0) {
-        result[dof] = centre;
-        result[N_DOF + dof] = sqrt(squares);
+        result[run * N_DOF + dof] = centre;
+        result[(n_runs + run) * N_DOF + dof] = sqrt(squares);
     }
 }
 
 // Ends a frame: what to add to the particles before the next one, which is how far the estimate
 // was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
-// motion: N_DOF x (last estimate, what to add).
-__kernel void settle(float velocity, __global const uint *frame, __global const float *result,
+// motion: runs x N_DOF x (last estimate, what to add).
+__kernel void settle(float velocity, __global const uint *frames, __global const float *result,
                      __global const float *shift, __global float2 *motion)
 {
-    const int dof = get_global_id(0);
+    const int dof = get_global_id(0), run = get_global_id(1), place = run * N_DOF + dof;
     if (dof >= N_DOF) return;
-    const float pose = result[dof];
+    const float pose = result[place];
     // The first frame's change is the start's error, not a motion.
-    const float change = frame[0] > 1 ? pose - motion[dof].x : 0.0f;
-    motion[dof] = (float2)(pose, shift[dof] + velocity * change);
+    const float change = frames[run] > 1 ? pose - motion[place].x : 0.0f;
+    motion[place] = (float2)(pose, shift[place] + velocity * change);
 }

@@ -4,15 +4,16 @@
 
 // Eq. (2.27)-(2.28): velocities and positions of one iteration, from 1 on; the first starts from
 // rest. A particle that leaves the limits stops there. result: the global best (N_DOF), ...
-__kernel void move(int n, int iteration, float inertia, float cognitive, float social, uint2 seed,
-                   __global const uint *frame, __global const float2 *limits,
-                   __global const float *result, __global const float *bests,
-                   __global float *velocities, __global float *poses)
+__kernel void move(int n, int iteration, float inertia, float cognitive, float social,
+                   __global const uint2 *seed, __global const uint *frame,
+                   __global const float2 *limits, __global const float *result,
+                   __global const float *bests, __global float *velocities,
+                   __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     if (dof >= N_DOF || particle >= n) return;
     const int at = particle * N_DOF + dof;
-    const uint4 words = philox4x32((uint4)(frame[0], iteration, particle, dof), seed);
+    const uint4 words = philox4x32((uint4)(frame[0], iteration, particle, dof), seed[0]);
     const float pose = poses[at];
     float velocity = iteration > 1 ? inertia * velocities[at] : 0.0f;
     velocity += cognitive * uniform01(words.x) * (bests[at] - pose) +

@@ -16,8 +16,8 @@ from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.config import likelihood_weights
 from apf.evaluate import evaluate
-from apf.methods import OBJECTIVES, Method, observer_of
-from apf.pipeline import at_rate, track_of, track_voxels, watched
+from apf.methods import OBJECTIVES, Method, batches, observer_of
+from apf.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
 from apf.track import Track
 from cl import Device, UserError
 from psfs.files import written_whole
@@ -31,8 +31,8 @@ class Run:
     constant, rest: see `Evaluation.constant_and_rest`; lost_limbs: by name; lost_joints: share of
     joint-frames; lost_frames: in which the tracker knew that it had lost the person; inside_95:
     share of joint-frames in which truth lies in the stated ellipsoid, -1 where none is stated;
-    seconds: to track all frames, voxels given. joints: name -> [mean, constant,
-    rest].
+    seconds: to track all frames, voxels given; of seeds tracked at once, the share of one. joints:
+    name -> [mean, constant, rest].
     """
 
     setting: Setting
@@ -75,30 +75,50 @@ def method_of(setting: Setting, seed: int) -> Method:
     return replace(method, image=replace(method.image, vertices_per_part=int(vertices)))
 
 
-def tracked(device: Device, recording: Recording, setting: Setting, seed: int) -> Track:
-    """The track of a recording, from the first frame's true joints."""
-    method = method_of(setting, seed)
+def tracked(
+    device: Device, recording: Recording, setting: Setting, seeds: list[int]
+) -> list[Track]:
+    """The tracks of a recording, from the first frame's true joints, one for each of `seeds`."""
+    method = method_of(setting, seeds[0])
     body, pose = recording.first_pose
     scaled = replace(method, filter=at_rate(method.filter, recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
-    tracker = watched(device, body, rig, grid, scaled)
+    tracker = watched_runs(device, body, rig, grid, scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
     if not method.uses_voxels:
         observe = observer_of(device, recording.sequence, None, method)
         chosen = slice(None, None, setting.step)
         seen = ((frame.index, observe(frame)) for frame in recording.sequence.frames(chosen))
     frames, estimates = track_voxels(tracker, pose, seen)
-    return track_of(body, recording.fps, frames, estimates, method.described())
+    return [
+        track_of(body, recording.fps, frames, list(run), of.described())
+        for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
+    ]
 
 
-def run(device: Device, recording: Recording, setting: Setting, seed: int) -> Run:
-    """Track the whole recording once. Raises UserError for unknown methods and objectives."""
+def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[int]]:
+    """`seeds` in groups that `run` tracks at once, so as to take less time."""
+    if batches(device, method_of(setting, 0)):
+        return [seeds]
+    return [[seed] for seed in seeds]
+
+
+def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]) -> list[Run]:
+    """Track the whole recording once with each of `seeds`, all at once where the method can. Raises
+    UserError for unknown methods and objectives."""
     assert recording.first_pose  # fitted now, outside of the time taken
     began = time.perf_counter()
-    track = tracked(device, recording, setting, seed)
-    seconds = time.perf_counter() - began
-    if len(track) < len(recording.frames):
+    tracks = tracked(device, recording, setting, seeds)
+    seconds = (time.perf_counter() - began) / len(seeds)
+    if len(tracks[0]) < len(recording.frames):
         raise KeyboardInterrupt  # trackers keep what they have when they are interrupted
+    return [
+        _run_of(track, recording, setting, seed, seconds)
+        for seed, track in zip(seeds, tracks, strict=True)
+    ]
+
+
+def _run_of(track: Track, recording: Recording, setting: Setting, seed: int, seconds: float) -> Run:
     found = evaluate(track, recording.truth)
     constant, rest = found.constant_and_rest
     rows = 1000 * np.stack([np.nanmean(found.errors, axis=0), constant, rest], -1)
