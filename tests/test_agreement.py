@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import footage
 import numpy as np
 import pytest
 import scenes
@@ -15,6 +14,7 @@ from conftest import shared_data
 
 import apf.cli
 from apf.body import load_body
+from apf.synthetic.generate import write_calibration
 from psfs.agreement import suspects
 from psfs.cli import main
 from psfs.sequence import Frame, Sequence
@@ -108,19 +108,8 @@ def test_tracking_leaves_a_late_camera_out(
 def late_walk(folder: Path) -> Path:
     """Masks of a block that walks past eight cameras, c2 ten frames late."""
     rig = scenes.ring(8, size=(160, 120))
-    tables = {
-        camera.name: {
-            "name": camera.name,
-            "size": [float(n) for n in camera.size],
-            "matrix": camera.K.tolist(),
-            "distortions": camera.distortion[:4].tolist(),
-            "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
-            "translation": camera.t.tolist(),
-            "fisheye": False,
-        }
-        for camera in rig
-    }
-    footage.write_toml(folder / "calibration.toml", tables)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_calibration(folder / "calibration.toml", rig)
     corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for camera in rig:
         target = folder / "masks" / camera.name
