@@ -83,11 +83,13 @@ def _info(device: Any) -> DeviceInfo:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """All OpenCL devices of this machine, GPUs first, then by compute units."""
-    return [_info(device) for device in _ranked_devices()]
+    """All OpenCL devices of this machine, GPUs first, then by compute units, most first."""
+    return [_info(device) for device in ranked_devices()]
 
 
-def _ranked_devices() -> list[Any]:
+def ranked_devices() -> list[Any]:
+    """pyopencl's devices, in the order of `list_devices`."""
+
     def rank(device: Any) -> tuple[bool, int]:
         return (not device.type & pyopencl.device_type.GPU, -device.max_compute_units)
 
@@ -102,7 +104,7 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
     """
     if choice == "numpy":
         return NumpyDevice()
-    devices = _ranked_devices()
+    devices = ranked_devices()
     if choice in ("gpu", "cpu"):
         chosen = [d for d in devices if _info(d).kind == choice]
     elif choice == "auto":

@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl
 
 from cl import Device, UserError, list_devices
-from cl.device import _ranked_devices
+from cl.device import ranked_devices
 
 _FMA = """
 __kernel void fma_chain(__global float *x) {
@@ -98,15 +98,17 @@ class Place:
 
 
 def places() -> list[Place]:
-    """Every OpenCL device of this process, GPUs first."""
+    """Every OpenCL device of this process, GPUs first. Raises UserError if there is none."""
     found = []
-    for handle in _ranked_devices():
+    for handle in ranked_devices():
         name, units = handle.name.strip(), handle.max_compute_units
         if handle.type & pyopencl.device_type.CPU:
             label = f"{name}, {units} core{'s' * (units > 1)}"
             found.append(Place(label, handle, units))
         else:
             found.append(Place(name, handle))
+    if not found:
+        raise UserError("no OpenCL device; expected at least a CPU's")
     return found
 
 

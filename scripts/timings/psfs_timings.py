@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from cl import NumpyDevice, UserError
+from cl import NumpyDevice
 from psfs.commandline import add_command
 from psfs.raycast import load_open3d
 from psfs.reconstruct import Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame
-from psfs.uploads import pinned
 from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, playing, shared_scene
 from timings.measure import (
     Place,
@@ -47,8 +46,6 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def _run(args: argparse.Namespace) -> None:
     found, quick = places(), args.quick
-    if not found:
-        raise UserError("no OpenCL device; expected at least a CPU's")
     runs, n_frames = (10, 6) if quick else (40, 16)
     results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
     scene = shared_scene(n_frames)
@@ -182,7 +179,7 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
     """Whole frames by the clock, from pictures on the host to the surface on the device."""
     device = place.device()
     reconstructor = Reconstructor(device, scene.rig, grid_of(), scene.background, sparse=sparse)
-    frames = playing([_pinned(device, frame) for frame in scene.frames])
+    frames = playing(scene.pinned(device))
     masked = Reconstructor(device, scene.rig, grid_of(), None, sparse=sparse)
 
     def one(what: Callable[[Frame], object]) -> Callable[[], None]:
@@ -210,14 +207,6 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
     return result
 
 
-def _pinned(device: Any, frame: Frame) -> Frame:
-    """The same frame in memory that uploads fast."""
-    assert frame.images is not None
-    images = pinned(device, frame.images.shape)
-    images[:] = frame.images
-    return Frame(frame.index, images, frame.masks)
-
-
 def growth(place: Place, scene: Scene, quick: bool) -> list[dict[str, Any]]:
     """Whole frames against voxels (dense and sparse) and against cameras, and 512^3 sparse."""
     runs = 5 if quick else 15
@@ -239,7 +228,7 @@ def _grown(
     device = place.device()
     grid = grid_of(shape)
     reconstructor = Reconstructor(device, scene.rig, grid, scene.background, sparse=sparse)
-    frames = playing([_pinned(device, frame) for frame in scene.frames])
+    frames = playing(scene.pinned(device))
 
     def run() -> None:
         reconstructor(next(frames))
