@@ -81,7 +81,7 @@ class Silhouette:
             before, mixed = self._before_scene(background, ratios)
         table = device.to_device(config.ratio_counts(), "the evidence table")
         outputs = (ratios, self._sizes, table, self.evidence)
-        launches = [*before, self._launch("silhouette", whole, *outputs, **self._defines())]
+        launches = [*before, self._launch("silhouette", whole, *outputs)]
         return [*launches, *self._rims(mixed, ratios, outputs)] if mixed else launches
 
     def _before_scene(
@@ -106,10 +106,9 @@ class Silhouette:
                 self.adaptation = Adaptation(device, rig, config, *seen, planes)
         on_floor = (cameras, floor, self.input, planes, light)
         inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
-        whole, bordered, defines = (rig.width, rig.height), (columns + 2, rows + 2), self._defines()
         launches = [
-            self._launch("floor_light", bordered, *on_floor, **defines),
-            self._launch("log_ratio", whole, *inputs, **defines),
+            self._launch("floor_light", (columns + 2, rows + 2), *on_floor),
+            self._launch("log_ratio", (rig.width, rig.height), *inputs),
         ]
         return launches, (planes, colours, place)
 
@@ -117,18 +116,19 @@ class Silhouette:
         self, mixed: tuple[Array, ...], ratios: Array, outputs: tuple[Array, ...]
     ) -> list[Launch]:
         """New ratios for the pixels of the rim, and the evidence around them once more."""
-        (rows, columns), defines = cells(self.rig), self._defines()
+        rows, columns = cells(self.rig)
         shape = (len(self.rig), rows + 2, columns + 2)
         changed = self._device.zeros(shape, np.uint8, "the rim's cells")
         inputs = (self.input, *mixed, self.evidence, ratios, changed)
         return [
-            self._launch("rim", (columns, rows), *inputs, **defines),
-            self._launch("silhouette_again", (columns, rows), changed, *outputs, **defines),
+            self._launch("rim", (columns, rows), *inputs),
+            self._launch("silhouette_again", (columns, rows), changed, *outputs),
         ]
 
     def _defines(self) -> dict[str, int | float]:
         config, (rows, columns) = self._config, cells(self.rig)
         return {
+            **{"WIDTH": self.rig.width, "HEIGHT": self.rig.height},
             "VIEWS": len(self.rig),
             "FLOOR": float(config.floor),
             "SHADOW_LOW": float(config.shadow_low),
@@ -149,12 +149,10 @@ class Silhouette:
             "CELLS_X": columns,
         }
 
-    def _launch(
-        self, name: str, size: tuple[int, int], *args: Array, **defines: int | float
-    ) -> Launch:
-        device, rig = self._device, self.rig
-        kernel = device.kernel("silhouette", name, WIDTH=rig.width, HEIGHT=rig.height, **defines)
-        return device.launch(kernel, (*size, len(rig)), row_group(device, size[0]), *args)
+    def _launch(self, name: str, size: tuple[int, int], *args: Array) -> Launch:
+        device = self._device
+        kernel = device.kernel("silhouette", name, **self._defines())
+        return device.launch(kernel, (*size, len(self.rig)), row_group(device, size[0]), *args)
 
 
 def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:

@@ -2,10 +2,10 @@
 // (psfs/chroma.py). Defines: WIDTH, HEIGHT; STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all
 // chromaticities; NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light;
 // LIGHT_WEIGHT (1 / variance of the light beyond it).
+#include "ratios.h"
 
 // `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along and
 // across, brightness (sum of the channels), 0, 0. `screen` is 0 where a pixel has no say.
-// `ratios` has a border of one pixel.
 __kernel void chroma_ratio(__global const uchar *restrict images,
                            __global const float *restrict keys,
                            __global const uchar *restrict screen,
@@ -30,9 +30,5 @@ __kernel void chroma_ratio(__global const uchar *restrict images,
     const float least = along * along / wide + across * across / high + LIGHT_WEIGHT * off * off;
     const float nats = log(AREA / 6.2831853f) - 0.5f * (log(wide * high) + least);
 
-    const float told = STEPS * nats;
-    const float ratio = told < LOWEST ? LOWEST : (told > HIGHEST ? HIGHEST : told);
-    const int counts = LOWEST + (int)(ratio - LOWEST + 0.5f);
-    ratios[((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1] =
-        screen[pixel] ? counts : 0;
+    ratios[ratio_place(view, x, y)] = screen[pixel] ? in_counts(STEPS * nats) : (char)0;
 }

@@ -1,10 +1,12 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py).
-// Defines: WIDTH, HEIGHT; for pictures also VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW,
-// FLOOR_LIT, FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance),
-// FLOOR_DEPTH (1 / variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio
-// per nat), LOWEST and HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of
-// the cells.
+// Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_LIT,
+// FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance), FLOOR_DEPTH
+// (1 / variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat),
+// LOWEST and HIGHEST (counts), BINS of a colour channel, CELL (px), CELLS_X, CELLS_Y of the cells.
 #include "camera.h"
+#include "ratios.h"
+
+#define PIXELS (WIDTH * HEIGHT)
 
 // Is the pixel inside the picture of its view, which may be smaller than the stack of views?
 inline bool in_picture(__global const int2 *sizes, int view, int x, int y)
@@ -12,19 +14,42 @@ inline bool in_picture(__global const int2 *sizes, int view, int x, int y)
     return x < sizes[view].x && y < sizes[view].y;
 }
 
-#ifdef BINS
-#define PIXELS (WIDTH * HEIGHT)
+// Three channels of a pixel, not a float3, which PoCL does not spread over its vectors.
+typedef struct { float b, g, r; } Colour;
 
-// clamp(), which PoCL does not inline into vector code.
-inline float limit(float x, float low, float high)
+inline Colour colour_of(__global const uchar *pixel)
 {
-    return x < low ? low : (x > high ? high : x);
+    return (Colour){pixel[0], pixel[1], pixel[2]};
 }
 
-// Whole counts of a log ratio, within the limits of a single pixel.
-inline char in_counts(float ratio)
+// The pixel's mean, or its 1 / sigma^2, in the background's planes from `first` on.
+inline Colour planes_of(__global const float *plane, int first)
 {
-    return LOWEST + (int)(limit(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f);
+    plane += first * PIXELS;
+    return (Colour){plane[0], plane[PIXELS], plane[2 * PIXELS]};
+}
+
+// Sum of w x y over the channels.
+inline float weighed(Colour w, Colour x, Colour y)
+{
+    return w.b * x.b * y.b + w.g * x.g * y.g + w.r * x.r * y.r;
+}
+
+inline Colour less(Colour x, float factor, Colour y)
+{
+    return (Colour){x.b - factor * y.b, x.g - factor * y.g, x.r - factor * y.r};
+}
+
+// The factor that takes y nearest to x, and the squared distance that a factor leaves.
+inline float fitting(Colour w, Colour x, Colour y)
+{
+    return weighed(w, x, y) / (weighed(w, y, y) + 1e-6f);
+}
+
+inline float distance_left(Colour w, Colour x, float factor, Colour y)
+{
+    const Colour rest = less(x, factor, y);
+    return weighed(w, rest, rest);
 }
 
 inline int colour_bin(__global const uchar *colour)
@@ -37,14 +62,9 @@ inline int colour_bin(__global const uchar *colour)
 // distance that it leaves. `plane` points to the pixel in the first of the view's planes.
 inline float light_factor(__global const uchar *colour, __global const float *plane, float *left)
 {
-    const float b = colour[0], g = colour[1], r = colour[2];
-    const float mb = plane[0], mg = plane[PIXELS], mr = plane[2 * PIXELS];
-    const float wb = plane[3 * PIXELS], wg = plane[4 * PIXELS], wr = plane[5 * PIXELS];
-    const float across = wb * b * mb + wg * g * mg + wr * r * mr;
-    const float along = wb * mb * mb + wg * mg * mg + wr * mr * mr;
-    const float alpha = across / (along + 1e-6f);
-    const float db = b - alpha * mb, dg = g - alpha * mg, dr = r - alpha * mr;
-    *left = wb * db * db + wg * dg * dg + wr * dr * dr;
+    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
+    const float alpha = fitting(w, shown, mean);
+    *left = distance_left(w, shown, alpha, mean);
     return alpha;
 }
 
@@ -106,21 +126,15 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const int pixel = y * WIDTH + x;
     __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
-    const float b = colour[0], g = colour[1], r = colour[2];
-    const float mb = plane[0], mg = plane[PIXELS], mr = plane[2 * PIXELS];
-    const float wb = plane[3 * PIXELS], wg = plane[4 * PIXELS], wr = plane[5 * PIXELS];
+    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
 
     // Squared distances to the background's colour in plain light, under less light, and, on the
     // floor, under the light that other cameras see, in between cells linearly.
-    const float across = wb * b * mb + wg * g * mg + wr * r * mr;
-    const float along = wb * mb * mb + wg * mg * mg + wr * mr * mr;
-    const float factor = across / (along + 1e-6f);
-    const float eb = b - mb, eg = g - mg, er = r - mr;
-    float least = wb * eb * eb + wg * eg * eg + wr * er * er;
+    const float factor = fitting(w, shown, mean);
+    float least = distance_left(w, shown, 1.0f, mean);
 
     const float alpha = limit(factor, SHADOW_LOW, SHADOW_HIGH);
-    const float db = b - alpha * mb, dg = g - alpha * mg, dr = r - alpha * mr;
-    const float shaded = wb * db * db + wg * dg * dg + wr * dr * dr +
+    const float shaded = distance_left(w, shown, alpha, mean) +
                          plane[7 * PIXELS] * (1.0f - alpha) * (1.0f - alpha);
     least = shaded < least ? shaded : least;
 
@@ -135,24 +149,22 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const int on_floor =
         light[(view * (CELLS_Y + 2) + y / CELL + 1) * (CELLS_X + 2) + x / CELL + 1] & 1;
     const float dim = limit(factor, FLOOR_LOW, SHADOW_HIGH);
-    const float fb = b - dim * mb, fg = g - dim * mg, fr = r - dim * mr;
     const float darker = seen > dim ? seen - dim : 0.0f;
-    const float on_it = wb * fb * fb + wg * fg * fg + wr * fr * fr +
+    const float on_it = distance_left(w, shown, dim, mean) +
                         FLOOR_WEIGHT * darker * darker + FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
     least = on_floor && on_it < least ? on_it : least;
 
     const float uniform_ratio = plane[6 * PIXELS] - 0.5f * least;
     const int odds = place[(view * CELLS_Y + y / CELL) * CELLS_X + x / CELL];
     const char counts = in_counts(STEPS * uniform_ratio - (colours[colour_bin(colour)] + odds));
-    ratios[((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1] =
-        in_picture(sizes, view, x, y) ? counts : (char)0;
+    ratios[ratio_place(view, x, y)] = in_picture(sizes, view, x, y) ? counts : (char)0;
 }
 
 // Evidence, by `table`, of a voxel that projects to a pixel: of the ratios of 3x3 pixels.
 inline char evidence_of(__global const char *ratios, __global const int2 *sizes,
                         __global const char *table, int view, int x, int y)
 {
-    __global const char *corner = ratios + ((size_t)view * (HEIGHT + 2) + y) * (WIDTH + 2) + x;
+    __global const char *corner = ratios + ratio_place(view, x - 1, y - 1);
     int sum = -9 * LOWEST;
 #pragma unroll
     for (int row = 0; row < 3; ++row)
@@ -177,21 +189,15 @@ __kernel void silhouette(__global const char *restrict ratios, __global const in
 inline float mixed(__global const uchar *colour, __global const float *plane,
                    __global const char *person)
 {
-    const float wb = plane[3 * PIXELS], wg = plane[4 * PIXELS], wr = plane[5 * PIXELS];
-    const float b = colour[0] - plane[0], g = colour[1] - plane[PIXELS];
-    const float r = colour[2] - plane[2 * PIXELS];
+    const Colour w = planes_of(plane, 3);
+    const Colour here = less(colour_of(colour), 1.0f, planes_of(plane, 0));
     float least = 1e9f;
     for (int direction = 0; direction < 9; ++direction) {
         const int step = 2 * (direction / 3 - 1) * WIDTH + 2 * (direction % 3 - 1);
         if (person[step] <= 0 || person[-step] >= 0) continue;
-        const float pb = colour[3 * step] - plane[step];
-        const float pg = colour[3 * step + 1] - plane[PIXELS + step];
-        const float pr = colour[3 * step + 2] - plane[2 * PIXELS + step];
-        const float across = wb * b * pb + wg * g * pg + wr * r * pr;
-        const float along = wb * pb * pb + wg * pg * pg + wr * pr * pr;
-        const float share = limit(across / (along + 1e-6f), 0.0f, RIM_SHARE);
-        const float db = b - share * pb, dg = g - share * pg, dr = r - share * pr;
-        const float left = wb * db * db + wg * dg * dg + wr * dr * dr;
+        const Colour ahead = less(colour_of(colour + 3 * step), 1.0f, planes_of(plane + step, 0));
+        const float share = limit(fitting(w, here, ahead), 0.0f, RIM_SHARE);
+        const float left = distance_left(w, here, share, ahead);
         least = left < least ? left : least;
     }
     return STEPS * (plane[6 * PIXELS] - RIM_COST - 0.5f * least);
@@ -220,8 +226,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             const float ratio = mixed(colour, background + (size_t)view * 8 * PIXELS + here,
                                       person + here) - (colours[colour_bin(colour)] + odds);
             const char counts = in_counts(ratio);
-            __global char *old =
-                ratios + ((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1;
+            __global char *old = ratios + ratio_place(view, x, y);
             if (counts <= *old) continue;
             *old = counts;
             any = 1;
@@ -252,7 +257,6 @@ __kernel void silhouette_again(__global const uchar *restrict changed,
             evidence[view * PIXELS + y * WIDTH + x] =
                 evidence_of(ratios, sizes, table, view, x, y);
 }
-#endif
 
 // Ready masks, 0..255; `table` holds the evidence of the 256 values.
 __kernel void mask_silhouette(__global const uchar *restrict masks,
@@ -262,6 +266,6 @@ __kernel void mask_silhouette(__global const uchar *restrict masks,
 {
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= WIDTH || y >= HEIGHT) return;
-    const int at = (view * HEIGHT + y) * WIDTH + x;
+    const int at = view * PIXELS + y * WIDTH + x;
     evidence[at] = in_picture(sizes, view, x, y) ? table[masks[at]] : (char)0;
 }

@@ -1,0 +1,21 @@
+// Log ratios of single pixels, background over foreground, in counts of 1 / STEPS nats.
+// Defines: WIDTH, HEIGHT; LOWEST and HIGHEST (counts).
+
+// clamp(), which PoCL does not inline into vector code.
+inline float limit(float x, float low, float high)
+{
+    return x < low ? low : (x > high ? high : x);
+}
+
+// Whole counts of a log ratio, within the limits of a single pixel.
+inline char in_counts(float ratio)
+{
+    return LOWEST + (int)(limit(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f);
+}
+
+// Where the ratio of a pixel lies in the maps of all views, which have a border of one pixel. So
+// the 3x3 pixels around pixel (x, y) begin at the place of (x - 1, y - 1).
+inline size_t ratio_place(int view, int x, int y)
+{
+    return ((size_t)view * (HEIGHT + 2) + y + 1) * (WIDTH + 2) + x + 1;
+}
