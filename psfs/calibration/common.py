@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from cl import UserError
-from psfs.camera import CameraRig
+from psfs.camera import Camera, CameraRig
 from psfs.units import Unit, metres_per_unit, scaled_rig
 
 Size = tuple[int, int]
@@ -95,6 +95,18 @@ def sizes_for(names: Sequence[str], sizes: Sizes) -> list[Size]:
     if sizes is None:
         raise UserError("the file holds no picture sizes; pass sizes=(width, height)")
     return [sizes] * len(names)
+
+
+def rig_of(
+    names: Sequence[str],
+    sizes: Sizes,
+    camera: Callable[[str, Size], Camera],
+    unit: Unit | None,
+    default: Unit,
+) -> CameraRig:
+    """The rig, in metres, of what `camera(name, size)` makes of each of the names."""
+    pairs = zip(names, sizes_for(names, sizes), strict=True)
+    return in_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
 
 
 def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> CameraRig:

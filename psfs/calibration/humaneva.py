@@ -12,16 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import UserError
-from psfs.calibration.common import (
-    Size,
-    Sizes,
-    in_metres,
-    naming,
-    numbers,
-    read_text,
-    rotation_matrix,
-    sizes_for,
-)
+from psfs.calibration.common import Size, Sizes, naming, numbers, read_text, rig_of, rotation_matrix
 from psfs.camera import Camera, CameraRig
 from psfs.units import Unit
 
@@ -32,12 +23,13 @@ def read_humaneva(
     paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
 ) -> CameraRig:
     """One camera per path, named after the file. Millimetres unless `unit` says otherwise."""
-    names = [path.stem for path in paths]
-    cameras = []
-    for path, size in zip(paths, sizes_for(names, sizes), strict=True):
-        with naming(path):
-            cameras.append(_camera(path, size))
-    return in_metres(CameraRig(tuple(cameras)), unit, default="mm")
+    by_name = {path.stem: path for path in paths}
+
+    def camera(name: str, size: Size) -> Camera:
+        with naming(by_name[name]):
+            return _camera(by_name[name], size)
+
+    return rig_of([path.stem for path in paths], sizes, camera, unit, default="mm")
 
 
 def _camera(path: Path, size: Size) -> Camera:

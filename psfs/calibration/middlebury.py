@@ -7,20 +7,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from cl import UserError
-from psfs.calibration.common import (
-    Size,
-    Sizes,
-    in_metres,
-    naming,
-    numbers,
-    read_text,
-    rotation_matrix,
-    sizes_for,
-)
+from psfs.calibration.common import Size, Sizes, naming, numbers, read_text, rig_of, rotation_matrix
 from psfs.camera import Camera, CameraRig
 from psfs.units import Unit
 
-_WORDS = 22
+_NUMBERS = 21
 
 
 def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
@@ -33,16 +24,14 @@ def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -
         if promised != str(len(lines)):
             raise UserError(f"{len(lines)} views; the first line promises {promised}")
         names = [Path(words[0]).stem for words in lines]
-        pairs = zip(lines, sizes_for(names, sizes), strict=True)
-        rig = CameraRig(tuple(_camera(words, size) for words, size in pairs))
-        return in_metres(rig, unit, default="m")
+        of_view = dict(zip(names, lines, strict=True))
+        return rig_of(names, sizes, lambda n, size: _camera(n, of_view[n][1:], size), unit, "m")
 
 
-def _camera(words: list[str], size: Size) -> Camera:
-    name = Path(words[0]).stem
-    if len(words) != _WORDS:
-        raise UserError(f"view {name}: {len(words) - 1} numbers; expected {_WORDS - 1}")
-    values = numbers(words[1:], f"view {name}")
+def _camera(name: str, words: list[str], size: Size) -> Camera:
+    if len(words) != _NUMBERS:
+        raise UserError(f"view {name}: {len(words)} numbers; expected {_NUMBERS}")
+    values = numbers(words, f"view {name}")
     return Camera(
         name=name,
         K=values[:9] / values[8],

@@ -10,15 +10,7 @@ import numpy as np
 from scipy.linalg import rq
 
 from cl import UserError
-from psfs.calibration.common import (
-    Size,
-    Sizes,
-    in_metres,
-    naming,
-    numbers,
-    read_text,
-    sizes_for,
-)
+from psfs.calibration.common import Size, Sizes, naming, numbers, read_text, rig_of
 from psfs.camera import Camera, CameraRig
 from psfs.units import Unit
 
@@ -30,11 +22,7 @@ def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
     with naming(path):
         matrices = _matrices(read_text(path))
         names = list(matrices)
-        cameras = [
-            decomposed(name, matrices[name], size)
-            for name, size in zip(names, sizes_for(names, sizes), strict=True)
-        ]
-        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+        return rig_of(names, sizes, lambda n, size: decomposed(n, matrices[n], size), unit, "m")
 
 
 def _matrices(text: str) -> dict[str, np.ndarray]:
