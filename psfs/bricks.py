@@ -19,9 +19,10 @@ TILE, COARSE_TILE = 8, 32
 
 
 class Bricks:
-    """What the occupancy kernels of one grid have in common: tables, tiles and definitions.
+    """What the occupancy kernels of one grid have in common: maps, tables, tiles and definitions.
 
-    Calling it enqueues the tiles of the evidence maps: least and greatest count of each.
+    evidence: (V, H, W) int8 in counts of `step` nats. Calling it enqueues the tiles of the
+    evidence maps: least and greatest count of each.
     """
 
     def __init__(
@@ -31,9 +32,11 @@ class Bricks:
         grid: VoxelGrid,
         evidence: Array,
         step: float,
-        config: OccupancyConfig,
+        config: OccupancyConfig | None = None,
     ) -> None:
         check_size(grid)
+        config = config or OccupancyConfig()
+        self.device, self.shape, self.evidence = device, grid.shape, evidence
         views, width, height = len(rig), rig.width, rig.height
         columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
         fine = -(-width // TILE) * -(-height // TILE)
@@ -49,13 +52,12 @@ class Bricks:
             self.defines["NO_DISTORTION"] = 1
         self.n_active = device.zeros(1, np.int32, "the number of bricks")
         self.tiles = device.empty((views, fine + columns * rows, 2), np.int8, "the tiles")
-        self._geometry = device.empty(4, np.float32, "the grid's position")
+        self.geometry = device.empty(4, np.float32, "the grid's position")
         table = config.probabilities(views, step).astype(np.float32)
         self.table = device.to_device(table, "the occupancy table")
         self.cameras = device.to_device(rig.packed(), "the cameras")
         reach = np.stack([lens_reach(camera) for camera in rig]).astype(np.float32)
         self.reach = device.to_device(reach, "the lenses")
-        self.evidence = evidence
         self.place(grid)
         lanes = int(self.defines["TILE_LANES"])
         self._launch = device.launch(
@@ -67,13 +69,9 @@ class Bricks:
             self.n_active,
         )
 
-    @property
-    def geometry(self) -> Array:
-        return self._geometry
-
     def place(self, grid: VoxelGrid) -> None:
         """Move to a grid of the same shape."""
-        self._geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
+        self.geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
 
     def __call__(self) -> None:
         self._launch()

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cl import Array, Device
+from cl import Array
 from psfs.bricks import Bricks, bricks_along, lanes_of
-from psfs.camera import CameraRig
-from psfs.config import OccupancyConfig
-from psfs.grid import VoxelGrid
 
 
 class Occupancy:
-    """Evidence maps in, P(V = 1) of every voxel out: (nx + 2, ny + 2, nz + 2) float32.
+    """The evidence maps of bricks in, P(V = 1) of every voxel out.
 
+    probability: (nx + 2, ny + 2, nz + 2) float32.
     One layer of voxels around the grid is evaluated as well, so that the smoothing knows what
     lies beyond the border: a part of a grid gives the same voxels as the whole. A voxel's
     posterior log-odds are logit(prior) + the evidence of the cameras whose picture contains its
@@ -25,39 +23,20 @@ class Occupancy:
     included, not looked up: a table of pixels would take 4 bytes per voxel and camera.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        rig: CameraRig,
-        grid: VoxelGrid,
-        evidence: Array,
-        step: float,
-        config: OccupancyConfig | None = None,
-    ) -> None:
-        config = config or OccupancyConfig()
-        nx, ny, nz = grid.shape
+    def __init__(self, bricks: Bricks) -> None:
+        device, (nx, ny, nz) = bricks.device, bricks.shape
         shape = (nx + 2, ny + 2, nz + 2)
-        self._bricks = Bricks(device, rig, grid, evidence, step, config)
-        self.probability = device.empty(shape, np.float32, f"a grid of {grid.size:,} voxels")
+        self._bricks = bricks
+        self.probability = device.empty(shape, np.float32, f"a grid of {nx * ny * nz:,} voxels")
         lanes = lanes_of(device, 0)
-        kernel = device.kernel("occupancy", "occupancy", **self._bricks.defines, **lanes)
-        bricks, group = bricks_along(shape), int(lanes["LANES"])
+        along, group = bricks_along(shape), int(lanes["LANES"])
         self._launch = device.launch(
-            kernel,
-            (bricks[2] * group, bricks[1], bricks[0]),
+            device.kernel("occupancy", "occupancy", **bricks.defines, **lanes),
+            (along[2] * group, along[1], along[0]),
             (group, 1, 1),
-            self._bricks.cameras,
-            self._bricks.reach,
-            self._bricks.tiles,
-            evidence,
-            self._bricks.table,
-            self._bricks.geometry,
-            self.probability,
+            *(bricks.cameras, bricks.reach, bricks.tiles, bricks.evidence),
+            *(bricks.table, bricks.geometry, self.probability),
         )
-
-    def place(self, grid: VoxelGrid) -> None:
-        """Move to a grid of the same shape."""
-        self._bricks.place(grid)
 
     def __call__(self) -> Array:
         self._bricks()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from cl import Array, Device, NumpyDevice, UserError
+from psfs.bricks import Bricks
 from psfs.camera import CameraRig
 from psfs.colour import SurfaceColour
 from psfs.config import ReconstructionConfig
@@ -125,17 +126,18 @@ class Reconstructor:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
-        evidence, step = self.silhouette.evidence, config.silhouette.step
-        self.occupancy: Occupancy | SparseSurface
+        maps, step = self.silhouette.evidence, config.silhouette.step
+        self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy)
         self.surface: Surface | SparseSurface
+        self._stages: list[Callable[[], object]]
         if sparse:
-            self.surface = SparseSurface(device, rig, grid, evidence, step, config.occupancy)
-            self.occupancy = self.surface
+            self.surface = SparseSurface(self._bricks)
+            self._stages = [self.surface]
         else:
-            self.occupancy = Occupancy(device, rig, grid, evidence, step, config.occupancy)
-            self.surface = Surface(
-                device, grid.shape, self.occupancy.probability, config.occupancy.threshold
-            )
+            occupancy = Occupancy(self._bricks)
+            threshold = config.occupancy.threshold
+            self.surface = Surface(device, grid.shape, occupancy.probability, threshold)
+            self._stages = [occupancy, self.surface]
         self.voxels = Voxels(grid, self.silhouette, self.surface)
         self._follower = Follower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
@@ -154,7 +156,7 @@ class Reconstructor:
         """Move to a grid of the same shape, from the next frame on. Raises UserError otherwise."""
         if grid.shape != self.grid.shape:
             raise UserError(f"the new grid has shape {grid.shape}; expected {self.grid.shape}")
-        self.occupancy.place(grid)
+        self._bricks.place(grid)
         self.voxels.grid = grid
 
     def prepare(self, frame: Frame) -> None:
@@ -195,9 +197,8 @@ class Reconstructor:
         return self.voxels
 
     def _carve(self) -> None:
-        if self.occupancy is not self.surface:
-            self.occupancy()
-        self.surface()
+        for stage in self._stages:
+            stage()
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
         """The voxels of every frame; the next frame is uploaded while the device works."""

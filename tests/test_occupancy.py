@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 from cl import Device, UserError
+from psfs.bricks import Bricks
 from psfs.camera import CameraRig
 from psfs.config import OccupancyConfig
 from psfs.grid import VoxelGrid
@@ -25,7 +26,7 @@ def both(
     coarse = random.integers(-127, 15, (len(rig), shape[1] // 8 + 1, shape[2] // 8 + 1))
     evidence = coarse.repeat(8, 1).repeat(8, 2)[:, : shape[1], : shape[2]].astype(np.int8)
     maps = device.to_device(evidence)
-    probability = Occupancy(device, rig, grid, maps, STEP, config)().get()
+    probability = Occupancy(Bricks(device, rig, grid, maps, STEP, config))().get()
     return probability, occupancy(rig, grid, evidence, STEP, config)
 
 
@@ -63,17 +64,16 @@ def test_a_moved_grid_gives_what_a_new_one_gives(device: Device) -> None:
     evidence = device.to_device(
         np.random.default_rng(0).integers(-127, 15, (3, rig.height, rig.width)).astype(np.int8)
     )
-    first = Occupancy(device, rig, grid, evidence, STEP)
-    first.place(moved)
-    np.testing.assert_array_equal(
-        first().get(), Occupancy(device, rig, moved, evidence, STEP)().get()
-    )
+    bricks = Bricks(device, rig, grid, evidence, STEP)
+    first, there = Occupancy(bricks), Occupancy(Bricks(device, rig, moved, evidence, STEP))
+    bricks.place(moved)
+    np.testing.assert_array_equal(first().get(), there().get())
 
 
 def test_a_grid_beyond_32_bits_is_refused(device: Device) -> None:
     grid = VoxelGrid(np.zeros(3), 1e-6, (2000, 2000, 2000))
     with pytest.raises(UserError, match="8,000,000,000 voxels"):
-        Occupancy(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP)
+        Occupancy(Bricks(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP))
 
 
 def test_a_grid_beyond_the_memory_is_refused(device: Device) -> None:
@@ -82,4 +82,4 @@ def test_a_grid_beyond_the_memory_is_refused(device: Device) -> None:
         pytest.skip("this device has room for the grid")
     grid = VoxelGrid(np.zeros(3), 1e-6, (n, n, n))
     with pytest.raises(UserError, match="MiB"):
-        Occupancy(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP)
+        Occupancy(Bricks(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP))

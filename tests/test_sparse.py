@@ -43,10 +43,11 @@ def compare(
 ) -> tuple[int, int]:
     """Numbers of surface voxels and of active bricks, after comparing both modes."""
     maps = device.to_device(evidence)
-    dense = Occupancy(device, rig, grid, maps, STEP, config)
+    bricks = Bricks(device, rig, grid, maps, STEP, config)
+    dense = Occupancy(bricks)
     surface = Surface(device, grid.shape, dense(), config.threshold)
     surface()
-    found = SparseSurface(device, rig, grid, maps, STEP, config)
+    found = SparseSurface(bricks)
     for _ in range(2):  # the second time over what the first one left
         found()
     count = int(surface.list.count.get()[0])
@@ -131,7 +132,7 @@ def test_tiles_hold_the_extremes(device: Device) -> None:
     rig = scenes.ring(3)
     evidence = evidence_of(rig, 3, 3)
     maps = device.to_device(evidence)
-    bricks = Bricks(device, rig, scenes.small_grid(), maps, STEP, OccupancyConfig())
+    bricks = Bricks(device, rig, scenes.small_grid(), maps, STEP)
     bricks()
     tiles = bricks.tiles.get()
     at = 0
@@ -159,7 +160,7 @@ def test_too_many_bricks_are_refused(device: Device, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(sparse, "_ROOM", 4096)
     rig, grid = scenes.ring(4), scenes.small_grid(0.04)
     evidence = device.to_device(np.full((4, rig.height, rig.width), 14, np.int8))
-    surface = SparseSurface(device, rig, grid, evidence, STEP)
+    surface = SparseSurface(Bricks(device, rig, grid, evidence, STEP))
     surface()
     with pytest.raises(UserError, match="bricks"):
         surface.surface_probability(1)
@@ -182,6 +183,7 @@ def test_strong_lenses(device: Device, lens: list[float]) -> None:
     for block in (8, 40):
         evidence = evidence_of(rig, block, block)
         compare(device, rig, grid, evidence, config)
-        dense = Occupancy(device, rig, grid, device.to_device(evidence), STEP, config)().get()
+        bricks = Bricks(device, rig, grid, device.to_device(evidence), STEP, config)
+        dense = Occupancy(bricks)().get()
         expected = occupancy(rig, grid, evidence, STEP, config)
         assert (np.abs(dense - expected) > 1e-5).mean() < 1e-3
