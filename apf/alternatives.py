@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.anatomy import limbs_of
 from apf.annealing import seed_words
 from apf.body import BodyModel
 from apf.config import FilterConfig
@@ -14,24 +15,6 @@ from apf.refine import Refinement
 from cl import Array, Device, Launch
 
 _GROUP = 64
-
-
-def limbs_of(body: BodyModel) -> np.ndarray:
-    """(L, D) bool: the degrees of freedom of each limb of `body`, an unbranched chain of two or
-    more bones down to its end, one of several that hang from the same bone."""
-    n_bones = len(body.bones)
-    children = [[c for c in range(n_bones) if body.bones[c].parent == b] for b in range(n_bones)]
-    limbs = []
-    for first in (child for siblings in children if len(siblings) > 1 for child in siblings):
-        chain = [first]
-        while len(children[chain[-1]]) == 1:
-            chain += children[chain[-1]]
-        if len(chain) > 1 and not children[chain[-1]]:
-            limbs.append([axis.dof for b in chain for axis in body.bones[b].axes])
-    mask = np.zeros((len(limbs), body.n_dof), bool)
-    for limb, dofs in enumerate(limbs):
-        mask[limb, dofs] = True
-    return mask
 
 
 class Alternatives:
@@ -72,8 +55,7 @@ class Alternatives:
         n_poses = n_runs * config.n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
         self._sigma = device.to_device(body.sigma.astype(np.float32))
-        limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
-        self._limits = device.to_device(limits)
+        self._limits = device.to_device(body.limits)
         self._seeds = device.to_device(seed_words(seeds))
         self.shift = device.zeros((n_runs, n), np.float32)
         self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)

@@ -109,6 +109,11 @@ class BodyModel:
         return len(self.dof_names)
 
     @property
+    def limits(self) -> np.ndarray:
+        """(D, 2) float32 lower and upper limit, as the kernels take them."""
+        return np.stack([self.lower, self.upper], -1).astype(np.float32)
+
+    @property
     def joint_names(self) -> list[str]:
         return [joint.name for joint in self.joints]
 

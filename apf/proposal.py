@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.anatomy import trunk
 from apf.body import BodyModel
 from apf.config import FilterConfig
 
@@ -20,19 +21,3 @@ def layer_sigmas(body: BodyModel, config: FilterConfig) -> np.ndarray:
     sigmas[:first, limbs] = 0.0
     sigmas[first:, limbs] *= config.noise_decay**-first
     return sigmas
-
-
-def trunk(body: BodyModel) -> np.ndarray:
-    """(D,) bool: the degrees of freedom of bones beyond which the body branches."""
-    n_children = np.zeros(len(body.bones), int)
-    branches = np.zeros(len(body.bones), bool)
-    for place in reversed(range(len(body.bones))):  # children come after their parents
-        branches[place] |= n_children[place] > 1
-        parent = body.bones[place].parent
-        if parent >= 0:
-            n_children[parent] += 1
-            branches[parent] |= branches[place]
-    found = np.zeros(body.n_dof, bool)
-    for bone, branching in zip(body.bones, branches, strict=True):
-        found[[axis.dof for axis in bone.axes]] = branching
-    return found

@@ -43,8 +43,7 @@ class Refinement:
         moves[:, :n] = cone_moves(body) > 0
         self._moves = device.to_device(moves)
         self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
-        limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
-        self._limits = device.to_device(limits)
+        self._limits = device.to_device(body.limits)
         self._poses = device.empty((n_poses, n), np.float32)
         self._shift = device.empty((n_poses, n), np.float32)
         self._least = device.empty((n_poses,), np.float32)

@@ -9,7 +9,8 @@ import bodies
 import numpy as np
 import pytest
 
-from apf.alternatives import Alternatives, limbs_of
+from apf.alternatives import Alternatives
+from apf.anatomy import limbs_of
 from apf.body import BodyModel, load_body
 from apf.config import FilterConfig
 from apf.reference.alternatives import proposals, settled
@@ -75,15 +76,6 @@ def raised(body: BodyModel) -> np.ndarray:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_upper_arm.rx")] = 0.9
     return pose
-
-
-def test_limbs() -> None:
-    body = load_body("song31")
-    names = [{body.dof_names[d].split(".")[0] for d in np.flatnonzero(m)} for m in limbs_of(body)]
-    for side in "lr":
-        assert {f"{side}_thigh", f"{side}_calf"} in names
-        assert {f"{side}_clavicle", f"{side}_upper_arm", f"{side}_forearm"} in names
-    assert len(names) == 4
 
 
 def test_proposals_move_one_limb_within_limits() -> None:

@@ -7,17 +7,10 @@ import pytest
 
 from apf.body import load_body
 from apf.config import FilterConfig
-from apf.proposal import layer_sigmas, trunk
+from apf.proposal import layer_sigmas
 from cl import UserError
 
 SONG = load_body("song31")
-
-
-def test_the_trunk_is_what_branches() -> None:
-    names = {
-        name.split(".")[0] for name, is_ in zip(SONG.dof_names, trunk(SONG), strict=True) if is_
-    }
-    assert names == {"pelvis", "thorax"}
 
 
 def test_without_trunk_layers_all_spread_alike() -> None:

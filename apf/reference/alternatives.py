@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.alternatives import limbs_of
+from apf.anatomy import limbs_of
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.reference.annealing import reflected
