@@ -109,10 +109,8 @@ class _Judge:
         centres = grid.centres()
         self._at = []
         for camera in self.rig:
-            column, row = np.rint(camera.project(centres)[0]).T
-            inside = (column >= 0) & (row >= 0)
-            inside &= (column < camera.size[0]) & (row < camera.size[1])
-            pixels = row[inside].astype(np.int32), column[inside].astype(np.int32)
+            inside, row, column, _ = camera.look_up(centres)
+            pixels = row.astype(np.int32), column.astype(np.int32)
             self._at.append((np.flatnonzero(inside), pixels))
         self._extents = footprints(self.rig, grid.voxel_size)
 

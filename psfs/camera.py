@@ -96,7 +96,7 @@ class Camera:
 
         The depth of a point that has no image (behind the camera, or beyond `max_radius2`) is
         negative or zero, and its pixel is (-1e6, -1e6). Whether a pixel lies inside the image is
-        left to the caller.
+        left to the caller, or to `look_up`.
         """
         camera = np.asarray(points, np.float64) @ self.R.T + self.t
         depth = camera[..., 2]
@@ -112,6 +112,15 @@ class Camera:
             v = self.K[1, 1] * yd + self.K[1, 2]
         pixels = np.where(seen[..., None], np.stack([u, v], -1), -1e6)
         return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
+
+    def look_up(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Which of world points (N, 3) lie in the picture, (N,) bool; row and column of the pixel
+        nearest to each of these (K,), and their depths (K,) m."""
+        pixels, depth = self.project(points)
+        nearest = np.floor(pixels + 0.5)
+        inside = (nearest >= 0).all(-1) & (nearest < self.size).all(-1) & (depth > 0)
+        column, row = nearest[inside].astype(int).T
+        return inside, row, column, depth[inside]
 
     def scaled(self, factor: float) -> Camera:
         """The camera of the picture resized by `factor` (pixel centres stay at integers)."""

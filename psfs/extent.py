@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.camera import Camera, CameraRig
+from psfs.camera import CameraRig
 
 #: Points along a side of the lattices; odd, so that the centre is one of them.
 _COARSE, _FINE = 21, 41
@@ -24,13 +24,6 @@ def axes_meet(rig: CameraRig) -> np.ndarray:
         A += across
         b += across @ (camera.centre - middle)
     return middle + np.linalg.lstsq(A, b, rcond=1e-6)[0]
-
-
-def sees(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """(N,) bool: which of the points (N, 3) m lie inside the camera's picture."""
-    pixels, depth = camera.project(points)
-    inside = (pixels > -0.5) & (pixels < np.array(camera.size) - 0.5)
-    return inside.all(axis=-1) & (depth > 0)
 
 
 def views_needed(rig: CameraRig) -> int:
@@ -65,5 +58,5 @@ def _lattice(low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
 
 
 def _seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
-    views = np.sum([sees(camera, points) for camera in rig], axis=0)
+    views = np.sum([camera.look_up(points)[0] for camera in rig], axis=0)
     return points[views >= needed]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.camera import CameraRig
-from psfs.extent import axes_meet, seen_box, seen_points, sees, views_needed
+from psfs.extent import axes_meet, seen_box, seen_points, views_needed
 from psfs.sequence import Sequence
 
 #: A rig of people or things is this large, m; anything else hints at a wrong unit.
@@ -114,7 +114,7 @@ def _blind_warnings(rig: CameraRig) -> list[str]:
     for camera in rig:
         others = CameraRig(tuple(other for other in rig if other is not camera))
         shared = seen_points(others, views_needed(others))
-        if len(shared) and not sees(camera, shared).any():
+        if len(shared) and not camera.look_up(shared)[0].any():
             warnings.append(f"camera {camera.name} sees nothing of the volume the others share")
     if seen_box(rig, 2) is None:
         warnings.append("no place is seen by two cameras")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.camera import Camera, CameraRig
-from psfs.footprints import footprints
+from psfs.footprints import footprints, pixel_boxes
 from psfs.grid import VoxelCloud
 
 
@@ -18,14 +18,12 @@ def recoloured(cloud: VoxelCloud, camera: Camera) -> tuple[np.ndarray, np.ndarra
     if cloud.colour is None:
         raise ValueError("expected a cloud with colours")
     width, height = camera.size
-    pixels, depth = camera.project(cloud.centres)
-    front = np.flatnonzero(depth > 0)
-    order = front[np.argsort(-depth[front], kind="stable")]
-    half = footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0] / depth[order, None]
-    low = np.clip(np.ceil(pixels[order] - half), 0, (width, height)).astype(int)
-    high = np.clip(np.floor(pixels[order] + half) + 1, 0, (width, height)).astype(int)
+    footprint = footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0]
+    boxes = pixel_boxes(camera, cloud.centres, footprint)
+    far_to_near = np.argsort(-boxes[3], kind="stable")
+    shown, low, end = (values[far_to_near] for values in boxes[:3])
     picture, covered = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), bool)
-    for voxel, (x0, y0), (x1, y1) in zip(order, low, high, strict=True):  # far to near
+    for voxel, (x0, y0), (x1, y1) in zip(shown, low, end, strict=True):
         picture[y0:y1, x0:x1] = cloud.colour[voxel, ::-1]
         covered[y0:y1, x0:x1] = True
     return picture, covered

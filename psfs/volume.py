@@ -146,16 +146,13 @@ def _largest_parts(
     votes = np.zeros((len(evidence), grid.size), np.int32)
     seeing = np.zeros(grid.size, np.int32)
     for view, camera in enumerate(rig):
-        pixels, depth = camera.project(centres)
-        column, row = np.rint(pixels).T
-        inside = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
-        if not inside.any():
+        inside, row, column, depth = camera.look_up(centres)
+        if not len(depth):
             continue
         seeing += inside
-        at = row[inside].astype(int), column[inside].astype(int)
-        covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth[inside]))
+        covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
         for frame, maps in enumerate(evidence):
-            votes[frame, inside] += _widened(maps[view], covered)[at]
+            votes[frame, inside] += _widened(maps[view], covered)[row, column]
     occupied = (votes > 0) & (seeing >= min_cameras)
     parts = [_largest_part(frame.reshape(grid.shape)) for frame in occupied]
     corners = np.array([part for part in parts if part is not None])

@@ -73,10 +73,8 @@ def masks_of(rig: CameraRig) -> np.ndarray:
     points = points[solid(points)]
     masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
     for view, camera in enumerate(rig):
-        pixels, _ = camera.project(points)
-        column, row = np.rint(pixels).astype(int).T
-        inside = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
-        masks[view, row[inside], column[inside]] = 255
+        _, row, column, _ = camera.look_up(points)
+        masks[view, row, column] = 255
     return masks
 
 

@@ -13,9 +13,7 @@ def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> n
     trapezoid of cones (N, C, 16); cameras that see no point are left out, 1 if none sees any."""
     shares = []
     for camera in rig:
-        pixels, depth = camera.project(points)
-        inside = (pixels >= -0.5).all(-1) & (pixels < np.array(camera.size) - 0.5).all(-1)
-        seen = pixels[inside & (depth > 0)]
+        seen = camera.project(points[camera.look_up(points)[0]])[0]
         if len(seen):
             corners = outlines(camera, cones)
             shares.append([1 - covered(one, seen).mean() for one in corners])

@@ -6,7 +6,7 @@ import numpy as np
 
 from psfs.camera import Camera, CameraRig
 from psfs.colour import TOLERANCE
-from psfs.footprints import footprints
+from psfs.footprints import footprints, pixel_boxes
 from psfs.grid import VoxelGrid
 
 
@@ -14,18 +14,11 @@ def nearest_depth(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
     """(H, W) depth in m of the nearest voxel, infinite where there is none; see `footprints`."""
-    pixels, depth = camera.project(centres)
-    pixels, depth = pixels[depth > 0], depth[depth > 0]
-    half, nearest = footprint / depth[:, None], np.rint(pixels)
-    low = np.maximum(np.minimum(np.ceil(pixels - half), nearest), 0)
-    high = np.minimum(
-        np.maximum(np.floor(pixels + half), nearest), np.array(camera.size, float) - 1
-    )
-    hit = (low <= high).all(1)
-    low, extent, depth = low[hit].astype(int), (high - low)[hit].astype(int), depth[hit]
+    _, low, high, depth = pixel_boxes(camera, centres, footprint)
+    extent = high - low
     buffer = np.full(shape, np.inf)
-    for dx, dy in np.ndindex(*(extent.max(0, initial=-1) + 1)):
-        covers = (extent >= (dx, dy)).all(1)
+    for dx, dy in np.ndindex(*extent.max(0, initial=0)):
+        covers = (extent > (dx, dy)).all(1)
         column, row = low[covers].T
         np.minimum.at(buffer, (row + dy, column + dx), depth[covers])
     return buffer
@@ -43,18 +36,15 @@ def surface_colour(
     extents = footprints(rig, grid.voxel_size)
     for view, camera in enumerate(rig):
         buffer = nearest_depth(camera, centres, extents[view], images.shape[1:3])
-        pixels, depth = camera.project(centres)
-        column, row = np.rint(pixels).astype(int).T
-        inside = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
-        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-        rgb = images[view, row, column, ::-1].astype(int)
-        behind = np.where(inside, depth - buffer[row, column], np.inf)
+        inside, row, column, depth = camera.look_up(centres)
+        voxels, rgb = np.flatnonzero(inside), images[view, row, column, ::-1].astype(int)
+        behind = depth - buffer[row, column]
         seen = behind <= TOLERANCE * grid.voxel_size
         for kind, counts in enumerate((seen & (evidence[view, row, column] > 0), seen)):
-            sums[kind][counts] += rgb[counts]
-            numbers[kind] += counts
-        nearer = ~seen & (behind < least)
-        least[nearer], least_colour[nearer] = behind[nearer], rgb[nearer]
+            sums[kind][voxels[counts]] += rgb[counts]
+            numbers[kind][voxels[counts]] += 1
+        nearer = ~seen & (behind < least[voxels])
+        least[voxels[nearer]], least_colour[voxels[nearer]] = behind[nearer], rgb[nearer]
     chosen = np.where(numbers[0] > 0, 0, 1), np.arange(len(centres))
     number, total = numbers[chosen], sums[chosen]
     shared = np.maximum(number, 1)[:, None]

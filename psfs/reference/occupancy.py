@@ -24,11 +24,8 @@ def occupancy(
     log_odds = np.full(len(centres), np.log(config.prior / (1 - config.prior)))
     seeing = np.zeros(len(centres), int)
     for camera, counts in zip(rig, evidence, strict=True):
-        pixels, _ = camera.project(centres)
-        column, row = np.rint(pixels).T
-        inside = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
-        seen = counts[row[inside].astype(int), column[inside].astype(int)]
-        log_odds[inside] += seen * step
+        inside, row, column, _ = camera.look_up(centres)
+        log_odds[inside] += counts[row, column] * step
         seeing += inside
     probability = np.where(
         seeing >= config.seeing_cameras(len(rig)), 1 / (1 + np.exp(-log_odds)), 0.0

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from cl import Device, NumpyDevice
 from psfs.camera import Camera, CameraRig
-from psfs.footprints import footprints
+from psfs.footprints import footprints, pixel_boxes
 from psfs.grid import VoxelGrid
 from psfs.reference.reconstruct import NumpyVoxels
 from psfs.reprojection import edge_reach, proximity_table
@@ -17,15 +17,8 @@ def voxel_silhouette(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
     """Silhouette `shape` bool of voxels with `centres` (N, 3); see `footprints`."""
-    pixels, depth = camera.project(centres)
-    pixels, depth = pixels[depth > 0], depth[depth > 0]
-    half = footprint / depth[:, None]
-    nearest = np.rint(pixels)
-    limit = np.array(camera.size) - 1
-    low = np.maximum(np.minimum(np.ceil(pixels - half), nearest), 0)
-    high = np.minimum(np.maximum(np.floor(pixels + half), nearest), limit)
-    hit = (low <= high).all(1)
-    (x0, y0), (x1, y1) = low[hit].astype(int).T, high[hit].astype(int).T + 1
+    _, low, high, _ = pixel_boxes(camera, centres, footprint)
+    (x0, y0), (x1, y1) = low.T, high.T
     # Corners of the boxes; summed along both axes they count the boxes over every pixel.
     corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
     for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):

@@ -158,13 +158,10 @@ def floor_light(
         for other, camera in enumerate(rig):
             if other == view:
                 continue
-            pixels, depth = camera.project(where)
-            seen = (depth > 0) & np.isfinite(pixels).all(1)
-            x, y = np.floor(np.where(seen[:, None], pixels, -1) + 0.5).astype(int).T
-            seen &= (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
-            alpha, distance = factors[other][y * seen, x * seen], left[other][y * seen, x * seen]
-            seen &= (distance < FLOOR_LEFT) & (alpha < config.shadow_high)
-            brightest = np.maximum(brightest, np.where(seen, alpha, 0))
+            seen, row, column, _ = camera.look_up(where)
+            alpha, distance = factors[other][row, column], left[other][row, column]
+            is_floor = (distance < FLOOR_LEFT) & (alpha < config.shadow_high)
+            brightest[seen] = np.maximum(brightest[seen], np.where(is_floor, alpha, 0))
         cells = np.ones(on_floor.shape)
         told = (brightest > 0) & (brightest < 1) & ~_of_middles(lit)[on_floor]
         cells[on_floor] = np.where(told, np.floor(127 * brightest + 0.5) / 127, 1)

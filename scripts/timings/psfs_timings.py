@@ -104,10 +104,8 @@ def hull_size(scene: Scene) -> int:
     assert frame.masks is not None
     centres, inside = grid.centres(), np.ones(grid.size, bool)
     for camera, mask in zip(scene.rig, frame.masks, strict=True):
-        pixels, _ = camera.project(centres)
-        column, row = np.rint(pixels).astype(int).T
-        seen = (column >= 0) & (row >= 0) & (column < camera.size[0]) & (row < camera.size[1])
-        inside[seen] &= mask[row[seen], column[seen]] > 0
+        seen, row, column, _ = camera.look_up(centres)
+        inside[seen] &= mask[row, column] > 0
     return int(inside.sum())
 
 
