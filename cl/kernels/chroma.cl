@@ -4,8 +4,8 @@
 // LIGHT_WEIGHT (1 / variance of the light beyond it).
 #include "ratios.h"
 
-// `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along and
-// across, brightness (sum of the channels), 0, 0. `screen` is 0 where a pixel has no say.
+// `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along
+// and across, brightness (sum of the channels), 0, 0. `screen` is 0 where a pixel has no say.
 __kernel void chroma_ratio(__global const uchar *restrict images,
                            __global const float *restrict keys,
                            __global const uchar *restrict screen,

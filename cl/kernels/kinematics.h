@@ -3,7 +3,8 @@
 //
 // The table of a body, BODY_FLOATS numbers: per bone its parent, first axis, number of axes, level
 // in the tree (0 for roots), rest rotation (row-major) and offset; per axis its kind (0-5 = tx ty
-// tz rx ry rz), sign, dof, 0; per cone CONE_FLOATS in its bone's frame, element 11 holding the bone.
+// tz rx ry rz), sign, dof, 0; per cone CONE_FLOATS in its bone's frame, element 11 holding the
+// bone.
 #include "pack.h"
 
 #ifndef CONE_FLOATS

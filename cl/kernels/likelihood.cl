@@ -163,8 +163,8 @@ inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfl
 // see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
 // weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void score_poses(int n_particles, __global const float *poses,
-                 __global const float *table, int n_views, int width, int height, __global const float *cameras,
+void score_poses(int n_particles, __global const float *poses, __global const float *table,
+                 int n_views, int width, int height, __global const float *cameras,
                  __global const uchar *maps, __global const float4 *row_table,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
@@ -188,7 +188,8 @@ void score_poses(int n_particles, __global const float *poses,
 
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, rows, weights.xy, cones, outlines, partial, views, &error, &seeing);
+        score_views(view, n_views, width, height, cameras, maps, rows, weights.xy, cones, outlines,
+                    partial, views, &error, &seeing);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat sum = 0.0f;

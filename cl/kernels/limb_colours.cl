@@ -50,7 +50,7 @@ inline void take_cones(__global const float *table, __global const float *poses,
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// Adds to the errors `weight` times the mean cost of the samples (every `stride`-th from `first` on)
+// Adds to the errors `weight` times the mean cost of the samples (every `stride`-th from `first`)
 // that a camera sees, each at the part whose surface is nearest to it. One work-group per pack of
 // particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))

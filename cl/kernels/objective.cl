@@ -6,8 +6,9 @@
 
 // Of feature maps (V, height, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
 // rendered parts: silhouettes (V, N_LABELS, WORDS, pitch) as bits and the proximity alone, within
-// the regions of interest roi (V, 4), ends excluded, which are copied to regions. parts: (V, height,
-// WIDTH) the label of each pixel, from 1; with a single label the silhouette's own channel is taken.
+// the regions of interest roi (V, 4), ends excluded, which are copied to regions. parts: (V,
+// height, WIDTH) the label of each pixel, from 1; with a single label the silhouette's own channel
+// is taken.
 __kernel void pack_maps(int height, int pitch, __global const uchar2 *maps,
                         __global const uchar *parts, __global const int4 *roi,
                         __global int4 *regions, __global uint *silhouettes,

@@ -8,10 +8,10 @@ typedef struct {
 } Side;
 
 // Sides 0 and 2 are the ends of the cone, which `ends` and `radii` (px, 0 for none) belong to; 1
-// and 3 are the long ones, whose outlines are edges. The rows are empty (top > bottom) where nothing
-// is seen. distance: m from the camera to the cone's middle. number: of its cone. edged: whether it
-// has edges at all. outlined: bit e where also the outline of end e is an edge. bare: whether the
-// discs are all of it.
+// and 3 are the long ones, whose outlines are edges. The rows are empty (top > bottom) where
+// nothing is seen. distance: m from the camera to the cone's middle. number: of its cone. edged:
+// whether it has edges at all. outlined: bit e where also the outline of end e is an edge. bare:
+// whether the discs are all of it.
 typedef struct {
     Side sides[4];
     float2 ends[2];

@@ -311,19 +311,24 @@ inline float3 floor_colour(float x, float y, int seed)
 // A picture in a frame: u, v in [-1, 1], edge = distance to the frame's rim, m.
 inline float3 poster_colour(float u, float v, float edge, float style, float hue, int seed)
 {
-    if (edge < 0.035f) return hue < 0.5f ? (float3)(0.03f, 0.03f, 0.035f) : (float3)(0.18f, 0.28f, 0.4f);
+    if (edge < 0.035f)
+        return hue < 0.5f ? (float3)(0.03f, 0.03f, 0.035f) : (float3)(0.18f, 0.28f, 0.4f);
     if (edge < 0.075f) return (float3)(0.72f, 0.76f, 0.78f);
-    const float3 one = hue_colour(hue, 0.65f, 0.55f), two = hue_colour(fmod(hue + 0.45f, 1.0f), 0.5f, 0.30f);
+    const float3 one = hue_colour(hue, 0.65f, 0.55f);
+    const float3 two = hue_colour(fmod(hue + 0.45f, 1.0f), 0.5f, 0.30f);
     const float n = fractal_noise(3.0f * u + 7.0f, 3.0f * v, seed);
     if (style < 1.0f) // hills under a sky
-        return v < 0.9f * n - 0.45f ? two * (0.5f + n) : mix(one, (float3)(0.7f), 0.3f * (v + 1.0f));
+        return v < 0.9f * n - 0.45f ? two * (0.5f + n)
+                                    : mix(one, (float3)(0.7f), 0.3f * (v + 1.0f));
     if (style < 2.0f) { // discs
         const float r = sqrt(u * u + v * v);
         return fmod(r * 3.2f, 1.0f) < 0.5f ? one : two;
     }
     if (style < 3.0f) { // print
-        const bool ink = fmod(fabs(v) * 9.0f, 1.0f) < 0.55f && hash((int)(u * 18.0f), (int)(v * 9.0f), seed) > 0.3f;
-        return v > 0.35f ? one * (0.6f + 0.8f * n) : ink ? (float3)(0.05f) : (float3)(0.6f, 0.64f, 0.66f);
+        const bool ink = fmod(fabs(v) * 9.0f, 1.0f) < 0.55f &&
+                         hash((int)(u * 18.0f), (int)(v * 9.0f), seed) > 0.3f;
+        return v > 0.35f ? one * (0.6f + 0.8f * n)
+                   : ink ? (float3)(0.05f) : (float3)(0.6f, 0.64f, 0.66f);
     }
     return mix(one, two, smoothstep(0.35f, 0.6f, n)); // abstract
 }
@@ -358,8 +363,8 @@ inline float3 box_colour(__global const float *box, float3 p, float3 n, int seed
                (edge < 0.02f ? 0.75f : 1.0f);
     if (box[6] < 2.0f) { // cardboard with tape
         const float middle = across - 0.5f * (fabs(n.x) > 0.5f ? low.y + high.y : low.x + high.x);
-        return (fabs(middle) < 0.03f ? (float3)(0.33f, 0.45f, 0.55f) : (float3)(0.16f, 0.27f, 0.40f)) *
-               (0.85f + 0.3f * grain);
+        const float3 tape = (float3)(0.33f, 0.45f, 0.55f), board = (float3)(0.16f, 0.27f, 0.40f);
+        return (fabs(middle) < 0.03f ? tape : board) * (0.85f + 0.3f * grain);
     }
     if (box[6] < 3.0f) { // shelves full of books
         if (edge < 0.03f || fabs(n.z) > 0.5f) return (float3)(0.10f, 0.18f, 0.27f);
@@ -368,10 +373,12 @@ inline float3 box_colour(__global const float *box, float3 p, float3 n, int seed
         const float book = floor(across / 0.045f), h = hash((int)book, (int)shelf, seed);
         if (rest > 0.20f + 0.1f * h) return (float3)(0.02f, 0.02f, 0.025f);
         const float spine = across / 0.045f - book;
-        return hue_colour(h * 7.3f - floor(h * 7.3f), 0.6f, 0.08f + 0.35f * h) * (spine < 0.12f ? 0.4f : 1.0f);
+        return hue_colour(h * 7.3f - floor(h * 7.3f), 0.6f, 0.08f + 0.35f * h) *
+               (spine < 0.12f ? 0.4f : 1.0f);
     }
     // cloth
-    return hue_colour(hue, 0.45f, 0.25f) * (0.75f + 0.5f * fractal_noise(across * 50.0f, up * 50.0f, seed));
+    return hue_colour(hue, 0.45f, 0.25f) *
+           (0.75f + 0.5f * fractal_noise(across * 50.0f, up * 50.0f, seed));
 }
 
 // Nearest box on the ray before *t: index or -1; *n its normal.
@@ -397,11 +404,13 @@ inline int hit_boxes(__global const float *boxes, float3 origin, float3 ray, flo
 // How open the floor point is between the walls and the boxes that stand on it.
 inline float floor_openness(__global const float *boxes, float x, float y)
 {
-    float open = 1.0f - 0.30f * exp(-4.0f * (ROOM_X - fabs(x))) - 0.30f * exp(-4.0f * (ROOM_Y - fabs(y)));
+    float open = 1.0f - 0.30f * exp(-4.0f * (ROOM_X - fabs(x))) -
+                 0.30f * exp(-4.0f * (ROOM_Y - fabs(y)));
     for (int i = 0; i < BOXES; ++i) {
         __global const float *b = boxes + 8 * i;
-        const float dx = fmax(fmax(b[0] - x, x - b[3]), 0.0f), dy = fmax(fmax(b[1] - y, y - b[4]), 0.0f);
-        open *= 1.0f - 0.55f * exp(-(7.0f / (0.3f + b[5])) * sqrt(dx * dx + dy * dy)) ;
+        const float dx = fmax(fmax(b[0] - x, x - b[3]), 0.0f);
+        const float dy = fmax(fmax(b[1] - y, y - b[4]), 0.0f);
+        open *= 1.0f - 0.55f * exp(-(7.0f / (0.3f + b[5])) * sqrt(dx * dx + dy * dy));
     }
     return open;
 }
@@ -494,7 +503,8 @@ __kernel void empty_room(__global const float *cameras, __global const float *po
         int on_floor;
         const float3 ray = camera_ray(camera, pixel, &per_length);
         sum += room_colour(posters, boxes, origin, ray, seed, &t, &on_floor);
-        floor_sum += on_floor ? (float2)(origin.x + t * ray.x, origin.y + t * ray.y) : (float2)(FAR);
+        const float2 place = (float2)(origin.x + t * ray.x, origin.y + t * ray.y);
+        floor_sum += on_floor ? place : (float2)(FAR);
     }
     distance[id] = t;
     vstore2(0.25f * floor_sum, id, floor_point);
@@ -518,7 +528,8 @@ __kernel void floor_shadow(__global const float *balls, const float2 centre,
         to[k] = (float3)(LAMPS[4 * k], LAMPS[4 * k + 1], LAMPS[4 * k + 2]) - p;
         lamp_distance[k] = sqrt(dot(to[k], to[k]));
         to[k] /= lamp_distance[k];
-        light[k] = LAMPS[4 * k + 3] * to[k].z * 26.0f / (lamp_distance[k] * lamp_distance[k] + 8.0f);
+        const float away = lamp_distance[k] * lamp_distance[k] + 8.0f;
+        light[k] = LAMPS[4 * k + 3] * to[k].z * 26.0f / away;
     }
     float covered = 0.0f;
     for (int b = 0; b < BALLS; ++b) {
@@ -553,7 +564,8 @@ inline float3 shadowed_room(__global const float *room, __global const float *fl
     if (!(x >= 0.0f && y >= 0.0f && x < SHADOW_SIZE - 1 && y < SHADOW_SIZE - 1)) return colour;
     const int i = (int)x, j = (int)y;
     __global const float *s = shadow + j * SHADOW_SIZE + i;
-    return colour * mix(mix(s[0], s[1], x - i), mix(s[SHADOW_SIZE], s[SHADOW_SIZE + 1], x - i), y - j);
+    const float near = mix(s[0], s[1], x - i), far = mix(s[SHADOW_SIZE], s[SHADOW_SIZE + 1], x - i);
+    return colour * mix(near, far, y - j);
 }
 
 inline __global const uchar *tile_of(__global const uchar *tiles, int u, int v, int view)
