@@ -15,7 +15,7 @@ from psfs.launching import pack_defines
 
 #: Items that work on all particles.
 _LARGEST_GROUP = 1024
-#: Place of the noise among the arguments of `diffuse`.
+#: Place of the noise among the arguments of `diffuse` and of `anneal_diffuse`.
 _NOISE_PLACE = 2
 #: To how many bits the exponent's logarithm is found.
 _BITS = 18
@@ -76,6 +76,17 @@ class ParticleSet:
         _replace(self.frame, slice(run, run + 1), np.uint32(0))
         _replace(self._motion, slice(run, run + 1), np.float32(0))
 
+    def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
+        """What ends a layer, whose set `source` has `errors` (N,), and begins the next, if there is
+        one, in the other set."""
+        last = layer == self.config.n_layers - 1
+        if self.device.is_gpu and not last and self.config.spread == 0:
+            return [self._anneal_diffuse(layer, errors, source)]
+        launches = [self.anneal(layer, errors)]
+        if last or self.config.spread > 0:
+            launches.append(self.estimate(source))
+        return launches if last else [*launches, self.diffuse(layer + 1, source)]
+
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
         launch = self.device.launch(
@@ -125,6 +136,36 @@ class ParticleSet:
             self._parents,
             self.result,
         )
+
+    def _anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
+        """`anneal` of a layer and `diffuse` of the next by one launch: on a GPU, work-groups that
+        all do the first take less time than another launch."""
+        config, n = self.config, self.config.n_particles
+        n_packs = -(-self.n_dof // self._pack)
+        n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
+        share = -(-n // max(1, n_groups))
+        launch = self.device.launch(
+            self._kernel("anneal_diffuse"),
+            (-(-n // share) * self._group, self.n_runs),
+            (self._group, 1),
+            np.int32(n),
+            np.int32(layer),
+            np.float32(config.layer_noise[layer + 1]),
+            np.int32(share),
+            np.float32(config.survival_rates[layer]),
+            self._seeds,
+            self.frame,
+            self._sigmas,
+            self._limits,
+            errors,
+            self.sets[source],
+            self.weights,
+            self._parents,
+            self.result,
+            self.sets[1 - source],
+        )
+        self._diffusions.append((layer + 1, launch))
+        return launch
 
     def estimate(self, source: int) -> Launch:
         """Weighted mean and deviation of set `source`."""

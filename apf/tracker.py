@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,8 @@ class Estimate:
 class Tracker:
     """What all searches share: a particle set that a scorer judges, several times per frame.
 
-    `start(pose)` once, then `step(observation)` per frame. A frame is enqueued without waiting for
-    the host; only the estimate comes back.
+    `start(pose)` once, then `step(observation)` per frame, or `stream(observations)`. A frame is
+    enqueued without waiting for the host; only the estimate comes back.
     """
 
     def __init__(
@@ -95,6 +96,28 @@ class Tracker:
         self.observe(observation)
         return self.search_runs()
 
+    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+        """The first run's estimate for each of `observations`, of which the next one is taken while
+        the device searches; on a GPU it is made in that time, too, by another queue.
+
+        Taking it may overwrite the one before, as `Reconstructor.stream` does: when an estimate is
+        given, its observation may be gone.
+        """
+        return (estimates[0] for estimates in self.stream_runs(observations))
+
+    def stream_runs(self, observations: Iterable[Any]) -> Iterator[list[Estimate]]:
+        """As `stream`, the estimates of each run."""
+        queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
+        under_way: Callable[[], list[Estimate]] | None = None
+        for observation in observations:
+            if under_way is not None:
+                yield under_way()
+            self.observe(observation)
+            with self.device.on(queue):
+                under_way = self._begin_search()
+        if under_way is not None:
+            yield under_way()
+
     def observe(self, observation: Any) -> None:
         """Enqueue what the scorer keeps of an observation, the first half of `step`."""
         self.scorer.observe(observation)
@@ -105,14 +128,19 @@ class Tracker:
 
     def search_runs(self) -> list[Estimate]:
         """Each run's estimate for what was observed, the second half of `step_runs`."""
-        for launch in self._layers[self._n_frames % 2]:
-            launch()
-        self._n_frames += 1
-        return unpacked(self._report.get(), self.body.n_dof, self._particles.n_runs)
+        return self._begin_search()()
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""
         self._particles.widen(factor)
+
+    def _begin_search(self) -> Callable[[], list[Estimate]]:
+        """Enqueue the search; what is returned waits for it and gives each run's estimate."""
+        for launch in self._layers[self._n_frames % 2]:
+            launch()
+        self._n_frames += 1
+        report = self._report.fetch()
+        return lambda: unpacked(report(), self.body.n_dof, self._particles.n_runs)
 
     def _frame_launches(self, source: int) -> list[Launch]:
         """A frame that starts from the particles in set `source`."""
@@ -172,14 +200,11 @@ class AnnealedParticleFilter(Tracker):
         super().__init__(device, body, scorer, ParticleSet(device, body, config, seeds), config)
 
     def _search(self, source: int) -> list[Launch]:
-        launches: list[Launch] = []
+        launches = [self._particles.diffuse(0, source)]
         for layer in range(self.config.n_layers):
-            launches.append(self._particles.diffuse(layer, source))
             source = 1 - source
             launches += self.scorer.launcher(self._particles.sets[source])
-            launches.append(self._particles.anneal(layer, self.scorer.errors))
-            if self.config.spread > 0 or layer == self.config.n_layers - 1:
-                launches.append(self._particles.estimate(source))
+            launches += self._particles.renew(layer, self.scorer.errors, source)
         return launches
 
 
@@ -203,29 +228,26 @@ def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
     return np.clip(pose, body.lower, body.upper)
 
 
+@cache
+def _symmetric_places(n: int) -> np.ndarray:
+    """(n, n) where each element of a symmetric matrix stands in its lower triangle, row by row."""
+    places = np.zeros((n, n), np.intp)
+    places[np.tril_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(places, places.T)
+
+
 def unpacked(report: np.ndarray, n_dof: int, n_runs: int) -> list[Estimate]:
     """What a tracker downloads, as each run's Estimate: `ParticleSet.result`, the lower triangle of
     `Estimate.information` row by row for every run, the misfits."""
+    report = report.astype(np.float64)
     n_poses, n_triangles = n_runs * n_dof, n_runs * n_dof * (n_dof + 1) // 2
-    ends = [n_poses, 2 * n_poses, -n_triangles - n_runs, -n_runs]
-    poses, deviations, layers, triangles, misfits = np.split(report.astype(np.float64), ends)
-    rows, columns = np.tril_indices(n_dof)
-    information = np.zeros((n_runs, n_dof, n_dof))
-    information[:, rows, columns] = triangles.reshape(n_runs, -1)
-    information += np.tril(information, -1).transpose(0, 2, 1)
+    poses, deviations = report[: 2 * n_poses].reshape(2, n_runs, n_dof)
+    layers = report[2 * n_poses : -n_triangles - n_runs].reshape(-1, n_runs, 3)
+    triangles = report[-n_triangles - n_runs : -n_runs].reshape(n_runs, -1)
+    information, misfits = triangles[:, _symmetric_places(n_dof)], report[-n_runs:]
     estimates = []
-    for run, place in enumerate(range(0, n_poses, n_dof)):
-        dofs = slice(place, place + n_dof)
-        ess, beta, least_error = layers.reshape(-1, n_runs, 3)[:, run].T
-        estimates.append(
-            Estimate(
-                poses[dofs],
-                deviations[dofs],
-                ess,
-                beta,
-                least_error,
-                information[run],
-                float(misfits[run]),
-            )
-        )
+    for run in range(n_runs):
+        ess, beta, error = layers[:, run].T
+        told = (poses[run], deviations[run], ess, beta, error, information[run])
+        estimates.append(Estimate(*told, float(misfits[run])))
     return estimates

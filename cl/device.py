@@ -8,7 +8,8 @@ import math
 import re
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -156,9 +157,29 @@ class Device:
         Queues do not wait for each other: `finish()` one before another uses what it wrote.
         """
         other = copy.copy(self)
-        other.queue = pyopencl.CommandQueue(self.context, properties=self.queue.properties)
+        other.queue = self.new_queue()
         other.transfers = Transfers()
         return other
+
+    def new_queue(self) -> Any:
+        """A queue besides the device's own, for `on`."""
+        return pyopencl.CommandQueue(self.context, properties=self.queue.properties)
+
+    @contextmanager
+    def on(self, queue: Any) -> Iterator[None]:
+        """What is enqueued in the meantime goes to `queue`, and waits for all that the device's
+        own holds by now; what the own gets afterwards does not wait for it."""
+        own = self.queue
+        if queue is not own:
+            before = pyopencl.enqueue_marker(own)
+            own.flush()
+            pyopencl.enqueue_barrier(queue, wait_for=[before])
+        self.queue = queue
+        try:
+            yield
+        finally:
+            self.queue = own
+            queue.flush()
 
     @property
     def name(self) -> str:

@@ -105,26 +105,24 @@ inline int first_child(float share, float offset, int n)
     return child < 0 ? 0 : child < n ? child : n;
 }
 
+// One run's n particles in a layer, and what its random numbers are made of.
+typedef struct { int n, layer; uint frame; uint2 seed; } layer_state;
+
 // Finds beta whose effective sample size is survival_rate * n, unless a positive one is given, then
-// weights, normalised, and the parents of systematic resampling; the last layer of a frame counts
-// it. One work-group per run, whose items own RUN packs of particles each that follow each other.
-// result: every run's mean (N_DOF), every run's deviation (N_DOF), then per layer and run effective
-// sample size, beta, least error.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void anneal(int n, int layer, int last, float survival_rate, float given_beta,
-            __global const uint2 *seeds, __global uint *frames, __global const float *errors,
-            __global float *weights, __global int *parents, __global float *result)
+// weights, normalised, and the parents of systematic resampling. A work-group finds those of all of
+// a run's particles, an item those of RUN packs that follow each other, and writes `weights` of the
+// particles and `parents` of the children from number `begin` up to `end`. diagnostics: effective
+// sample size, beta, least error, written by the group that begins with 0.
+inline void find_parents(layer_state state, float survival_rate, float given_beta, int begin,
+                         int end, __local float *scratch, __global const float *errors,
+                         __global float *weights, __global int *parents,
+                         __global float *diagnostics)
 {
-    __local float scratch[SUMS * GROUP];
-    const int run = get_group_id(0), n_runs = get_num_groups(0);
-    const int lane = get_local_id(0), begin = lane * RUN * PACK;
-    errors += run * n;
-    weights += run * n;
-    parents += run * n;
+    const int n = state.n, lane = get_local_id(0), mine = lane * RUN * PACK;
     vfloat excess[RUN];
     float lowest = INFINITY;
     for (int k = 0; k < RUN; ++k) {
-        const int i = begin + k * PACK;
+        const int i = mine + k * PACK;
         // Beyond the last particle: of no weight.
 #define ERROR(l) (i + 0x##l < n ? errors[i + 0x##l] : INFINITY)
         excess[k] = PACK_OF(vfloat, ERROR);
@@ -148,37 +146,81 @@ void anneal(int n, int layer, int last, float survival_rate, float given_beta,
     group_sums(scratch, sums);
     const float total = sums[0];
 
-    const float offset =
-        uniform01(philox4x32((uint4)(frames[run], layer, WHOLE_SET, 0), seeds[run]).x);
+    const uint4 counter = {state.frame, state.layer, WHOLE_SET, 0};
+    const float offset = uniform01(philox4x32(counter, state.seed).x);
     float running = before;
     int child = first_child(before / total, offset, n);
     for (int k = 0; k < RUN; ++k) {
         float lanes[PACK];
         STORE_PACK(exp(-beta * excess[k]), lanes);
-        for (int l = 0; l < PACK && begin + k * PACK + l < n; ++l) {
-            const int i = begin + k * PACK + l;
-            weights[i] = lanes[l] / total;
+        for (int l = 0; l < PACK && mine + k * PACK + l < n; ++l) {
+            const int i = mine + k * PACK + l;
+            if (i >= begin && i < end) weights[i] = lanes[l] / total;
             running += lanes[l];
             // An item's last particle ends where the next item's first one begins.
             const bool ends = k == RUN - 1 && l == PACK - 1;
             const float share = (ends || running > through ? through : running) / total;
-            const int end = i == n - 1 ? n : first_child(share, offset, n);
-            for (; child < end; ++child) parents[child] = i;
+            const int next = i == n - 1 ? n : first_child(share, offset, n);
+            const int last = next < end ? next : end;
+            for (int c = child > begin ? child : begin; c < last; ++c) parents[c] = i;
+            child = next > child ? next : child;
         }
     }
-    barrier(CLK_GLOBAL_MEM_FENCE);
-    if (lane == 0) {
-        if (last) ++frames[run];
-        __global float *diagnostics = result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run);
+    if (lane == 0 && begin == 0) {
         diagnostics[0] = sums[0] * sums[0] / sums[1];
         diagnostics[1] = beta;
         diagnostics[2] = lowest;
     }
+    barrier(CLK_GLOBAL_MEM_FENCE);
 }
 
-// Song et al. eq. (11), (13): a child is its parent plus Gaussian noise, reflected at the limits,
-// and in the first layer plus the motion that is expected since the last frame.
-// Its deviation is noise * the layer's row of sigmas, but not above spread * the set's own
+// A layer's exponent, weights and parents; the last layer of a frame counts it. One work-group per
+// run.
+// result: every run's mean (N_DOF), every run's deviation (N_DOF), then per layer and run effective
+// sample size, beta, least error.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void anneal(int n, int layer, int last, float survival_rate, float given_beta,
+            __global const uint2 *seeds, __global uint *frames, __global const float *errors,
+            __global float *weights, __global int *parents, __global float *result)
+{
+    __local float scratch[SUMS * GROUP];
+    const int run = get_group_id(0), n_runs = get_num_groups(0);
+    const layer_state state = {n, layer, frames[run], seeds[run]};
+    find_parents(state, survival_rate, given_beta, 0, n, scratch, errors + run * n,
+                 weights + run * n, parents + run * n,
+                 result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run));
+    if (last && get_local_id(0) == 0) frames[run] = state.frame + 1;
+}
+
+#define DOF(l) lane_index(first, 0x##l, N_DOF)
+#define SIGMA(l) sigma[DOF(l)]
+#define SPREAD(l) result[(n_runs + run) * N_DOF + DOF(l)]
+#define POSE(l) parent[DOF(l)]
+#define MOTION(l) motion[run * N_DOF + DOF(l)].y
+#define LOWER(l) limits[DOF(l)].x
+#define UPPER(l) limits[DOF(l)].y
+
+// Song et al. eq. (11): a child is its parent plus Gaussian noise and `change`, reflected at the
+// limits. A pack of its degrees of freedom, from number `first` on.
+inline void make_child(layer_state state, int particle, int first, vfloat deviation,
+                       vfloat change, __global const float2 *limits,
+                       __global const float *parent, __global float *child)
+{
+    const vuint whole = 0;
+    const vwords counter = {whole + state.frame, whole + (uint)state.layer,
+                            whole + (uint)particle, PACK_OF(vuint, DOF)};
+    vfloat value = PACK_OF(vfloat, POSE) + deviation * normal_pack(counter, state.seed) + change;
+    const vfloat lower = PACK_OF(vfloat, LOWER), upper = PACK_OF(vfloat, UPPER);
+    value = value < lower ? 2.0f * lower - value : value;
+    value = value > upper ? 2.0f * upper - value : value;
+    float lanes[PACK];
+    STORE_PACK(within(value, lower, upper), lanes);
+    for (int l = 0; l < PACK && first + l < N_DOF; ++l) child[first + l] = lanes[l];
+}
+
+// Song et al. eq. (11), (13): the children; in the first layer they move by what is expected since
+// the last frame.
+// The noise's deviation is noise * the layer's row of sigmas, but not above spread * the set's own
 // deviation (result, see anneal) where spread is positive. parents: numbered within the run. An
 // item works on PACK degrees of freedom of a particle.
 __kernel void diffuse(int n, int layer, float noise, float spread, __global const uint2 *seeds,
@@ -190,29 +232,41 @@ __kernel void diffuse(int n, int layer, float noise, float spread, __global cons
     const int first = get_global_id(0) * PACK, particle = get_global_id(1);
     const int run = get_global_id(2), n_runs = get_global_size(2), child = run * n + particle;
     if (first >= N_DOF || particle >= n) return;
-    __global const float *pose = poses + (run * n + parents[child]) * N_DOF;
     __global const float *sigma = sigmas + layer * N_DOF;
-#define DOF(l) lane_index(first, 0x##l, N_DOF)
-#define SIGMA(l) sigma[DOF(l)]
-#define SPREAD(l) result[(n_runs + run) * N_DOF + DOF(l)]
-#define POSE(l) pose[DOF(l)]
-#define MOTION(l) motion[run * N_DOF + DOF(l)].y
-#define LOWER(l) limits[DOF(l)].x
-#define UPPER(l) limits[DOF(l)].y
-    const vuint whole = 0;
-    const vwords counter = {whole + frames[run], whole + (uint)layer, whole + (uint)particle,
-                            PACK_OF(vuint, DOF)};
-    vfloat deviation = noise * PACK_OF(vfloat, SIGMA);
+    vfloat deviation = noise * PACK_OF(vfloat, SIGMA), change = 0.0f;
     if (spread > 0.0f) deviation = least(deviation, spread * PACK_OF(vfloat, SPREAD));
-    vfloat value = PACK_OF(vfloat, POSE) + deviation * normal_pack(counter, seeds[run]);
-    if (layer == 0) value += PACK_OF(vfloat, MOTION);
-    const vfloat lower = PACK_OF(vfloat, LOWER), upper = PACK_OF(vfloat, UPPER);
-    value = value < lower ? 2.0f * lower - value : value;
-    value = value > upper ? 2.0f * upper - value : value;
-    float lanes[PACK];
-    STORE_PACK(within(value, lower, upper), lanes);
-    for (int l = 0; l < PACK && first + l < N_DOF; ++l)
-        children[child * N_DOF + first + l] = lanes[l];
+    if (layer == 0) change = PACK_OF(vfloat, MOTION);
+    const layer_state state = {n, layer, frames[run], seeds[run]};
+    make_child(state, particle, first, deviation, change, limits,
+               poses + (run * n + parents[child]) * N_DOF, children + child * N_DOF);
+}
+
+// `anneal` of a layer that is not a frame's last and `diffuse` of the next, with its noise, in one:
+// each of a run's work-groups anneals by itself and makes `share` of the children.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void anneal_diffuse(int n, int layer, float noise, int share, float survival_rate,
+                    __global const uint2 *seeds, __global const uint *frames,
+                    __global const float *sigmas, __global const float2 *limits,
+                    __global const float *errors, __global const float *poses,
+                    __global float *weights, __global int *parents, __global float *result,
+                    __global float *children)
+{
+    __local float scratch[SUMS * GROUP];
+    const int run = get_group_id(1), n_runs = get_num_groups(1), n_packs = (N_DOF + PACK - 1) / PACK;
+    const int begin = get_group_id(0) * share, end = begin + share < n ? begin + share : n;
+    layer_state state = {n, layer, frames[run], seeds[run]};
+    parents += run * n;
+    find_parents(state, survival_rate, 0.0f, begin, end, scratch, errors + run * n,
+                 weights + run * n, parents,
+                 result + 2 * N_DOF * n_runs + 3 * (layer * n_runs + run));
+    ++state.layer;
+    __global const float *sigma = sigmas + state.layer * N_DOF;
+    for (int item = get_local_id(0); item < (end - begin) * n_packs; item += GROUP) {
+        const int particle = begin + item / n_packs, first = item % n_packs * PACK;
+        make_child(state, particle, first, noise * PACK_OF(vfloat, SIGMA), 0.0f, limits,
+                   poses + (run * n + parents[particle]) * N_DOF,
+                   children + (run * n + particle) * N_DOF);
+    }
 }
 
 // Song et al. eq. (12): weighted mean of a run's set, and its standard deviation. One work-group
