@@ -106,23 +106,6 @@ def write_ply(cloud: VoxelCloud, path: Path) -> None:
         file.write(vertices.tobytes())
 
 
-def read_ply(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a binary PLY's vertices by name. Raises UserError if it is none of ours."""
-    data = path.read_bytes()
-    head, mark, body = data.partition(b"end_header\n")
-    words = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    if not mark or words[:2] != [["ply"], ["format", "binary_little_endian", "1.0"]]:
-        raise UserError(f"{path}: expected a binary little-endian PLY file")
-    kinds = {name: kind for kind, name in _PLY_TYPES.items()}
-    count = next((int(w[2]) for w in words if w[:2] == ["element", "vertex"]), 0)
-    try:
-        columns = np.dtype([(w[2], kinds[w[1]]) for w in words if w and w[0] == "property"])
-        vertices = np.frombuffer(body, columns, count)
-    except (KeyError, ValueError) as error:
-        raise UserError(f"{path}: not {count} vertices as its header says ({error})") from error
-    return {name: vertices[name] for name in columns.names or ()}
-
-
 def write_npz(cloud: VoxelCloud, path: Path) -> None:
     """Everything of a VoxelCloud, under the names of its fields and its grid's."""
     arrays = {

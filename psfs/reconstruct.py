@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,15 +25,6 @@ if TYPE_CHECKING:
     from psfs.background import Background
     from psfs.reference.reconstruct import NumpyReconstructor
     from psfs.sequence import Frame
-
-
-class HasCloud(Protocol):
-    """What the voxels of either reconstructor offer."""
-
-    @property
-    def grid(self) -> VoxelGrid: ...
-
-    def cloud(self, colour: bool = False) -> VoxelCloud: ...
 
 
 class Voxels:

@@ -14,9 +14,8 @@ import numpy as np
 
 from apf.synthetic.skeleton import Motion, Skeleton
 
-#: Floats per packed primitive and the largest blend (m); the same numbers stand in `scene.cl`.
+#: Floats per packed primitive; the same number stands in `scene.cl`, and there the largest blend.
 PRIMITIVE_FLOATS = 32
-MAX_BLEND = 0.07
 TABLE_HEIGHT = 1.76
 
 SHIRT, TROUSERS, SKIN, HAIR, SHOE, SOCK, SOLE, EYE = range(8)

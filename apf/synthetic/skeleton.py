@@ -14,7 +14,6 @@ THIGH, SHIN, ANKLE_HEIGHT = 0.243, 0.244, 0.045
 UPPER_ARM, FOREARM = 0.172, 0.150
 BALL_FORWARD, BALL_HEIGHT = 0.075, 0.015
 HEEL_BACK, HEEL_RADIUS = 0.017, 0.0205
-HIP_HEIGHT = THIGH + SHIN + ANKLE_HEIGHT
 
 #: bone -> (parent, offset of its origin from the parent's origin at rest, shares of stature)
 _TRUNK: dict[str, tuple[str, tuple[float, float, float]]] = {
