@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,91 +24,23 @@ _WIDEST = 16380
 _GPU_BYTES, _CPU_BYTES = 16384, 65536
 
 
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """What the counting kernels compare, and what they write; see counting.h."""
+class Renderer:
+    """Draws posed bodies as the cameras see them and counts their pixels.
 
-    roi: Array
-    labels: Array
-    silhouettes: Array
-    proximity: Array
-    counts: Array
-    pictures: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Counter:
-    """Makes the launches of counting kernels."""
-
-    device: Device
-    rig: CameraRig
-    n_hypotheses: int
-    n_parts: int
-    n_labels: int
-
-    def launch(
-        self, stage: str, arrays: tuple[Array, ...], compared: Compared, defines: dict[str, int]
-    ) -> Launch:
-        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
-        drawn = () if compared.pictures is None else (compared.pictures,)
-        kernel = self.device.kernel(
-            stage,
-            "count_pixels",
-            N_PARTS=self.n_parts,
-            N_LABELS=self.n_labels,
-            WIDTH=self.rig.width,
-            GROUP=rows,
-            PACK=pack,
-            **({"DRAW": 1} if drawn else {}),
-            **defines,
-        )
-        return self.device.launch(
-            kernel,
-            (self.n_hypotheses * rows, len(self.rig)),
-            (rows, 1),
-            np.int32(self.n_hypotheses),
-            *arrays,
-            np.int32(self.rig.height),
-            np.int32(compared.silhouettes.shape[-1]),
-            compared.roi,
-            compared.labels,
-            compared.silhouettes,
-            compared.proximity,
-            compared.counts,
-            *drawn,
-        )
-
-
-class FlatRenderer:
-    """Draws the cones of `body` as trapezoids (Rymut 2016, 4.3) and counts their pixels.
-
-    round_ends: with the ends that the cones have in the voxels' likelihood too.
-    Cones that are not to be looked for in images cover their pixels, but show no edges.
-    labels: (C,) int32 segment of each cone, from 0, for counts by segment. counts: device array
-    (V, N, 2 + 2 L) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the
-    edge proximity there, then per segment the model's pixels and their overlap with the silhouette
-    (eq. 4.36-4.40).
+    body: whose cones are what is drawn, or what that moves with. labels: (P,) int32 segment of each
+    part that is drawn, from 0, for counts by segment. counts: device array (V, N, 2 + 2 L) int32
+    that the launches of `launcher` fill: visible edge pixels, the sum of the edge proximity there,
+    then per segment the model's pixels and their overlap with the silhouette (eq. 4.36-4.40).
     """
 
     def __init__(
-        self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
-        n: int,
-        labels: np.ndarray,
-        round_ends: bool = False,
+        self, device: Device, body: BodyModel, rig: CameraRig, n: int, labels: np.ndarray
     ) -> None:
-        self.device, self.rig, self.n_hypotheses, self.round_ends = device, rig, n, round_ends
-        self.n_parts, self.n_labels = len(body.cones), int(labels.max()) + 1
+        self.device, self.rig, self.n_hypotheses = device, rig, n
+        self.n_parts, self.n_labels = len(labels), int(labels.max()) + 1
         self._kinematics = Kinematics(device, body, n)
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        edged, free = cone_edges(body)
-        table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
-        self._edged = device.to_device(table, "the parts with edges")
         self._labels = device.to_device(labels.astype(np.int32), "the labels")
-        places = (len(rig), n, self.n_parts, _PART_WORDS)
-        self._parts = device.empty(places, np.float32, "the parts in the pictures")
         shape = (len(rig), n, 2 + 2 * self.n_labels)
         self.counts = device.empty(shape, np.int32, "the counted pixels")
 
@@ -126,34 +58,87 @@ class FlatRenderer:
         is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
         gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
         """
-        n, views = self.n_hypotheses, len(self.rig)
-        place = self.device.launch(
-            self.device.kernel(
-                "parts",
-                "place_parts",
-                N_PARTS=self.n_parts,
-                PART_WORDS=_PART_WORDS,
-                ROUND_ENDS=int(self.round_ends),
-            ),
-            (n * self.n_parts, views),
-            (64, 1),
-            np.int32(n),
-            self._kinematics.cones,
-            self._cameras,
-            self._edged,
-            self._parts,
+        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
+        stage, shapes, defines = self._shapes()
+        drawn = () if pictures is None else (pictures,)
+        kernel = self.device.kernel(
+            stage,
+            "count_pixels",
+            N_PARTS=self.n_parts,
+            N_LABELS=self.n_labels,
+            WIDTH=self.rig.width,
+            GROUP=rows,
+            PACK=pack,
+            **({"DRAW": 1} if drawn else {}),
+            **defines,
         )
-        counter = _Counter(self.device, self.rig, n, self.n_parts, self.n_labels)
-        compared = Compared(roi, self._labels, silhouettes, proximity, self.counts, pictures)
-        count = counter.launch("render", (self._parts,), compared, {"PART_WORDS": _PART_WORDS})
-        return [*self._kinematics.launcher(poses), place, count]
+        count = self.device.launch(
+            kernel,
+            (self.n_hypotheses * rows, len(self.rig)),
+            (rows, 1),
+            np.int32(self.n_hypotheses),
+            *shapes,
+            np.int32(self.rig.height),
+            np.int32(silhouettes.shape[-1]),
+            *(roi, self._labels, silhouettes, proximity, self.counts, *drawn),
+        )
+        return [*self._kinematics.launcher(poses), self._place(), count]
+
+    def _place(self) -> Launch:
+        """What puts the posed body into the pictures."""
+        raise NotImplementedError
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+        """Stage and first arguments of the counting kernel, and defines of its own."""
+        raise NotImplementedError
 
 
-class MeshRenderer:
-    """Draws a mesh that moves with the bones of `body`, as `FlatRenderer` draws cones.
+class FlatRenderer(Renderer):
+    """Draws the cones of `body` as trapezoids (Rymut 2016, 4.3).
 
-    labels: (P,) int32 segment of each part of the mesh, from 0.
+    round_ends: with the ends that the cones have in the voxels' likelihood too.
+    Cones that are not to be looked for in images cover their pixels, but show no edges.
     """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        n: int,
+        labels: np.ndarray,
+        round_ends: bool = False,
+    ) -> None:
+        super().__init__(device, body, rig, n, labels)
+        self.round_ends = round_ends
+        edged, free = cone_edges(body)
+        table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
+        self._edged = device.to_device(table, "the parts with edges")
+        places = (len(rig), n, self.n_parts, _PART_WORDS)
+        self._parts = device.empty(places, np.float32, "the parts in the pictures")
+
+    def _place(self) -> Launch:
+        kernel = self.device.kernel(
+            "parts",
+            "place_parts",
+            N_PARTS=self.n_parts,
+            PART_WORDS=_PART_WORDS,
+            ROUND_ENDS=int(self.round_ends),
+        )
+        return self.device.launch(
+            kernel,
+            (self.n_hypotheses * self.n_parts, len(self.rig)),
+            (64, 1),
+            np.int32(self.n_hypotheses),
+            *(self._kinematics.cones, self._cameras, self._edged, self._parts),
+        )
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+        return "render", (self._parts,), {"PART_WORDS": _PART_WORDS}
+
+
+class MeshRenderer(Renderer):
+    """Draws a mesh that moves with the bones of `body`."""
 
     def __init__(
         self,
@@ -164,11 +149,8 @@ class MeshRenderer:
         labels: np.ndarray,
         mesh: BodyMesh,
     ) -> None:
-        self.device, self.rig, self.n_hypotheses, self.mesh = device, rig, n, mesh
-        self.n_labels = int(labels.max()) + 1
-        self._kinematics = Kinematics(device, with_frames(body), n)
-        self._cameras = device.to_device(rig.packed(), "the cameras")
-        self._labels = device.to_device(labels.astype(np.int32), "the labels")
+        super().__init__(device, with_frames(body), rig, n, labels)
+        self.mesh = mesh
         self._edged = device.to_device(mesh.edged.astype(np.int32), "the parts with edges")
         binds, bones = packed_binds(mesh)
         self._binds = device.to_device(binds, "the mesh's vertices")
@@ -176,50 +158,33 @@ class MeshRenderer:
         lines, owners = mesh.lines()
         self._lines = device.to_device(lines, "the mesh's lines")
         self._owners = device.to_device(owners, "the mesh's lines")
-        self._n_corners = len(binds)
-        shape = (len(rig), n, 2 + 2 * self.n_labels)
-        self.counts = device.empty(shape, np.int32, "the counted pixels")
-        pixels = (len(rig), n, self._n_corners, 2)
+        self._sizes = {"N_VERTICES": mesh.n_vertices, "N_CORNERS": len(binds)}
+        pixels = (len(rig), n, len(binds), 2)
         self._pixels = device.empty(pixels, np.float32, "the projected vertices")
 
-    def launcher(
-        self,
-        poses: Array,
-        roi: Array,
-        silhouettes: Array,
-        proximity: Array,
-        pictures: Array | None = None,
-    ) -> list[Launch]:
-        """As `FlatRenderer.launcher`."""
-        n, views = self.n_hypotheses, len(self.rig)
-        sizes = {"N_VERTICES": self.mesh.n_vertices, "N_CORNERS": self._n_corners}
-        skin = self.device.kernel(
+    def _place(self) -> Launch:
+        kernel = self.device.kernel(
             "skin",
             "project_vertices",
             N_BONES=len(self._kinematics.body.cones),
             N_BINDS=self.mesh.bones.shape[1],
-            **sizes,
+            **self._sizes,
         )
-        project = self.device.launch(
-            skin,
-            (self._n_corners, n, views),
-            (min(64, self._n_corners), 1, 1),
-            np.int32(n),
-            self._kinematics.cones,
-            self._cameras,
-            self._binds,
-            self._bones,
-            self._pixels,
+        n_corners = self._sizes["N_CORNERS"]
+        return self.device.launch(
+            kernel,
+            (n_corners, self.n_hypotheses, len(self.rig)),
+            (min(64, n_corners), 1, 1),
+            np.int32(self.n_hypotheses),
+            *(self._kinematics.cones, self._cameras, self._binds, self._bones, self._pixels),
         )
-        n_parts = self.mesh.n_parts
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
         room = _GPU_BYTES if self.device.is_gpu else _CPU_BYTES
-        band = max(1, room // (8 * n_parts) - 2 - _PACK)
-        counter = _Counter(self.device, self.rig, n, n_parts, self.n_labels)
+        band = max(1, room // (8 * self.n_parts) - 2 - _PACK)
+        bands = {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
         arrays = (self._pixels, self._lines, self._owners, self._edged)
-        sizes |= {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
-        compared = Compared(roi, self._labels, silhouettes, proximity, self.counts, pictures)
-        count = counter.launch("render_mesh", arrays, compared, sizes)
-        return [*self._kinematics.launcher(poses), project, count]
+        return "render_mesh", arrays, {**self._sizes, **bands}
 
 
 def with_frames(body: BodyModel) -> BodyModel:
@@ -255,7 +220,7 @@ def renderer_for(
     labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
-) -> FlatRenderer | MeshRenderer:
+) -> Renderer:
     """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
 
     Raises UserError for pictures too wide to draw in.
