@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +35,7 @@ class Background:
 
 def background_from_plates(rig: CameraRig, plates: Sequence[Media]) -> Background:
     """From all frames of an empty scene, one video or list of images per view."""
-    return _stacked(rig, plates, lambda plate: clipped_moments(_Frames(plate)))
+    return _stacked(rig, plates, clipped_moments)
 
 
 def background_from_frames(rig: CameraRig, media: Sequence[Media]) -> Background:
@@ -44,8 +44,7 @@ def background_from_frames(rig: CameraRig, media: Sequence[Media]) -> Background
     """
 
     def moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
-        picks = np.unique(np.linspace(0, view.count - 1, SAMPLES).round().astype(int))
-        return median_moments(np.stack(list(_Frames(view, picks.tolist()))))
+        return median_moments(np.stack(list(view.frames(view.spread(SAMPLES)))))
 
     return _stacked(rig, media, moments)
 
@@ -119,22 +118,6 @@ def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:
     """Standard deviation from the variance of `count` frames and the prior, floored."""
     prior = PRIOR_FRAMES * STD_PRIOR**2
     return np.maximum(np.sqrt((count * variance + prior) / (count + PRIOR_FRAMES)), STD_FLOOR)
-
-
-class _Frames:
-    """The frames of a `Media`, all or some, each time anew."""
-
-    def __init__(self, media: Media, indices: Sequence[int] | None = None) -> None:
-        self._media = media
-        self._indices = range(media.count) if indices is None else indices
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        decoder = self._media.open()
-        try:
-            for index in self._indices:
-                yield decoder.read(index)
-        finally:
-            decoder.close()
 
 
 def _stacked(

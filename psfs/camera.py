@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from cl import UserError
@@ -121,6 +122,13 @@ class Camera:
         inside = (nearest >= 0).all(-1) & (nearest < self.size).all(-1) & (depth > 0)
         column, row = nearest[inside].astype(int).T
         return inside, row, column, depth[inside]
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 3) world directions, of depth 1, of the rays through pixels (N, 2)."""
+        distorted = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+        plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
+        rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
+        return rays
 
     def scaled(self, factor: float) -> Camera:
         """The camera of the picture resized by `factor` (pixel centres stay at integers)."""

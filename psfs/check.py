@@ -81,10 +81,8 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
     """Pixels (H, W) whose ray meets the box, by the slabs between its faces."""
     width, height = camera.size
-    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    pixels = np.stack([u, v], -1).reshape(-1, 1, 2)
-    normalised = cv2.undistortPoints(pixels, camera.K, camera.distortion).reshape(-1, 2)
-    directions = np.column_stack([normalised, np.ones(len(normalised))]) @ camera.R
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         to_low = (grid.low - camera.centre) / directions
         to_high = (grid.high - camera.centre) / directions

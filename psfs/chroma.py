@@ -91,7 +91,7 @@ def key_from_media(
     screen = np.zeros(shape, np.uint8)
     means, keys, spreads, lights = [], [], [], []
     for view, item in enumerate(media):
-        frames = _samples(item)
+        frames = np.stack(list(item.frames(item.spread(SAMPLES))))
         key, spread, mean = _screen_of(frames[:, ::STRIDE, ::STRIDE], stated, item, colour)
         rows, columns = frames.shape[1:3]
         screen[view, :rows, :columns] = _seen(frames, key) if empty else 1
@@ -102,16 +102,6 @@ def key_from_media(
     mean = np.broadcast_to(np.array(means, np.float32)[:, None, None], (*shape, 3))
     std = np.broadcast_to(np.float32(STD_FLOOR), (*shape, 3))
     return ChromaKey(mean, std, np.array(keys), np.array(spreads), np.array(lights), screen)
-
-
-def _samples(media: Media) -> np.ndarray:
-    """(n, h, w, 3) uint8 frames spread over the pictures."""
-    picks = np.unique(np.linspace(0, media.count - 1, SAMPLES).round().astype(int))
-    decoder = media.open()
-    try:
-        return np.stack([decoder.read(int(index)) for index in picks])
-    finally:
-        decoder.close()
 
 
 def _screen_of(

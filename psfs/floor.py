@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from psfs.camera import CameraRig
@@ -27,11 +26,10 @@ def floor_points(rig: CameraRig, height: float) -> np.ndarray:
     middle = axes_meet(rig)[:2]
     radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
-    pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 1, 2)
+    pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
     points = np.full((len(rig), rows, columns, 2), np.nan)
     for view, camera in enumerate(rig):
-        plane = cv2.undistortPoints(pixels, camera.K, camera.distortion).reshape(-1, 2)
-        rays = np.column_stack([plane, np.ones(len(plane))]) @ camera.R
+        rays = camera.rays(pixels)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (height - camera.centre[2]) / rays[:, 2]
             hits = camera.centre[:2] + distance[:, None] * rays[:, :2]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -41,7 +42,8 @@ class Decoder(Protocol):
 class Media:
     """One camera's pictures. paths: one video or the images in order. size: (width, height) px.
 
-    count: frames that can be decoded. fps: the video's, else None.
+    count: frames that can be decoded. fps: the video's, else None. Iterating decodes all frames,
+    each time anew.
     """
 
     name: str
@@ -61,6 +63,20 @@ class Media:
 
     def open(self) -> Decoder:
         return VideoDecoder(self) if self.is_video else ImagesDecoder(self)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return self.frames(range(self.count))
+
+    def frames(self, indices: Iterable[int]) -> Iterator[np.ndarray]:
+        """The frames with these numbers, (h, w, 3) uint8 BGR each."""
+        with closing(self.open()) as decoder:
+            for index in indices:
+                yield decoder.read(index)
+
+    def spread(self, n: int) -> list[int]:
+        """The numbers of `n` frames from the first to the last; of all, if there are fewer."""
+        places = np.linspace(0, self.count - 1, n).round().astype(int)
+        return [int(index) for index in np.unique(places)]
 
 
 def open_media(name: str, paths: Sequence[Path]) -> Media:

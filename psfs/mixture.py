@@ -34,13 +34,8 @@ class Mixture:
 
 
 def _learnt(view: Media, empty: bool) -> cv2.BackgroundSubtractorMOG2:
-    spread = np.linspace(0, view.count - 1, _SAMPLES).round().astype(int)
-    indices = range(view.count) if empty else [int(i) for i in np.unique(spread)]
+    indices = range(view.count) if empty else view.spread(_SAMPLES)
     model = cv2.createBackgroundSubtractorMOG2(history=len(indices), detectShadows=True)
-    decoder = view.open()
-    try:
-        for index in indices:
-            model.apply(decoder.read(index))
-    finally:
-        decoder.close()
+    for frame in view.frames(indices):
+        model.apply(frame)
     return model

@@ -14,9 +14,9 @@ from cl import UserError
 from psfs.camera import CameraRig
 from psfs.clouds import coarsened
 from psfs.files import written_whole
+from psfs.footprints import footprints
 from psfs.grid import VoxelCloud
 from psfs.reference.reprojection import voxel_silhouette
-from psfs.reprojection import footprints
 from psfs.sequence import Frame
 
 #: Azimuth and elevation of the views, degrees.

@@ -7,7 +7,6 @@ import os
 from functools import cache
 from typing import Any
 
-import cv2
 import numpy as np
 import trimesh
 
@@ -28,14 +27,6 @@ def load_open3d() -> Any:
     import open3d
 
     return open3d
-
-
-def pixel_directions(camera: Camera, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) world directions of the rays through pixels (columns, rows), (N,) each; depth 1."""
-    pixels = np.stack([columns, rows], -1).astype(np.float64).reshape(-1, 1, 2)
-    normalised = cv2.undistortPoints(pixels, camera.K, camera.distortion).reshape(-1, 2)
-    directions: np.ndarray = np.column_stack([normalised, np.ones(len(normalised))]) @ camera.R
-    return directions
 
 
 class RayScene:
@@ -83,6 +74,6 @@ class RayScene:
         columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
         shown = np.zeros((height, width), bool)
         if columns.size:
-            directions = pixel_directions(camera, columns.ravel(), rows.ravel())
+            directions = camera.rays(np.stack([columns.ravel(), rows.ravel()], -1))
             shown[rows.ravel(), columns.ravel()] = self.hits(camera.centre, directions)
         return shown

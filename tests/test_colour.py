@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import scenes
 from conftest import shared_data
+from recolour import peak_signal_to_noise, recoloured
 
 from cl import Device, NumpyDevice, UserError
 from psfs.grid import VoxelGrid
-from psfs.recolour import peak_signal_to_noise, recoloured
 from psfs.reconstruct import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence

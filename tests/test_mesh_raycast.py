@@ -10,7 +10,7 @@ import trimesh
 
 from psfs.camera import Camera
 from psfs.mesh_preview import shaded_mesh
-from psfs.raycast import RayScene, pixel_directions
+from psfs.raycast import RayScene
 
 CENTRE, RADIUS = np.array([0.1, -0.2, 0.9]), 0.4
 
@@ -28,18 +28,17 @@ def camera(**changes: object) -> Camera:
 
 def test_directions_undo_the_projection() -> None:
     view = camera()
-    columns, rows = np.meshgrid(np.arange(0, 161, 20), np.arange(0, 121, 20))
-    directions = pixel_directions(view, columns.ravel(), rows.ravel())
-    pixels, depth = view.project(view.centre + 2 * directions)
-    np.testing.assert_allclose(pixels, np.stack([columns.ravel(), rows.ravel()], -1), atol=1e-3)
+    there = np.stack(np.meshgrid(np.arange(0, 161, 20), np.arange(0, 121, 20)), -1).reshape(-1, 2)
+    pixels, depth = view.project(view.centre + 2 * view.rays(there))
+    np.testing.assert_allclose(pixels, there, atol=1e-3)
     np.testing.assert_allclose(depth, 2, rtol=1e-9)
 
 
 def test_silhouette_of_a_ball() -> None:
     """The rays that pass the centre at less than the radius."""
     view = camera()
-    columns, rows = np.meshgrid(np.arange(161), np.arange(121))
-    directions = pixel_directions(view, columns.ravel(), rows.ravel())
+    pixels = np.stack(np.meshgrid(np.arange(161), np.arange(121)), -1).reshape(-1, 2)
+    directions = view.rays(pixels)
     passing = np.linalg.norm(np.cross(directions, CENTRE - view.centre), axis=1)
     expected = (passing / np.linalg.norm(directions, axis=1) < RADIUS).reshape(121, 161)
     shown = RayScene(ball()).silhouette(view)

@@ -109,8 +109,7 @@ def shadowed_floor(views: int):
 
 
 def floor_of(camera, pixels: np.ndarray) -> np.ndarray:
-    plane = cv2.undistortPoints(pixels[:, None].astype(float), camera.K, camera.distortion)
-    rays = np.column_stack([plane.reshape(-1, 2), np.ones(len(pixels))]) @ camera.R
+    rays = camera.rays(pixels)
     distance = -camera.centre[2] / rays[:, 2]
     hits = camera.centre + distance[:, None] * rays
     return np.where((distance > 0)[:, None], hits[:, :2], 1e3)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from cl import UserError, select_device
 from psfs.agreement import Suspect, suspects
 from psfs.check import DEFINITION, Checker
 from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.commands.iou import iou_table, plain
 from psfs.runs import Run, write_json
 
 
@@ -45,31 +45,21 @@ def _run(args: argparse.Namespace) -> None:
 def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:
     """scores: (frames, V) IoU, NaN where there was nothing to compare."""
     masked = np.ma.masked_invalid(scores)
-    means = masked.mean(0).filled(0.0)
-    worst = masked.min(0).filled(0.0)
-    overall = float(masked.mean()) if masked.count() else 0.0
-    table = Table("camera", title="IoU with the frames' silhouettes", title_justify="left")
-    table.add_column("mean", justify="right")
-    table.add_column("worst frame", justify="right")
-    for name, mean, low in zip(names, means, worst, strict=True):
-        table.add_row(escape(name), f"{mean:.3f}", f"{low:.3f}")
-    table.add_section()
-    table.add_row("all", f"{overall:.3f}", f"{worst.min():.3f}")
-    stdout.print(table)
+    stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
     for reason in disagreeing.values():
         stdout.print(f"[yellow]warning:[/] {escape(reason)}", soft_wrap=True)
     report = {
         "definition": DEFINITION,
-        "mean_iou": overall,
+        "mean_iou": plain(masked.mean()),
         "cameras": {
-            name: {"mean_iou": float(mean), "worst_iou": float(low)}
-            for name, mean, low in zip(names, means, worst, strict=True)
+            name: {"mean_iou": plain(column.mean()), "worst_iou": plain(column.min())}
+            for name, column in zip(names, masked.T, strict=True)
         },
         "disagreeing": disagreeing,
         "frames": {
-            str(index): [None if np.isnan(score) else round(float(score), 5) for score in row]
+            str(index): [plain(score) for score in row]
             for index, row in zip(run.indices, scores, strict=True)
         },
     }

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from rich.markup import escape
-from rich.table import Table
 
 from cl import UserError, select_device
 from psfs.check import Checker
 from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.commands.iou import iou_table, plain
 from psfs.mesh import FORMATS, SMOOTHING, Mesher, write_mesh
 from psfs.raycast import RayScene
 from psfs.runs import Run, write_json
@@ -130,23 +129,16 @@ def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str,
 
 def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> None:
     scores = np.ma.masked_invalid([check["iou"] for check in checks.values()])
-    table = Table("camera", title="IoU of mesh and silhouettes", title_justify="left")
-    table.add_column("mean", justify="right")
-    table.add_column("worst frame", justify="right")
-    for name, mean, worst in zip(names, scores.mean(0), scores.min(0), strict=True):
-        table.add_row(escape(name), f"{mean:.3f}", f"{worst:.3f}")
-    table.add_section()
-    table.add_row("all", f"{scores.mean():.3f}", f"{scores.min():.3f}")
-    stdout.print(table)
+    stdout.print(iou_table("IoU of mesh and silhouettes", names, scores))
     closed = sum(check["watertight"] for check in checks.values())
     stdout.print(f"{closed} of {len(checks)} meshes are watertight")
-    frames = {
-        str(index): {
-            **check,
-            "iou": [None if np.isnan(score) else round(float(score), 5) for score in check["iou"]],
-        }
-        for index, check in checks.items()
+    report = {
+        "definition": _DEFINITION,
+        "mean_iou": plain(scores.mean()),
+        "cameras": names,
+        "frames": {
+            str(index): {**check, "iou": [plain(score) for score in check["iou"]]}
+            for index, check in checks.items()
+        },
     }
-    overall = float(scores.mean()) if scores.count() else None
-    report = {"definition": _DEFINITION, "mean_iou": overall, "cameras": names, "frames": frames}
     write_json(out / "mesh_check.json", report)

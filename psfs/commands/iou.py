@@ -1,0 +1,29 @@
+"""IoU per camera, as a table and as JSON has it: for `psfs check` and `psfs mesh --check`."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+
+def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
+    """Mean and worst of scores (frames, V), a row per camera, then one for all; a dash where
+    there was nothing to compare."""
+    table = Table("camera", title=title, title_justify="left")
+    table.add_column("mean", justify="right")
+    table.add_column("worst frame", justify="right")
+    for name, column in zip(names, scores.T, strict=True):
+        table.add_row(escape(name), _cell(column.mean()), _cell(column.min()))
+    table.add_section()
+    table.add_row("all", _cell(scores.mean()), _cell(scores.min()))
+    return table
+
+
+def _cell(score: float) -> str:
+    return "-" if np.ma.is_masked(score) else f"{score:.3f}"
+
+
+def plain(score: float) -> float | None:
+    """A score as JSON has it: None for NaN and for what is masked."""
+    return None if np.ma.is_masked(score) or np.isnan(score) else round(float(score), 5)
