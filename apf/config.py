@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import UserError
+from psfs.ranges import check_range
 
 #: Frame rate that the sigmas of body models are stated for.
 SIGMA_FPS = 60.0
@@ -97,12 +98,9 @@ class FilterConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        counts = (self.n_particles, self.n_layers, self.n_points, self.point_turns)
-        if any(count < least for count, least in zip(counts, (2, 1, 1, 1), strict=True)):
-            raise UserError(
-                "{} particles, {} layers, {} points in {} turns; expected at least 2, 1, 1 "
-                "and 1".format(*counts)
-            )
+        check_range("n_particles", self.n_particles, 2, ends=True)
+        for name in ("n_layers", "n_points", "point_turns"):
+            check_range(name, getattr(self, name), 1, ends=True)
         if not 0 <= self.seed < 2**64:
             raise UserError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")
         for name in ("first_survival", "last_survival"):
@@ -112,10 +110,7 @@ class FilterConfig:
                     f"{name} is {rate}; expected between 1 / n_particles = "
                     f"{1 / self.n_particles:.3g} and 1"
                 )
-        if self.trunk_layers < 0:
-            raise UserError(f"trunk_layers is {self.trunk_layers}; expected 0 or more")
-        if self.colour_rate > 1:
-            raise UserError(f"colour_rate is {self.colour_rate}; expected a share up to 1")
+        check_range("colour_rate", self.colour_rate, 0, 1, ends=True)
         positive = (
             "noise", "noise_decay", "surface_scale", "sample_spacing",
             "refine_scale", "refine_reach", "refine_strength", "refine_width",
@@ -124,14 +119,12 @@ class FilterConfig:
         others = (
             "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
             "overlap_weight", "two_sided_weight", "colour_weight", "smoothness_weight",
-            "limb_spread", "limb_margin",
+            "limb_spread", "limb_margin", "trunk_layers", "refine_steps",
         )  # fmt: skip
-        negative = [name for name in positive if not getattr(self, name) > 0]
-        negative += [name for name in others if not getattr(self, name) >= 0]
-        if negative:
-            raise UserError(
-                f"{negative[0]} is {getattr(self, negative[0])}; expected a positive number"
-            )
+        for name in positive:
+            check_range(name, getattr(self, name), 0)
+        for name in others:
+            check_range(name, getattr(self, name), 0, ends=True)
 
     @property
     def weights(self) -> np.ndarray:

@@ -14,6 +14,7 @@ from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
 from psfs.launching import row_group
 from psfs.names import listed
+from psfs.ranges import check_range
 from psfs.reconstruct import frame_input
 from psfs.silhouette import Silhouette
 
@@ -66,17 +67,14 @@ class FeatureConfig:
         for name, known in (("edges", EDGE_KINDS), ("proximity", PROXIMITIES)):
             if getattr(self, name) not in known:
                 raise UserError(f"{name} is {getattr(self, name)!r}; expected {listed(known)}")
-        if not 0 < self.threshold < 1500:
-            raise UserError(f"the edge threshold is {self.threshold}; expected 0 to 1500")
+        check_range("the edge threshold", self.threshold, 0, 1500)
         if not 0 < self.canny_low <= self.canny_high:
             raise UserError(
                 f"Canny's thresholds are {self.canny_low} and {self.canny_high}; "
                 "expected 0 < low <= high"
             )
-        if not (0 <= self.dilation <= 100 and 0 <= self.margin < math.inf):
-            raise UserError(
-                f"dilation {self.dilation}, margin {self.margin}; expected 0 to 100 and from 0 on"
-            )
+        check_range("dilation", self.dilation, 0, 100, ends=True)
+        check_range("margin", self.margin, 0, ends=True)
         if not (0 <= self.nearest < self.farthest <= 1000 and 0 < self.span <= 1 < 1 + self.decay):
             raise UserError(
                 f"proximity from {self.nearest} to {self.farthest} px, span {self.span}, decay "

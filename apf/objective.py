@@ -14,6 +14,7 @@ from cl import Array, Device, Launch, NumpyDevice, UserError
 from psfs.camera import CameraRig
 from psfs.launching import row_group
 from psfs.names import listed
+from psfs.ranges import check_range
 
 #: Rymut 2016 eq. (4.46)-(4.50): weighted sum, smoothed product, per-camera averages of either,
 #: and the product over cameras.
@@ -51,8 +52,7 @@ class ObjectiveConfig:
             raise UserError(f"the objective's weights are {w1} and {w2}; expected numbers from 0")
         if self.kind in ("ws", "aows") and abs(w1 + w2 - 1) > 1e-6:
             raise UserError(f"the weights of {self.kind} are {w1} and {w2}; expected a sum of 1")
-        if not 0 <= self.balance <= 1:
-            raise UserError(f"the balance is {self.balance}; expected 0 to 1")
+        check_range("the balance", self.balance, 0, 1, ends=True)
         known = (4, *FRUSTUM_VERTICES)
         if self.vertices_per_part not in known:
             raise UserError(

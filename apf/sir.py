@@ -12,6 +12,7 @@ from apf.config import FilterConfig
 from apf.scorer import Scorer
 from apf.tracker import Tracker
 from cl import Device, Launch, UserError
+from psfs.ranges import check_range
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,7 @@ class SirConfig:
     sigma_z: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.sigma_z < np.inf:
-            raise UserError(f"sigma_z is {self.sigma_z}; expected a number from 0 on")
+        check_range("sigma_z", self.sigma_z, 0, ends=True)
 
     @property
     def beta(self) -> float:

@@ -16,6 +16,7 @@ from apf.body import BodyModel
 from apf.reference.kinematics import posed_joints
 from apf.track import Track
 from cl import UserError
+from psfs.ranges import check_range
 
 #: Stated deviations below this share of their median are taken for it: none is certain.
 _LEAST_DEVIATION = 0.1
@@ -32,10 +33,9 @@ class SmoothingConfig:
     lag: int | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.cutoff < np.inf:
-            raise UserError(f"the cutoff is {self.cutoff:g} Hz; expected a positive number")
-        if self.lag is not None and self.lag < 0:
-            raise UserError(f"the lag is {self.lag} frames; expected 0 or more")
+        check_range("the cutoff, Hz,", self.cutoff, 0)
+        if self.lag is not None:
+            check_range("the lag, frames,", self.lag, 0, ends=True)
 
 
 def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = None) -> Track:

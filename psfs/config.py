@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cl import UserError
+from psfs.ranges import check_range
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ class SilhouetteConfig:
     def __post_init__(self) -> None:
         shares = ("place_inside", "place_outside", "rim_share")
         for name in ("foreground_prior", "occlusion_prior", *shares):
-            _check_between(name, getattr(self, name), 0.0, 1.0)
+            check_range(name, getattr(self, name), 0, 1)
         for name in ("clamp", "mask_clamp"):
-            _check_between(name, getattr(self, name), 0.0, 0.5)
+            check_range(name, getattr(self, name), 0, 0.5)
         if not 0 <= self.adapt < 1:
             raise UserError(f"adapt is {self.adapt}; expected a number from 0 to below 1")
         if not 0 < self.shadow_low <= 1 <= self.shadow_high:
@@ -90,7 +91,7 @@ class SilhouetteConfig:
         )
         limits = ("foreground_limit", "background_limit", "rim_cost")
         for name in ("sigma_floor", "key_spread", *widths, *limits, "independent"):
-            _check_between(name, getattr(self, name), 0.0, np.inf)
+            check_range(name, getattr(self, name), 0)
 
     @property
     def floor_lit(self) -> float:
@@ -169,8 +170,8 @@ class OccupancyConfig:
     min_cameras: int | None = None
 
     def __post_init__(self) -> None:
-        _check_between("prior", self.prior, 0.0, 1.0)
-        _check_between("threshold", self.threshold, 0.0, 1.0)
+        check_range("prior", self.prior, 0, 1)
+        check_range("threshold", self.threshold, 0, 1)
 
     def seeing_cameras(self, n_cameras: int) -> int:
         if self.min_cameras is not None:
@@ -195,8 +196,3 @@ class ReconstructionConfig:
     def to_dict(self) -> dict[str, dict[str, float | int | None]]:
         """Plain values, for summaries."""
         return asdict(self)
-
-
-def _check_between(name: str, value: float, low: float, high: float) -> None:
-    if not low < value < high:
-        raise UserError(f"{name} is {value}; expected a number between {low:g} and {high:g}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from cl import UserError
 from psfs.calibration.common import naming
 from psfs.chroma import parse_colour
 from psfs.names import listed
+from psfs.ranges import check_range
 from psfs.toml import read_toml
 from psfs.units import Unit, metres_per_unit, z_up_from
 
@@ -52,10 +52,13 @@ class Settings:
             metres_per_unit(self.unit)
         if self.up is not None:
             z_up_from(self.up)
-        _check_number("fps", self.fps, 0, math.inf)
-        _check_number("threshold", self.threshold, 0, 1)
+        if self.fps is not None:
+            check_range("fps", self.fps, 0)
+        if self.threshold is not None:
+            check_range("threshold", self.threshold, 0, 1)
         for key in ("dilate", "erode"):
-            _check_number(key, getattr(self, key), -1, 1000)
+            if getattr(self, key) is not None:
+                check_range(key, getattr(self, key), 0, 1000, ends=True)
         if self.background not in (None, *BACKGROUND_KINDS):
             raise UserError(
                 f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
@@ -91,13 +94,6 @@ class Settings:
         """These settings, and `other`'s where these say nothing."""
         said = {key: value for key, value in vars(self).items() if value is not None}
         return replace(other, **said)
-
-
-def _check_number(key: str, value: Any, low: float, high: float) -> None:
-    if value is None:
-        return
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low < value < high:
-        raise UserError(f"{key} = {value!r}; expected a number between {low} and {high}")
 
 
 def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:

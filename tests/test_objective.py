@@ -190,7 +190,7 @@ def test_the_five_functions_by_hand() -> None:
         ({"kind": "psp"}, "'psp'; expected"),
         ({"kind": "ws", "silhouette_weight": 0.9}, "expected a sum of 1"),
         ({"edge_weight": -1.0}, "expected numbers from 0"),
-        ({"balance": 1.5}, "expected 0 to 1"),
+        ({"balance": 1.5}, "expected a number from 0 to 1"),
         ({"vertices_per_part": 6}, "6 vertices per part; expected"),
         ({"labels": (1, 3)}, "expected all of 1 to 3"),
         ({"labels": (1, 2), "label_weights": (1.0,)}, "expected 2 numbers"),

@@ -95,7 +95,7 @@ PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
     "unknown key": (lambda f: write(f / "sequence.toml", "ups = 'z'"), "unknown key ups"),
     "unknown up": (lambda f: write(f / "sequence.toml", "up = 'w'"), "up axis 'w'"),
     "unknown unit": (lambda f: write(f / "sequence.toml", "unit = 'inch'"), "unit 'inch'"),
-    "wrong type": (lambda f: write(f / "sequence.toml", "fps = 'fast'"), "fps = 'fast'"),
+    "wrong type": (lambda f: write(f / "sequence.toml", "fps = 'fast'"), "fps is 'fast'"),
     "unknown kind": (lambda f: write(f / "sequence.toml", "background = 'x'"), "background = 'x'"),
     "no masks": (lambda f: write(f / "sequence.toml", "background = 'masks'"), "needs masks"),
     "no threshold": (lambda f: write(f / "sequence.toml", "background='threshold'"), "`threshold`"),

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from apf.synthetic.gait import Walk
-from cl import UserError
 from psfs.camera import Camera, CameraRig
+from psfs.ranges import check_range
 
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
@@ -34,19 +34,20 @@ class SceneConfig:
     height: float = 1.76
 
     def __post_init__(self) -> None:
-        checks = (
-            ("cameras", self.cameras, 1 <= self.cameras <= 64, "1 to 64"),
-            ("frames", self.frames, self.frames >= 1, "at least 1"),
-            ("fps", self.fps, 1 <= self.fps <= 1000, "1 to 1000"),
-            ("size", self.size, min(self.size) >= 32 and max(self.size) <= 8192, "32 to 8192 px"),
-            ("seed", self.seed, self.seed >= 0, "0 or more"),
-            ("noise", self.noise, 0 <= self.noise <= 50, "0 to 50 grey levels"),
-            ("flicker", self.flicker, 0 <= self.flicker <= 0.2, "0 to 0.2"),
-            ("height", self.height, 1.2 <= self.height <= 2.2, "1.2 to 2.2 m"),
-        )
-        for name, value, fits, expected in checks:
-            if not fits:
-                raise UserError(f"synthetic scene: {name} {value}; expected {expected}")
+        width, height = self.size
+        limits = {
+            "cameras": (self.cameras, 1, 64),
+            "frames": (self.frames, 1, math.inf),
+            "fps": (self.fps, 1, 1000),
+            "size, width in px,": (width, 32, 8192),
+            "size, height in px,": (height, 32, 8192),
+            "seed": (self.seed, 0, math.inf),
+            "noise, grey levels,": (self.noise, 0, 50),
+            "flicker": (self.flicker, 0, 0.2),
+            "height, m,": (self.height, 1.2, 2.2),
+        }
+        for name, (value, low, high) in limits.items():
+            check_range(f"synthetic scene: {name}", value, low, high, ends=True)
 
     @property
     def walk(self) -> Walk:
