@@ -10,7 +10,7 @@ from scenes import ring
 from apf.body import BodyModel, load_body
 from apf.reference.cones import distances
 from apf.reference.kinematics import posed_cones, posed_joints
-from apf.start.find import find_start
+from apf.start.find import Start, find_start
 from apf.start.search import (
     Hypothesis,
     distinct,
@@ -136,6 +136,19 @@ def test_standing_on_the_floor() -> None:
     stood = standing_pose(SONG, points, np.pi / 3)
     np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
     np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
+
+
+def test_what_speaks_against_a_start_is_told() -> None:
+    def start(girth: float, rival: float) -> Start:
+        body, pose = SONG.scaled({}, girth), SONG.rest_pose
+        return Start(body, pose, pose[None], 0.3, rival, girth)
+
+    assert start(1.0, np.inf).doubts == start(1.4, 2.0).doubts == []
+    for girth in (0.5, 2.0):
+        (doubt,) = start(girth, 1.5).doubts
+        assert "fits badly" in doubt and f"{girth:.1f} times as thick" in doubt
+    (doubt,) = start(1.0, 1.02).doubts
+    assert "which way the person looks" in doubt
 
 
 def test_debris_is_no_person() -> None:

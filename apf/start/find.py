@@ -11,7 +11,7 @@ import numpy as np
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.start.search import Hypothesis, PoseSearch, misfit, sideways
-from apf.start.shape import Cloud, fit_shape, stature
+from apf.start.shape import GIRTH, Cloud, fit_shape, stature
 from apf.start.stored import person_points
 from apf.tracker import tracker_for
 from cl import Device, NumpyDevice, UserError
@@ -22,19 +22,41 @@ from psfs.grid import VoxelGrid
 _FEWEST = 200
 #: Misfit above which no body was found.
 _HOPELESS = 0.55
+#: Doubtful is a start with a rival that fits but this factor worse, and a body whose girth is more
+#: than so many deviations of the prior from the template's: hardly anybody has one.
+_RIVALS, _STOUT = 1.1, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
     """body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
     frames used. misfit: of `pose`, 0 is perfect. rival: how much worse the best hypothesis that
-    looks elsewhere is, as a factor of the misfit; infinite where there is none."""
+    looks elsewhere is, as a factor of the misfit; infinite where there is none. girth: how thick
+    the body is for its length, the template being 1."""
 
     body: BodyModel
     pose: np.ndarray
     poses: np.ndarray
     misfit: float
     rival: float
+    girth: float
+
+    @property
+    def doubts(self) -> list[str]:
+        """What speaks against this start, a sentence each."""
+        found = []
+        if self.rival < _RIVALS:
+            found.append(
+                "it is not sure which way the person looks: another fits the voxels nearly as well"
+            )
+        if abs(np.log(self.girth)) > _STOUT * GIRTH:
+            found.append(
+                f"the start fits badly: the body found is {self.height:.2f} m tall and "
+                f"{self.girth:.1f} times as thick as people of that height; is somebody standing "
+                "or walking there, who does not sit and carries nothing? Look at the overlay, or "
+                "give --init"
+            )
+        return found
 
     @property
     def height(self) -> float:
@@ -104,7 +126,9 @@ def find_start(
             f"{final.misfits.mean():.2f}; expected less than {_HOPELESS}); give --init"
         )
     rival = fits[1].score / fits[0].score if len(fits) > 1 else np.inf
-    return Start(final.body, final.poses[0], final.poses, float(final.misfits.mean()), rival)
+    girth = float(np.exp(final.shape[1]))
+    misfits = float(final.misfits.mean())
+    return Start(final.body, final.poses[0], final.poses, misfits, rival, girth)
 
 
 @dataclass(frozen=True, eq=False)
