@@ -7,7 +7,6 @@ of all axis values (metres, radians).
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -19,13 +18,12 @@ import tomli_w
 
 from cl import UserError
 from psfs.files import written_whole
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from psfs.names import listed
+from psfs.toml import read_toml
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+#: The bodies that are shipped.
+_BODIES = Path(str(resources.files("apf"))) / "bodies"
 
 #: The joints that `apf evaluate` compares.
 EVALUATED_JOINTS = (
@@ -114,6 +112,11 @@ class BodyModel:
         return np.stack([self.lower, self.upper], -1).astype(np.float32)
 
     @property
+    def angles(self) -> list[int]:
+        """Places in the pose of the rotations, rad."""
+        return [axis.dof for bone in self.bones for axis in bone.axes if axis.kind[0] == "r"]
+
+    @property
     def joint_names(self) -> list[str]:
         return [joint.name for joint in self.joints]
 
@@ -124,12 +127,12 @@ class BodyModel:
     @property
     def scale_groups(self) -> list[str]:
         """Names of the bones that are scaled together: left and right share one."""
-        return list(dict.fromkeys(_group(bone.name) for bone in self.bones))
+        return list(dict.fromkeys(sideless(bone.name) for bone in self.bones))
 
     @property
     def radius_groups(self) -> list[str]:
         """Names of the cones whose radii are scaled together: left and right share one."""
-        return list(dict.fromkeys(_group(cone.name) for cone in self.cones))
+        return list(dict.fromkeys(sideless(cone.name) for cone in self.cones))
 
     def scaled(
         self, lengths: Mapping[str, float], radii: float | Mapping[str, float] = 1.0
@@ -141,8 +144,8 @@ class BodyModel:
         """
         if not isinstance(radii, Mapping):
             radii = dict.fromkeys(self.radius_groups, radii)
-        width = [radii.get(_group(cone.name), 1.0) for cone in self.cones]
-        factor = [lengths.get(_group(bone.name), 1.0) for bone in self.bones]
+        width = [radii.get(sideless(cone.name), 1.0) for cone in self.cones]
+        factor = [lengths.get(sideless(bone.name), 1.0) for bone in self.bones]
         bones = tuple(
             bone if bone.parent < 0 else replace(bone, offset=bone.offset * factor[bone.parent])
             for bone in self.bones
@@ -160,8 +163,9 @@ class BodyModel:
         return replace(self, bones=bones, cones=cones, joints=joints)
 
 
-def _group(bone_name: str) -> str:
-    return bone_name.removeprefix("l_").removeprefix("r_")
+def sideless(name: str) -> str:
+    """The name of a bone, cone or joint without its side: left and right share one."""
+    return name.removeprefix("l_").removeprefix("r_")
 
 
 def load_body(name_or_path: str | Path) -> BodyModel:
@@ -170,19 +174,12 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     Raises UserError naming the file and the entry that is wrong.
     """
     path = Path(name_or_path)
-    shipped = resources.files("apf") / "bodies" / f"{name_or_path}.toml"
+    shipped = {file.stem: file for file in sorted(_BODIES.glob("*.toml"))}
+    path = shipped.get(str(name_or_path), path)
+    if not path.is_file():
+        raise UserError(f"{path}: no body model; expected a TOML file or one of {listed(shipped)}")
     try:
-        if path.suffix != ".toml" and shipped.is_file():
-            return _parse(tomllib.loads(shipped.read_text()))
-        return _parse(tomllib.loads(path.read_text()))
-    except (OSError, UnicodeDecodeError) as error:
-        folder = Path(str(resources.files("apf") / "bodies"))
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml")))
-        raise UserError(
-            f"{path}: no body model ({error}); expected a TOML file or one of: {known}"
-        ) from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path}: not a TOML file: {error}") from None
+        return _parse(read_toml(path))
     except KeyError as error:
         raise UserError(f"{path}: an entry lacks the key {error}") from None
     except (TypeError, ValueError) as error:
@@ -194,27 +191,7 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     names = [entry["name"] for entry in data["bone"]]
     if len(set(names)) < len(names):
         raise ValueError("two bones have the same name")
-    dofs: list[dict[str, Any]] = []
-    bones = []
-    for index, entry in enumerate(data["bone"]):
-        axes = []
-        for axis in entry.get("axes", []):
-            kind = axis["axis"].removeprefix("-")
-            sign = 1 if kind == axis["axis"] else -1
-            if kind not in AXES:
-                raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
-            axes.append(FreeAxis(kind, sign, int(axis.get("dof", len(dofs)))))
-            dofs.append({"name": f"{entry['name']}.{kind}", **axis})
-        bones.append(
-            Bone(
-                entry["name"],
-                _index(names[:index], entry["parent"], "bone") if entry.get("parent") else -1,
-                _vector(entry.get("offset", (0, 0, 0))),
-                _rotation(entry.get("rest", np.eye(3))),
-                tuple(axes),
-            )
-        )
-    dofs = _in_pose_order(dofs, bones)
+    bones, dofs = _parse_bones(data["bone"], names)
     cones = tuple(_parse_cone(entry, names) for entry in data.get("cone", []))
     joints = tuple(
         Joint(e["name"], _index(names, e["bone"], "bone"), _vector(e.get("position", (0, 0, 0))))
@@ -234,7 +211,7 @@ def _parse(data: dict[str, Any]) -> BodyModel:
         raise ValueError("a sigma is not a number from 0 on")
     return BodyModel(
         name=data["name"],
-        bones=tuple(bones),
+        bones=bones,
         cones=cones,
         joints=joints,
         dof_names=tuple(dof["name"] for dof in dofs),
@@ -247,12 +224,35 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     )
 
 
-def _in_pose_order(dofs: list[dict[str, Any]], bones: Sequence[Bone]) -> list[dict[str, Any]]:
-    """Axes sorted by their place in the pose, which is the order of the file unless they say."""
+def _parse_bones(
+    entries: Sequence[Mapping[str, Any]], names: Sequence[str]
+) -> tuple[tuple[Bone, ...], list[dict[str, Any]]]:
+    """The bones, and the entries of their axes by their place in the pose, which is the order of
+    the file unless they say."""
+    dofs: list[dict[str, Any]] = []
+    bones = []
+    for index, entry in enumerate(entries):
+        axes = []
+        for axis in entry.get("axes", []):
+            kind = axis["axis"].removeprefix("-")
+            sign = 1 if kind == axis["axis"] else -1
+            if kind not in AXES:
+                raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
+            axes.append(FreeAxis(kind, sign, int(axis.get("dof", len(dofs)))))
+            dofs.append({"name": f"{entry['name']}.{kind}", **axis})
+        bones.append(
+            Bone(
+                entry["name"],
+                _index(names[:index], entry["parent"], "bone") if entry.get("parent") else -1,
+                _vector(entry.get("offset", (0, 0, 0))),
+                _rotation(entry.get("rest", np.eye(3))),
+                tuple(axes),
+            )
+        )
     places = [axis.dof for bone in bones for axis in bone.axes]
     if sorted(places) != list(range(len(dofs))):
         raise ValueError(f"the axes' places in the pose are {places}; expected each of 0, 1, ...")
-    return [dofs[place] for place in np.argsort(places)]
+    return tuple(bones), [dofs[place] for place in np.argsort(places)]
 
 
 def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:

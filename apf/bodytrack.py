@@ -13,6 +13,7 @@ import numpy as np
 from apf.body import BodyModel, Bone, Cone, FreeAxis, Joint
 from apf.reference.kinematics import axis_rotation
 from cl import UserError
+from psfs.files import read_numbers
 
 _N_DOF = 31
 _HALF_TURN, _QUARTER = np.pi, np.pi / 2
@@ -50,7 +51,7 @@ def is_bodytrack(folder: Path) -> bool:
 
 def read_poses(path: Path) -> np.ndarray:
     """Poses (N, 31) of a text file with 31 values (rad, mm) per pose; positions become metres."""
-    values = _numbers(path)
+    values = read_numbers(path)
     if values.size == 0 or values.size % _N_DOF:
         raise UserError(f"{path}: {values.size} numbers; expected a multiple of {_N_DOF}")
     poses = values.reshape(-1, _N_DOF)
@@ -64,13 +65,13 @@ def read_body(folder: Path) -> BodyModel:
     Limits stay open: the shipped initial pose lies outside the shipped ranges, and the program
     does not apply them either. The initial pose of InitialPose.txt is the rest pose.
     """
-    shape = _numbers(folder / "BodyShapeParameters.txt")
+    shape = read_numbers(folder / "BodyShapeParameters.txt")
     if shape.size != 58:
         raise UserError(
             f"{folder / 'BodyShapeParameters.txt'}: {shape.size} numbers; expected 58 "
             "(10 parts x 4 and 18 lengths)"
         )
-    ranges = _numbers(folder / "PoseParameters.txt")
+    ranges = read_numbers(folder / "PoseParameters.txt")
     if ranges.size != 3 * _N_DOF:
         raise UserError(
             f"{folder / 'PoseParameters.txt'}: {ranges.size} numbers; expected {3 * _N_DOF}"
@@ -93,15 +94,6 @@ def read_body(folder: Path) -> BodyModel:
         rest_pose=read_poses(folder / "InitialPose.txt")[0],
         edges=tuple((names.index(a), names.index(b)) for a, b in _EDGES),
     )
-
-
-def _numbers(path: Path) -> np.ndarray:
-    try:
-        return np.array(path.read_text().split(), np.float64)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise UserError(f"{path}: expected numbers only: {error}") from None
 
 
 def _inverse_euler(x: int | None, y: int | None, z: int | None) -> tuple[FreeAxis, ...]:

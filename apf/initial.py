@@ -11,7 +11,8 @@ from scipy.optimize import least_squares
 from apf.body import BodyModel
 from apf.reference.kinematics import posed_joints
 from cl import UserError
-from psfs.files import written_whole
+from psfs.files import read_numbers, written_whole
+from psfs.names import listed
 
 #: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
 #: an angle's distance from rest, rad. The last two only decide what the joints leave open.
@@ -25,12 +26,7 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
 
     Raises UserError naming the file if it is missing, not numbers, or of another body.
     """
-    try:
-        values = np.array(path.read_text().split(), np.float64)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise UserError(f"{path}: expected numbers only: {error}") from None
+    values = read_numbers(path)
     if values.size < body.n_dof or not np.isfinite(values).all():
         raise UserError(
             f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
@@ -54,20 +50,11 @@ def fit_to_joints(
     Radii grow with the mean length. Raises UserError if fewer than 8 known joints, or
     not all of a body with fewer, are given.
     """
-    names = [
-        name for name in body.joint_names if name in joints and np.isfinite(joints[name]).all()
-    ]
-    if len(names) < min(_LEAST_JOINTS, len(body.joints)):
-        raise UserError(
-            f"{len(names)} known joints to start from ({', '.join(names) or 'none'}); "
-            f"expected at least {min(_LEAST_JOINTS, len(body.joints))} of: "
-            f"{', '.join(body.joint_names)}"
-        )
+    names = _known(body, joints)
     target = np.stack([joints[name] for name in names])
     chosen = [body.joint_names.index(name) for name in names]
     groups = body.scale_groups
     free = np.clip(body.rest_pose, body.lower, body.upper)
-    angular = [axis.dof for bone in body.bones for axis in bone.axes if axis.kind[0] == "r"]
 
     def unpack(x: np.ndarray) -> tuple[BodyModel, np.ndarray]:
         scales = np.exp(x[body.n_dof :])
@@ -80,7 +67,7 @@ def fit_to_joints(
             [
                 ((reached - target) / _JOINT_SIGMA).ravel(),
                 x[body.n_dof :] / _SCALE_SIGMA,
-                (pose - body.rest_pose)[angular] / _ANGLE_SIGMA,
+                (pose - body.rest_pose)[body.angles] / _ANGLE_SIGMA,
             ]
         )
 
@@ -102,6 +89,18 @@ def fit_to_joints(
     scales = dict(zip(groups, np.exp(best.x[body.n_dof :]), strict=True))
     girth = float(np.mean(list(scales.values())))
     return body.scaled(scales, radii=girth), pose, error
+
+
+def _known(body: BodyModel, joints: Mapping[str, np.ndarray]) -> list[str]:
+    """The body's joints that are given. Raises UserError if they are too few."""
+    least = min(_LEAST_JOINTS, len(body.joints))
+    names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]
+    if len(names) < least:
+        raise UserError(
+            f"{len(names)} known joints to start from ({listed(names)}); "
+            f"expected at least {least} of: {', '.join(body.joint_names)}"
+        )
+    return names
 
 
 def _root_at(body: BodyModel, pose: np.ndarray, centre: np.ndarray, heading: float) -> np.ndarray:

@@ -69,8 +69,7 @@ def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = Non
 def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
     """A copy of `poses` (F, D) whose angles without limits do not jump by whole turns."""
     poses = np.array(poses, np.float64)
-    turning = [axis.dof for bone in body.bones for axis in bone.axes if axis.kind[0] == "r"]
-    free = [dof for dof in turning if np.isinf([body.lower[dof], body.upper[dof]]).all()]
+    free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
     poses[:, free] = np.unwrap(poses[:, free], axis=0)
     return poses
 

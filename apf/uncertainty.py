@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from apf.body import BodyModel
+from apf.body import BodyModel, sideless
 from apf.reference.kinematics import posed_joints
 
 #: Frames whose derivatives are taken at once, and the step, m or rad.
@@ -34,8 +34,7 @@ class Calibration:
 
     def floors(self, names: list[str]) -> np.ndarray:
         """(J,) m, of the joints of these names."""
-        plain = (name.removeprefix("l_").removeprefix("r_") for name in names)
-        return np.array([self.floor.get(name, self.other_floor) for name in plain])
+        return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
 #: By scripts/calibrate_uncertainty.py on two walks of another generator (MakeHuman body, recorded

@@ -1,4 +1,4 @@
-"""Writing files whole: to a temporary name beside the target, then renamed."""
+"""Files of numbers, and files written whole: to a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from cl import UserError
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """(N,) float64: the numbers of a text file, with white space between them. Raises UserError
+    naming the file if it cannot be read or holds anything else."""
+    try:
+        return np.array(path.read_text().split(), np.float64)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise UserError(f"{path}: expected numbers only: {error}") from None
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from apf.body import sideless
 from apf.evaluate import LOST_LIMB, evaluate, load_truth
 from apf.track import Track
 from apf.uncertainty import CALIBRATION, Calibration, inside
@@ -112,7 +113,7 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
         for place, name in enumerate(found.joint_names):
             known = np.isfinite(found.inside[:, place])
             kept = (found.offsets[known, place], raw[known, place])
-            parts.setdefault(name.removeprefix("l_").removeprefix("r_"), []).append(kept)
+            parts.setdefault(sideless(name), []).append(kept)
     return {
         name: Sample(*(np.concatenate(column) for column in zip(*rows, strict=True)))
         for name, rows in parts.items()
