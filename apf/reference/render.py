@@ -1,4 +1,4 @@
-"""Bodies drawn into pictures. Twin of render.cl and render_mesh.cl."""
+"""Bodies drawn into pictures. Twin of parts.cl and render.cl, of skin.cl and render_mesh.cl."""
 
 from __future__ import annotations
 
