@@ -4,8 +4,8 @@
 // of the gradients' rows.
 // A region is (x0, y0, x1, y1), the ends excluded; work-item (0, 0) stands at its corner.
 
-//
-// Vectors are explicit: PoCL makes none of loops whose lengths are known to the device only.
+// Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
+// none of loops whose lengths are known to the device only.
 #define STRIP 8
 
 inline int4 joined(int4 a, int4 b)

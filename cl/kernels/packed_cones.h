@@ -36,9 +36,6 @@ inline vfloat packed_distance(__local const vfloat *cone, __local const vfloat *
 // Pixels of the corners A + s, A - s, B - s, B + s of the trapezoid that the cone shows to the
 // camera (Kwolek & Rymut 2016, section 3): x and y of each; NOWHERE if one of them has no image.
 #define NOWHERE -1e6f
-// Corners further out than this, px, count as unseen: in float the lines between them would be off
-// by more than a hundredth of a pixel, at 1e9 px by whole pictures.
-#define FAR_OUT 1e5f
 
 inline void cone_outline(__local const vfloat *cone, __global const float *camera,
                          __local vfloat *corners)

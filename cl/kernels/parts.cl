@@ -5,9 +5,6 @@
 #include "cones.h"
 #include "parts.h"
 
-// Corners further out than this, px, count as unseen: in float the lines between them would be off
-// by more than a hundredth of a pixel, at 1e9 px by whole pictures.
-#define FAR_OUT 1e5f
 // Lines flatter than this, px from end to end, are tilted so much.
 #define FLAT 1e-4f
 

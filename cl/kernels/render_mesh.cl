@@ -4,10 +4,9 @@
 //
 // A part fills each row from its first pixel to its last, as convex ones do; its edge are the
 // pixels with one of four neighbours outside of it.
+#include "camera.h"
 #include "counting.h"
 
-// As skin.cl marks what is unseen.
-#define FAR_OUT 1e5f
 // Rows of a part's spans: those of the band, one above, one below, and what a pack reads too many.
 #define STRIDE (BAND + 2 + PACK)
 // No pixel at all: as first, and as last.

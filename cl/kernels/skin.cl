@@ -4,9 +4,6 @@
 #include "camera.h"
 #include "cones.h"
 
-// Vertices further out than this, px, count as unseen, as in parts.cl.
-#define FAR_OUT 1e5f
-
 // Linear blend skinning, Rymut 2016 eq. (4.25), and projection. frames: (N, N_BONES, CONE_FLOATS),
 // bones posed as cones from the origin to the end of their third axis. binds: N_CORNERS x N_BINDS
 // positions in a bone's frame and weights; bind_bones: the bones. pixels: (V, N, N_CORNERS), far
