@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -149,17 +150,17 @@ def test_transfers_are_counted(fresh: Device) -> None:
 
 
 def test_memory_is_accounted_and_released(fresh: Device) -> None:
-    assert fresh._allocated == 0
+    assert fresh._allocated[0] == 0
     first = fresh.empty((256, 4), np.float32)
     second = fresh.zeros(100, np.uint8)
-    assert fresh._allocated == 4096 + 100
+    assert fresh._allocated[0] == 4096 + 100
     del first
     gc.collect()
-    assert fresh._allocated == 100
+    assert fresh._allocated[0] == 100
     second.get()
     del second
     gc.collect()
-    assert fresh._allocated == 0
+    assert fresh._allocated[0] == 0
 
 
 def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
@@ -170,10 +171,10 @@ def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
     )
     del out
     gc.collect()
-    assert fresh._allocated == 256
+    assert fresh._allocated[0] == 256
     del launch
     gc.collect()
-    assert fresh._allocated == 0
+    assert fresh._allocated[0] == 0
 
 
 def test_too_large_an_array_is_refused_before_it_is_made(fresh: Device) -> None:
@@ -182,17 +183,31 @@ def test_too_large_an_array_is_refused_before_it_is_made(fresh: Device) -> None:
         fresh.empty(largest + 1, np.uint8, "the voxel grid")
     message = str(caught.value)
     assert message.startswith("the voxel grid needs ") and fresh.name in message
-    assert "\n" not in message and fresh._allocated == 0
+    assert "\n" not in message and fresh._allocated[0] == 0
     with pytest.raises(UserError, match="the grid needs"):
         fresh.empty((2**22, 2**22, 2**22), np.float32, "the grid")  # beyond 64 bits
 
 
 def test_what_is_taken_lessens_what_is_left(fresh: Device) -> None:
     fresh.require_memory(1000, "a thing")
-    fresh._allocated = fresh.info.memory - 999
+    fresh._allocated[0] = fresh.info.memory - 999
     with pytest.raises(UserError, match=r"a thing needs .* left"):
         fresh.require_memory(1000, "a thing")
     fresh.require_memory(999, "a thing")
+
+
+def test_siblings_share_memory_and_programs(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    other = fresh.sibling()
+    taken = other.empty(100, np.uint8)
+    assert fresh._allocated == other._allocated == [100]
+    del taken
+    gc.collect()
+    assert fresh._allocated == [0]
+    # Two at a time build a program once.
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda own: own.kernel("some", "fill", SCALE=1), (fresh, other)))
+    assert len(fresh._programs) == 1 and other._programs is fresh._programs
 
 
 def test_failing_allocations_are_user_errors(
@@ -204,7 +219,7 @@ def test_failing_allocations_are_user_errors(
     monkeypatch.setattr(pyopencl, "Buffer", refuse)
     with pytest.raises(UserError, match=r"could not allocate .* for the images"):
         fresh.empty(10, np.uint8, "the images")
-    assert fresh._allocated == 0
+    assert fresh._allocated[0] == 0
 
 
 # Programs and launches ---------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from test_track_command import walk  # noqa: F401  a fixture
 
 from apf.body import load_body, save_body
 from apf.cli import main
-from apf.commands.track import first_pose
+from apf.commands.first_pose import first_pose
 from apf.initial import read_pose, write_pose
 from apf.live import Live
 from apf.live_budget import FEWEST, MOST, Cost, Governor, evaluations, sized

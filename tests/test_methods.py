@@ -11,7 +11,7 @@ import pytest
 from test_track_command import walk  # noqa: F401  a fixture
 
 from apf.body import BodyModel
-from apf.commands.track import first_pose
+from apf.commands.first_pose import first_pose
 from apf.methods import OBJECTIVES, SEARCHES, Method
 from apf.pipeline import track_sequence
 from apf.reference.kinematics import posed_joints

@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 
 from apf.body import BodyModel
-from apf.commands.track import (
-    add_method_flags,
-    chosen_method,
-    first_pose,
-    found_start,
-    write_files,
-)
+from apf.commands.first_pose import first_pose, found_start
+from apf.commands.method_flags import add_method_flags, chosen_method
+from apf.commands.track import write_files
 from apf.evaluate import evaluate, load_truth
 from apf.live import Live, LiveResult
 from apf.live_captures import cameras_of

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from dataclasses import fields, replace
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body, save_body
-from apf.bodytrack import is_bodytrack, read_body
-from apf.config import TERMS, FilterConfig, likelihood_weights
+from apf.body import BodyModel, save_body
+from apf.commands.first_pose import first_pose, tell_doubts, template_of
+from apf.commands.method_flags import add_method_flags, chosen_method
+from apf.commands.take_report import TakeLine, TakeReport
 from apf.evaluate import evaluate, load_truth
-from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
-from apf.initial import fit_to_joints, read_pose, write_pose
-from apf.joint_names import match_joints
-from apf.methods import OBJECTIVES, SEARCH_DEFAULTS, Method
-from apf.objective import ObjectiveConfig
+from apf.initial import write_pose
+from apf.methods import Method
 from apf.overlay import write_overlay
-from apf.pipeline import seeded, track_seeds
-from apf.sir import SirConfig
-from apf.start import start_of
-from apf.swarm import SwarmConfig
+from apf.pipeline import seeded
+from apf.takes import AT_ONCE_CPU, AT_ONCE_GPU, Take, at_once, track_take
 from apf.track import Track, spans
 from apf.trc import CONVENTIONS
 from cl import Device, NumpyDevice, UserError, select_device
@@ -34,58 +29,19 @@ from psfs.commands.sequence_flags import (
     open_trusted,
     selected_frames,
 )
-from psfs.grid import VoxelGrid
-from psfs.sequence import Sequence
-from psfs.volume import automatic_grid
-
-#: A start whose rival, looking another way, fits nearly as well is told of.
-_DOUBT = 1.1
-
-#: Settings of the search that have a flag of their own.
-_SETTINGS = {
-    "n_particles": ("--particles", "particles"),
-    "n_layers": ("--layers", "annealing layers, or the swarm's iterations"),
-    "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
-    "noise": ("--noise", "scale of the noise"),
-    "spread": ("--spread", "bound of the noise, times the set's own deviation; 0 for none"),
-    "trunk_layers": ("--trunk-layers", "apf: first layers that move the trunk alone"),
-    "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
-    "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
-}
-#: Weights that the voxels' likelihood and the image objectives have both.
-_WEIGHTS = {
-    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14); or w2, Rymut"),
-    "silhouette_weight": ("--silhouette-weight", "of the silhouettes, eq. (15); or w1, Rymut"),
-}
-#: Settings of the other parts of a method, by its field.
-_PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
-    "swarm": (
-        SwarmConfig,
-        {
-            "inertia": ("--inertia", "pso: share of its velocity that a particle keeps"),
-            "cognitive": ("--cognitive", "pso: pull of a particle's own best"),
-            "social": ("--social", "pso: pull of the best of all"),
-        },
-    ),
-    "sir": (
-        SirConfig,
-        {"sigma_z": ("--sigma-z", "sir: of Rymut eq. (2.42), 0 for one found in each frame")},
-    ),
-    "features": (
-        FeatureConfig,
-        {
-            "edges": ("--edges", f"image objectives: {', '.join(EDGE_KINDS)}"),
-            "proximity": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
-            "farthest": ("--edge-reach", "image objectives: px of 640 at which it is 0"),
-        },
-    ),
-}
 
 
 def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "track", run, "Reconstruct and track a person, frame by frame.")
-    add_sequence_flags(parser)
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    add_sequence_flags(parser, several=True)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="folder for the results; of several takes each has its own in it, by its name",
+    )
     parser.add_argument(
         "--body",
         metavar="B",
@@ -115,71 +71,15 @@ def register(commands: argparse._SubParsersAction) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
+    parser.add_argument(
+        "--at-once",
+        type=int,
+        metavar="N",
+        help="of several takes, work on N at a time "
+        f"(default: {AT_ONCE_GPU} on a GPU, else {AT_ONCE_CPU})",
+    )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)
-
-
-def add_method_flags(
-    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel"
-) -> None:
-    """--method and --objective with their defaults, and the flags of their settings."""
-    parser.add_argument(
-        "--method",
-        default=method,
-        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
-        f"(default: {method})",
-    )
-    parser.add_argument(
-        "--objective",
-        default=objective,
-        help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
-        f"which need no reconstruction (default: {objective})",
-    )
-    parser.add_argument(
-        "--likelihood",
-        metavar="A,B=W",
-        help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
-        "it is not the usual one; Song et al.'s is edge,silhouette; colour needs pictures "
-        f"(default: {','.join(TERMS[:4])})",
-    )
-    group = parser.add_argument_group("search")
-    rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
-    for config, flags in rows:
-        defaults = {field.name: field.default for field in fields(config)}
-        for name, (flag, what) in flags.items():
-            group.add_argument(
-                flag,
-                dest=name,
-                type=type(defaults[name]),
-                help=f"{what} (default: {_default(name, defaults[name])})",
-            )
-
-
-def _default(name: str, value: object) -> str:
-    """A default as --help shows it: where methods differ, with theirs."""
-    others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
-    if name in _WEIGHTS:
-        others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
-    return ", ".join([str(value), *others])
-
-
-def chosen_method(args: argparse.Namespace) -> Method:
-    """What the flags of `add_method_flags` choose. Raises UserError."""
-
-    def given(names: Iterable[str]) -> dict[str, Any]:
-        return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-
-    images = args.objective != "voxel"
-    if images and args.likelihood is not None:
-        raise UserError(
-            f"--likelihood is the voxels'; expected none with --objective {args.objective}"
-        )
-    terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
-    settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
-    method = Method.of(args.method, args.objective, **settings)
-    image = replace(method.image, **given(_WEIGHTS)) if images else method.image
-    parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}
-    return replace(method, image=image, **parts)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -187,42 +87,131 @@ def run(args: argparse.Namespace) -> None:
     seeds = chosen_seeds(args, method)
     if args.height is not None and not 0.5 <= args.height <= 2.5:
         raise UserError(f"--height is {args.height}; expected 0.5 to 2.5 metres")
+    if args.at_once is not None and args.at_once < 1:
+        raise UserError(f"--at-once is {args.at_once}; expected at least 1")
+    if len(args.folders) == 1:
+        _run_one(args, method, seeds)
+    else:
+        _run_many(args, method, seeds)
+
+
+def _run_one(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+    job = argparse.Namespace(**vars(args), folder=args.folders[0])
     device = select_device(args.device)
-    sequence, _ = open_trusted(args, device)
-    frames = selected_frames(args, sequence)
-    given = first_pose(sequence, frames[0], args.body, args.init, args.convention)
-    selection = slice(frames.start, frames.stop, frames.step)
-    grid = None
-    if method.uses_voxels or given is None:
-        grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
-    if given is None:
-        assert grid is not None
-        given = found_start(device, sequence, grid, selection, args)
-    body, pose = given
-    bar = progress_bar()
-    task = bar.add_task("tracking", total=len(frames))
-
-    def advance() -> None:
-        bar.start()  # not before the first frame: an error must stay a single line
-        bar.advance(task)
-
+    bar = progress_bar()  # which the first frame starts
+    line = TakeLine(bar)
     try:
-        tracks = track_seeds(
-            device, sequence, grid, body, pose, method, seeds,
-            selection=selection, progress=advance,
-        )  # fmt: skip
+        take = _tracked(job, device, method, seeds, line)
+        _draw_overlays(job, take, seeds, line)
     finally:
         if bar.live.is_started:  # stopping prints a line
             bar.stop()
-    for seed, track in zip(seeds, tracks, strict=True):
-        folder = args.output if args.seeds is None else args.output / f"seed{seed}"
-        write_pose(folder / "start.txt", pose)
-        write_track(folder, sequence, track, body, overlay=not args.no_overlay)
-        tell_of(track, len(frames), folder)
-    if len(tracks[0]) < len(frames):
+    for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
+        tell_of(track, line.n_frames, folder)
+    if len(take.tracks[0]) < line.n_frames:
         raise KeyboardInterrupt
-    if len(tracks) > 1:
-        tell_spread(sequence, tracks)
+    for said in spread_of(take):
+        stdout.print(said)
+
+
+def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+    """Every folder into its own, some at once; a table of all, also of interrupted ones. Raises
+    UserError if one failed."""
+    if args.init is not None:
+        raise UserError("--init is the first pose of one take; expected none with several")
+    names = take_names([Path(folder) for folder in args.folders])
+    device = select_device(args.device)
+    report, bar = TakeReport(names), progress_bar()
+    overall = bar.add_task("takes", total=len(names))
+
+    def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
+        name = names[number]
+        place = {"folder": args.folders[number], "output": args.output / name}
+        job = argparse.Namespace(**{**vars(args), **place})
+        with closing(TakeLine(bar, name, check)) as line:
+            take = _tracked(job, own, method, seeds, line)
+            report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
+            if len(take.tracks[0]) < line.n_frames:
+                raise KeyboardInterrupt
+            _draw_overlays(job, take, seeds, line)
+
+    try:
+        with bar, closing(at_once(device, work, len(names), args.at_once)) as outcomes:
+            for number, outcome in outcomes:
+                if isinstance(outcome, UserError):
+                    report.failed(names[number], outcome)
+                stderr.print(report.line(names[number]), markup=False, soft_wrap=True)
+                bar.advance(overall)
+    finally:
+        report.show()
+    if report.errors:
+        failed = ", ".join(report.errors)
+        raise UserError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
+
+
+def _tracked(
+    args: argparse.Namespace,
+    device: Device | NumpyDevice,
+    method: Method,
+    seeds: list[int],
+    line: TakeLine,
+) -> Take:
+    """The take in `args.folder`, its files written but for the overlays."""
+    sequence, _ = open_trusted(args, device)
+    frames = selected_frames(args, sequence)
+    line.n_frames = len(frames)
+    template, own_shape = template_of(args)
+    take = track_take(
+        device,
+        sequence,
+        method,
+        seeds,
+        given=first_pose(sequence, frames[0], args.body, args.init, args.convention),
+        template=template,
+        keep_shape=own_shape,
+        height=args.height,
+        voxel_size=args.voxel_size,
+        selection=slice(frames.start, frames.stop, frames.step),
+        progress=line,
+    )
+    if take.start is not None:
+        tell_doubts(sequence, take.start)
+    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+        write_pose(folder / "start.txt", take.pose)
+        write_files(folder, track, take.body)
+    return take
+
+
+def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: TakeLine) -> None:
+    """overlay.mp4 beside the other files of every seed, unless the flags say none."""
+    if args.no_overlay:
+        return
+    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+        line.begin("overlay")
+        write_overlay(
+            folder / "overlay.mp4", take.sequence, track, take.body, lambda: line("overlay")
+        )
+
+
+def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
+    """Where the files of every seed's run go."""
+    if args.seeds is None:
+        return [args.output]
+    return [args.output / f"seed{seed}" for seed in seeds]
+
+
+def take_names(folders: list[Path]) -> list[str]:
+    """A name for each of the takes: its folder's, with as many of the folders above as it takes to
+    tell them apart. Raises UserError if one is given twice."""
+    paths = [folder.resolve() for folder in folders]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise UserError(f"{path} is given twice; expected different takes")
+    depth, names = 1, [path.name for path in paths]
+    while len(set(names)) < len(names):
+        depth += 1
+        names = ["_".join(path.parts[-depth:]) for path in paths]
+    return names
 
 
 def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
@@ -248,79 +237,20 @@ def tell_of(track: Track, n_frames: int, folder: Path) -> None:
         stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
 
 
-def tell_spread(sequence: Sequence, tracks: list[Track]) -> None:
-    """Print how far the runs differ and, where the sequence has its truth, how far they err."""
+def spread_of(take: Take) -> list[str]:
+    """How far several runs differ and, where the sequence has its truth, how far they err."""
+    tracks = take.tracks
+    if len(tracks) == 1:
+        return []
     joints = np.stack([track.joints for track in tracks])
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
-    stdout.print(f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean")
-    truth = sequence.folder / "truth.npz"
+    said = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
+    truth = take.sequence.folder / "truth.npz"
     if truth.exists():
         errors = [1000 * evaluate(track, load_truth(truth)).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
-        stdout.print(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
-
-
-def first_pose(
-    sequence: Sequence, frame: int, body_name: str | None, init: Path | None, convention: str
-) -> tuple[BodyModel, np.ndarray] | None:
-    """The body to track and its pose (D,) in the first `frame`, or None if there is none given.
-
-    Raises UserError.
-    """
-    own = body_name is None and is_bodytrack(sequence.folder)
-    body = read_body(sequence.folder) if own else load_body(body_name or "song31")
-    if init is None:
-        return (body, body.rest_pose) if own else None
-    if init.suffix.lower() not in (".npz", ".trc"):
-        return body, read_pose(init, body)
-    truth = load_truth(init, convention)
-    rows = np.flatnonzero(truth.frames == frame)
-    if not rows.size:
-        raise UserError(f"{init}: no joints for frame {frame}, the first to be tracked")
-    joints = {
-        name: truth.joints[rows[0], place]
-        for name, place in match_joints(truth.joint_names).items()
-    }
-    body, pose, _ = fit_to_joints(body, joints)
-    return body, pose
-
-
-def found_start(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    grid: VoxelGrid,
-    selection: slice,
-    args: argparse.Namespace,
-) -> tuple[BodyModel, np.ndarray]:
-    """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
-    own_shape = args.body is not None and Path(args.body).suffix == ".toml"
-    template = load_body(args.body or "song31")
-    found = start_of(
-        device,
-        sequence,
-        grid,
-        template,
-        selection,
-        height=args.height,
-        keep_shape=own_shape,
-        seed=args.seed or 0,
-    )
-    if found.rival < _DOUBT:
-        stderr.print(
-            "it is not sure which way the person looks: another fits the voxels nearly as well"
-        )
-    return found.body, found.pose
-
-
-def write_track(
-    folder: Path, sequence: Sequence, track: Track, body: BodyModel, overlay: bool = True
-) -> None:
-    """The files of `write_files`, and overlay.mp4, into `folder`."""
-    write_files(folder, track, body)
-    if overlay:
-        with progress_bar() as bar:
-            task = bar.add_task("overlay", total=len(track))
-            write_overlay(folder / "overlay.mp4", sequence, track, body, lambda: bar.advance(task))
+        said.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
+    return said
 
 
 def write_files(folder: Path, track: Track, body: BodyModel) -> None:

@@ -23,14 +23,16 @@ _KEYS = (
 
 
 def add_sequence_flags(
-    parser: argparse.ArgumentParser, frames: bool = True, fps: bool = True
+    parser: argparse.ArgumentParser, frames: bool = True, fps: bool = True, several: bool = False
 ) -> None:
-    """The positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps."""
+    """The positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
+    takes several folders, as `folders`."""
     parser.set_defaults(fps=None)
     # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
     # argument looks like a negative number, by this pattern.
     parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
-    parser.add_argument("folder", metavar="FOLDER", help="folder with calibrated views")
+    name, count = ("folders", "+") if several else ("folder", None)
+    parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
     group = parser.add_argument_group(
         "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
     )
@@ -113,7 +115,10 @@ def open_trusted(
     if not bad:
         return sequence, []
     for suspect in bad:
-        stderr.print(f"[yellow]warning:[/] left out: {escape(str(suspect))}", soft_wrap=True)
+        stderr.print(
+            f"[yellow]warning:[/] {escape(sequence.name)}: left out: {escape(str(suspect))}",
+            soft_wrap=True,
+        )
     named = {suspect.camera for suspect in bad}
     args.cameras = [name for name in sequence.rig.names if name not in named]
     return open_sequence(args), bad

@@ -1,0 +1,80 @@
+"""Where a command's tracking starts: from what the flags state, else from what is found."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import BodyModel, load_body
+from apf.bodytrack import is_bodytrack, read_body
+from apf.evaluate import load_truth
+from apf.initial import fit_to_joints, read_pose
+from apf.joint_names import match_joints
+from apf.start import start_of
+from apf.start.find import Start
+from cl import Device, NumpyDevice, UserError
+from psfs.commandline import stderr
+from psfs.grid import VoxelGrid
+from psfs.sequence import Sequence
+
+
+def first_pose(
+    sequence: Sequence, frame: int, body_name: str | None, init: Path | None, convention: str
+) -> tuple[BodyModel, np.ndarray] | None:
+    """The body to track and its pose (D,) in the first `frame`, or None if there is none given.
+
+    Raises UserError.
+    """
+    own = body_name is None and is_bodytrack(sequence.folder)
+    body = read_body(sequence.folder) if own else load_body(body_name or "song31")
+    if init is None:
+        return (body, body.rest_pose) if own else None
+    if init.suffix.lower() not in (".npz", ".trc"):
+        return body, read_pose(init, body)
+    truth = load_truth(init, convention)
+    rows = np.flatnonzero(truth.frames == frame)
+    if not rows.size:
+        raise UserError(f"{init}: no joints for frame {frame}, the first to be tracked")
+    joints = {
+        name: truth.joints[rows[0], place]
+        for name, place in match_joints(truth.joint_names).items()
+    }
+    body, pose, _ = fit_to_joints(body, joints)
+    return body, pose
+
+
+def template_of(args: argparse.Namespace) -> tuple[BodyModel, bool]:
+    """The body whose size is to be found, and whether it, from a file, is the person's own."""
+    own_shape = args.body is not None and Path(args.body).suffix == ".toml"
+    return load_body(args.body or "song31"), own_shape
+
+
+def found_start(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    grid: VoxelGrid,
+    selection: slice,
+    args: argparse.Namespace,
+) -> tuple[BodyModel, np.ndarray]:
+    """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
+    template, own_shape = template_of(args)
+    found = start_of(
+        device,
+        sequence,
+        grid,
+        template,
+        selection,
+        height=args.height,
+        keep_shape=own_shape,
+        seed=args.seed or 0,
+    )
+    tell_doubts(sequence, found)
+    return found.body, found.pose
+
+
+def tell_doubts(sequence: Sequence, start: Start) -> None:
+    """Print what speaks against the start that was found."""
+    for doubt in start.doubts:
+        stderr.print(f"{sequence.name}: {doubt}", markup=False, soft_wrap=True)
