@@ -1,7 +1,6 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood.py.
 // Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
 // are in local memory at once, at most GROUP.
-#include "kinematics.h"
 #include "packed_cones.h"
 
 #define OUTLINE_FLOATS 8
@@ -179,12 +178,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     __local samples partial[GROUP];
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
     for (int r = lane; r < N_ROWS; r += GROUP) rows[r] = row_table[r];
-    take_body(table, body);
-    take_pose(poses, first, n_particles, body, turns);
-    pose_bones(turns, body, frames, 0);
-    place_cones(body, frames, cones);
-    for (int c = lane; c < N_CONES; c += GROUP)
-        cone_span(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
+    take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
 
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)

@@ -1,6 +1,5 @@
 // What colour each part of the body has, and how badly poses go with it; twin:
 // reference/limb_colours.py. Defines: those of kinematics.h; DARK, grey levels; LEAST_SAMPLES.
-#include "kinematics.h"
 #include "packed_cones.h"
 #include "reduction.h"
 
@@ -34,20 +33,6 @@ __kernel void compare(int n_points, float scale, __global const float4 *samples,
     const float x = (sample.x - part.x) / scale, y = (sample.y - part.y) / scale;
     const float d2 = x * x + y * y;
     costs[k * N_CONES + c] = sample.z > 0.0f && part.z > 0.0f ? d2 / (1.0f + d2) : 0.0f;
-}
-
-// The cones of particles from `first` on in the world, and their spans.
-inline void take_cones(__global const float *table, __global const float *poses, int first,
-                       int n_particles, __local float *body, __local vfloat *turns,
-                       __local vfloat *frames, __local vfloat *cones, __local vfloat *spans)
-{
-    take_body(table, body);
-    take_pose(poses, first, n_particles, body, turns);
-    pose_bones(turns, body, frames, 0);
-    place_cones(body, frames, cones);
-    for (int c = get_local_id(0); c < N_CONES; c += GROUP)
-        cone_span(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
-    barrier(CLK_LOCAL_MEM_FENCE);
 }
 
 // Adds to the errors `weight` times the mean cost of the samples (every `stride`-th from `first`)

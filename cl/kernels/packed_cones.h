@@ -1,7 +1,7 @@
 // Posed cones of a pack of particles in local memory; CONE_FLOATS numbers each as cones.h has them.
-// Twin: apf/reference/cones.py.
+// Twin: apf/reference/cones.py. Defines: those of kinematics.h.
 #include "camera.h"
-#include "pack.h"
+#include "kinematics.h"
 
 // What distances need beside the cone, SPAN_FLOATS numbers: (axis, -axis . A) / axis . axis, whose
 // product with a point says how far along it is; axis . axis; growth of the radius; -X . A; -Y . A.
@@ -20,6 +20,20 @@ inline void cone_span(__local const vfloat *cone, __local vfloat *span)
     span[5] = cone[7] - cone[3];
     span[6] = -inner(load_point(cone + 8), a);
     span[7] = -inner(load_point(cone + 12), a);
+}
+
+// The cones of the particles from `first` on in the world, and their spans.
+inline void take_cones(__global const float *table, __global const float *poses, int first,
+                       int n_particles, __local float *body, __local vfloat *turns,
+                       __local vfloat *frames, __local vfloat *cones, __local vfloat *spans)
+{
+    take_body(table, body);
+    take_pose(poses, first, n_particles, body, turns);
+    pose_bones(turns, body, frames, 0);
+    place_cones(body, frames, cones);
+    for (int c = get_local_id(0); c < N_CONES; c += GROUP)
+        cone_span(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS);
+    barrier(CLK_LOCAL_MEM_FENCE);
 }
 
 // Signed distance from `point` to the cone's surface, negative inside; the ends are rounded.
