@@ -179,17 +179,24 @@ class ParticleSet:
             self.result,
         )
 
-    def settle(self, shift: Array) -> Launch:
-        """End the frame: the next one's particles move by `shift` (R, D) and the motion."""
+    def settle(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
+        """End the frame: the next one's particles move by `shift` (R, D) and the motion. `report`
+        (n,) gets all that the host reads: `result`, `information` (R, ..) and `misfit` (R,)."""
         return self.device.launch(
             self._kernel("settle"),
-            (self.n_dof, self.n_runs),
+            (self.result.size + information.size + misfit.size,),
             None,
+            np.int32(self.n_runs),
             np.float32(self.config.velocity),
+            np.int32(self.result.size),
+            np.int32(information.size),
             self.frame,
             self.result,
             shift,
+            information,
+            misfit,
             self._motion,
+            report,
         )
 
     def _kernel(self, name: str) -> object:

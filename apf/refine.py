@@ -33,14 +33,14 @@ class Refinement:
         self.config = config
         self.n_poses = n_poses
         n = body.n_dof
-        block = 32 if device.is_gpu else 128
+        block = 64 if device.is_gpu else 128
         self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack
-        self._check_room(4 * row * (n + block + 7))
         self._n_parts = -(-config.n_points // block)
         self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
+        self._check_room(row)
         moves = np.zeros((len(body.cones), row), np.float32)
         moves[:, :n] = cone_moves(body) > 0
         self._moves = device.to_device(moves)
@@ -124,8 +124,13 @@ class Refinement:
         group = (self._defines["GROUP"], *[1] * (len(size) - 1))
         return self.device.launch(kernel, size, group, *args)
 
-    def _check_room(self, nbytes: int) -> None:
-        room = self.device.handle.local_mem_size
+    def _check_room(self, row: int) -> None:
+        """row: floats per row of the linear system. The kernel's arrays: `workspace` and system."""
+        body, defines = self.body, self._defines
+        packs = 8 * body.n_dof + 12 * len(body.bones) + 24 * len(body.cones)
+        floats = defines["PACK"] * packs + row * (7 + defines["BLOCK"] + body.n_dof)
+        floats += 9 * defines["BLOCK"] + defines["GROUP"] + self._body.size
+        nbytes, room = 4 * floats, self.device.handle.local_mem_size
         if nbytes > room:
             raise UserError(
                 f"refining the {self.body.n_dof} degrees of freedom of the body {self.body.name} "

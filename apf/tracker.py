@@ -66,9 +66,8 @@ class Tracker:
         self.scorer = scorer
         self._particles = particles
         self._alternatives = Alternatives(device, body, scorer, config, particles.seeds)
-        self._misfit: Array | None = getattr(scorer, "misfit", None)
-        if self._misfit is None:
-            self._misfit = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
+        unknown = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
+        self._misfit: Array = getattr(scorer, "misfit", unknown)
         size = particles.result.size + self._alternatives.information.size + particles.n_runs
         self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
@@ -110,9 +109,10 @@ class Tracker:
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
+            self.device.wait_for(queue)
+            self.observe(observation)
             if under_way is not None:
                 yield under_way()
-            self.observe(observation)
             with self.device.on(queue):
                 under_way = self._begin_search()
         if under_way is not None:
@@ -146,29 +146,14 @@ class Tracker:
         """A frame that starts from the particles in set `source`."""
         particles, result = self._particles, self._particles.result
         launches = self._search(source)
-        launches += self._alternatives.launcher(particles.frame, result)
-        launches.append(particles.settle(self._alternatives.shift))
+        alternatives = self._alternatives
+        launches += alternatives.launcher(particles.frame, result)
         if hasattr(self.scorer, "misfit_launcher"):
             launches += self.scorer.misfit_launcher(result)
         if hasattr(self.scorer, "learner"):
             launches += self.scorer.learner(result)
-        return [*launches, self._gather()]
-
-    def _gather(self) -> Launch:
-        """Everything that the host reads into one array."""
-        result, information = self._particles.result, self._alternatives.information
-        return self.device.launch(
-            self.device.kernel("report", "gather"),
-            (self._report.size,),
-            None,
-            np.int32(result.size),
-            np.int32(information.size),
-            np.int32(self._particles.n_runs),
-            result,
-            information,
-            self._misfit,
-            self._report,
-        )
+        told = (alternatives.information, self._misfit, self._report)
+        return [*launches, particles.settle(alternatives.shift, *told)]
 
     def _search(self, source: int) -> list[Launch]:
         raise NotImplementedError

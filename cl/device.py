@@ -6,7 +6,6 @@ import copy
 import logging
 import math
 import re
-import threading
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
@@ -143,9 +142,7 @@ class Device:
             raise UserError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._programs: dict[tuple[str, str], Any] = {}
-        # Shared by siblings, as a list and a lock are: bytes, and who is building.
-        self._allocated = [0]
-        self._building = threading.Lock()
+        self._allocated = 0
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
@@ -168,15 +165,16 @@ class Device:
         """A queue besides the device's own, for `on`."""
         return pyopencl.CommandQueue(self.context, properties=self.queue.properties)
 
+    def wait_for(self, queue: Any) -> None:
+        """What the device's own queue gets from now on waits for all that `queue` holds."""
+        _behind(self.queue, queue)
+
     @contextmanager
     def on(self, queue: Any) -> Iterator[None]:
         """What is enqueued in the meantime goes to `queue`, and waits for all that the device's
         own holds by now; what the own gets afterwards does not wait for it."""
         own = self.queue
-        if queue is not own:
-            before = pyopencl.enqueue_marker(own)
-            own.flush()
-            pyopencl.enqueue_barrier(queue, wait_for=[before])
+        _behind(queue, own)
         self.queue = queue
         try:
             yield
@@ -206,7 +204,7 @@ class Device:
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
         array = Array(self, buffer, shape, dtype)
-        self._allocated[0] += nbytes
+        self._allocated += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array
 
@@ -225,7 +223,7 @@ class Device:
     def require_memory(self, nbytes: int, what: str) -> None:
         """Raise UserError unless `nbytes` more can be allocated, in one piece."""
         largest = self.handle.max_mem_alloc_size
-        free = self.info.memory - self._allocated[0]
+        free = self.info.memory - self._allocated
         if nbytes > min(largest, free):
             raise UserError(
                 f"{what} needs {_megabytes(nbytes)}, but {self.name} has "
@@ -233,7 +231,7 @@ class Device:
             )
 
     def _release(self, nbytes: int) -> None:
-        self._allocated[0] -= nbytes
+        self._allocated -= nbytes
 
     # Kernels --------------------------------------------------------------------------------
 
@@ -276,13 +274,12 @@ class Device:
     def _program(self, stage: str, defines: Mapping[str, Define]) -> Any:
         options = " ".join(f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
         key = (stage, options)
-        with self._building:
-            if key not in self._programs:
-                started = time.perf_counter()
-                program = pyopencl.Program(self.context, kernel_source(stage))
-                # No -cl-fast-relaxed-math: the twins are compared to float rounding.
-                self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
-                log.info("built %s in %.2f s", stage, time.perf_counter() - started)
+        if key not in self._programs:
+            started = time.perf_counter()
+            program = pyopencl.Program(self.context, kernel_source(stage))
+            # No -cl-fast-relaxed-math: the twins are compared to float rounding.
+            self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
+            log.info("built %s in %.2f s", stage, time.perf_counter() - started)
         return self._programs[key]
 
 
@@ -317,6 +314,14 @@ class Launch:
     def set_arg(self, index: int, value: Any) -> None:
         """Change one argument between calls."""
         self.kernel.set_arg(index, value.buffer if isinstance(value, Array) else value)
+
+
+def _behind(later: Any, first: Any) -> None:
+    """What the queue `later` gets from now on waits for all that `first` holds."""
+    if later is not first:
+        done = pyopencl.enqueue_marker(first)
+        first.flush()
+        pyopencl.enqueue_barrier(later, wait_for=[done])
 
 
 def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:

@@ -86,7 +86,6 @@ class Foreground:
             self._position = position
             self._geometry.set(np.array(position, np.float32))
             self._extents.set(footprints(self._coarse, grid.voxel_size).astype(np.float32))
-        self._counts.fill(0)
         self.marks.fill(0)
         for launch in self._launches:
             launch()
@@ -122,7 +121,7 @@ class Foreground:
                 *(*seen, self.place, self._counts),
             ),
             launch("fade", (n_bins + 1,), (64,), self._counts, self._memory),
-            launch("colour_table", (n_bins,), (64,), self._memory, self.colours),
+            launch("colour_table", (n_bins + 1,), (64,), self._memory, self.colours, self._counts),
         ]
 
     def _defines(self, voxels: Voxels) -> dict[str, int | float]:

@@ -266,7 +266,12 @@ def test_runs_do_not_mix(device: Device) -> None:
     particles.estimate(0)()
     means, deviations = particles.result.get()[: 6 * SONG.n_dof].reshape(2, 3, -1)
     shift = random.normal(size=means.shape).astype(np.float32)
-    particles.settle(device.to_device(shift))()
+    information, misfit = (random.random(k).astype(np.float32) for k in (3 * 496, 3))
+    told = [device.to_device(array) for array in (shift, information, misfit)]
+    report = device.empty(particles.result.size + 3 * 496 + 3, np.float32)
+    particles.settle(*told, report)()
+    expected = np.r_[particles.result.get(), information, misfit]
+    np.testing.assert_array_equal(report.get(), expected)
     drift = particles._motion.get()[..., 1]
     for run, (seed, frame) in enumerate(zip(seeds, frames, strict=True)):
         ess, beta, least = diagnostics[run]

@@ -298,13 +298,20 @@ void estimate(int n, __global const float *weights, __global const float *poses,
 // Ends a frame: what to add to the particles before the next one, which is how far the estimate
 // was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
 // motion: runs x N_DOF x (last estimate, what to add).
-__kernel void settle(float velocity, __global const uint *frames, __global const float *result,
-                     __global const float *shift, __global float2 *motion)
+// report: all that the host reads: result (n_result), information (n_information), misfits (n_runs).
+__kernel void settle(int n_runs, float velocity, int n_result, int n_information,
+                     __global const uint *frames, __global const float *result,
+                     __global const float *shift, __global const float *information,
+                     __global const float *misfits, __global float2 *motion,
+                     __global float *report)
 {
-    const int dof = get_global_id(0), run = get_global_id(1), place = run * N_DOF + dof;
-    if (dof >= N_DOF) return;
-    const float pose = result[place];
+    const int id = get_global_id(0), place = id - n_result - n_information;
+    if (id < n_result) report[id] = result[id];
+    else if (place < 0) report[id] = information[id - n_result];
+    else if (place < n_runs) report[id] = misfits[place];
+    if (id >= n_runs * N_DOF) return;
+    const float pose = result[id];
     // The first frame's change is the start's error, not a motion.
-    const float change = frames[run] > 1 ? pose - motion[place].x : 0.0f;
-    motion[place] = (float2)(pose, shift[place] + velocity * change);
+    const float change = frames[id / N_DOF] > 1 ? pose - motion[id].x : 0.0f;
+    motion[id] = (float2)(pose, shift[id] + velocity * change);
 }

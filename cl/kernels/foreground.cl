@@ -70,10 +70,12 @@ __kernel void fade(__global const int *restrict counts, __global float *restrict
 
 // Log density of the person's colours over the uniform one, in 1 / STEPS nats. The histogram is
 // blurred by (1 2 1) / 4 along each channel, mixed with PRIOR samples of every colour alike, and
-// keeps a share UNIFORM of colours never seen.
-__kernel void colour_table(__global const float *restrict memory, __global char *restrict table)
+// keeps a share UNIFORM of colours never seen. The counts are cleared for the next frame.
+__kernel void colour_table(__global const float *restrict memory, __global char *restrict table,
+                           __global int *restrict counts)
 {
     const int bin = get_global_id(0);
+    if (bin <= N_BINS) counts[bin] = 0;
     if (bin >= N_BINS) return;
     const int b = bin / (BINS * BINS), g = bin / BINS % BINS, r = bin % BINS;
     float sum = 0.0f;

@@ -34,7 +34,6 @@ _OF_COMMAND = {
     "upload": "upload",
     "copy": "upload",
     "download": "download",
-    "gather": "download",
     "smooth": "smoothing",
 }
 #: Floating-point operations: per pixel of a silhouette; per projection of a point by a camera
