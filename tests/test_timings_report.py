@@ -21,7 +21,7 @@ from timings.report_readme import update_readme
 from timings.results import Results, read_results
 from timings.stages import PARTS, stage_of
 from timings.tables import number
-from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times
+from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 from timings.whole_tables import papers, table_3
 
 from apf.body import load_body
@@ -47,8 +47,11 @@ def column(kind: str, label: str, cores: int | None, ms: float, n: int) -> dict[
     run = {"frames": times(ms, n), "error_mm": 25.0, "surface_voxels": 9000.0}
     if kind == "numpy":
         run["parts"] = {part: times(ms / 3, n) for part in ("reconstruction", "colour", "tracking")}
-    return {"label": label, "kind": kind, "cores": cores, "setup_ms": 900.0,
+    made = {"label": label, "kind": kind, "cores": cores, "setup_ms": 900.0,
             "first_frame_ms": 2 * ms, "runs": [run] * 3, "streamed": times(ms, 1)}  # fmt: skip
+    if kind != "numpy":
+        made["to_pose"] = {"frames": times(ms / 2, 5), "error_mm": 26.0}
+    return made
 
 
 def measured(folder: Path) -> Path:
@@ -144,6 +147,8 @@ def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> Non
     assert "84.845207" in text  # Song's GPU
     assert "| OpenCL GPU, Some GPU | 9.00 | 9.00 | 9.00 | 9.00 | 200 |" in text
     assert "399.2868 x" in text
+    assert "| OpenCL GPU, Some GPU, streamed | 4.02 | 4.01 | 4.03 | 5 | 249 | 26.0 |" in text
+    assert "NumPy, one thread, streamed" not in text
     rows = {row[0]: row[1] for row in table_3(machines[0].results["whole"]).rows}
     assert rows["OpenCL CPU, 4 cores : OpenCL CPU, one core"] == "2.49 x"
     # One file: every figure is inside, nothing is fetched.
@@ -182,6 +187,8 @@ def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
     assert text.endswith("\nafter\n")
     assert "old" not in text
     assert "OpenCL GPU, Some GPU | 9.00 |" in text
+    assert "OpenCL GPU, Some GPU, streamed | 4.02 | 249 | 1,990 x |" in text
+    assert "Streamed: from page-locked pictures" in text
     update_readme(readme, machines)
     assert readme.read_text() == text
     readme.write_text("no marks")
@@ -222,6 +229,9 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert len(ours["frames"].samples) == len(twins["frames"].samples) == 2
     assert ours["surface_voxels"] == pytest.approx(twins["surface_voxels"], rel=0.02)
     assert ours["error_mm"] == pytest.approx(twins["error_mm"], abs=25)
+    streamed = stream_run(WholeFrame(device, problem), problem.scene.pinned(device), 3)
+    assert len(streamed["frames"].samples) == 3 and min(streamed["frames"].samples) > 0
+    assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)
     profiled = Device(device.handle, profile=True)
     stages = stage_times(WholeFrame(profiled, problem), 1, warm_up=1)
     busy = {"silhouette", "occupancy", "smoothing", "surface", "colour", "reprojection",

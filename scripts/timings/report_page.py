@@ -23,6 +23,8 @@ from timings.whole_tables import (
     columns,
     papers,
     stage_table,
+    stream_table,
+    streams,
     table_2,
     table_3,
     table_4,
@@ -184,6 +186,11 @@ def _song(machines: Sequence[Machine]) -> str:
     ]  # fmt: skip
     each = [(machine, machine.results["whole"]) for machine in machines]
     parts += [table_2(results, machine.title).markdown() for machine, results in each]
+    parts += [
+        stream_table(results, machine.title).markdown()
+        for machine, results in each
+        if streams(results)
+    ]
     parts += ["### Song table 3"]
     parts += [table_3(results, machine.title).markdown() for machine, results in each]
     parts += ["### Song table 4", figure("per_frame", "Time of each frame, ours and Song's")]

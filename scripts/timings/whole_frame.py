@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
@@ -117,6 +117,24 @@ def sequence_run(whole: WholeFrame, frames: int, seconds: float = np.inf) -> dic
         parts = {"reconstruction": reconstruction, "colour": colour, "tracking": tracking}
         result["parts"] = {part: Timing(tuple(ms)) for part, ms in parts.items()}
     return result
+
+
+def stream_run(
+    whole: WholeFrame, shown: Sequence[Frame], frames: int, seconds: float = np.inf
+) -> dict[str, Any]:
+    """One run through the pictures in `shown` as a stream, pictures to poses: ms from one pose to
+    the next, mean error. Each frame is uploaded and reconstructed while the one before is searched
+    for; no cloud is downloaded. Ends early when `seconds` have passed."""
+    whole.tracker.start(whole.problem.pose)
+    stream = whole.tracker.stream(whole.reconstruct.stream(islice(playing(shown), frames + 1)))
+    poses, clock = [next(stream).pose], [time.perf_counter()]
+    for estimate in stream:
+        poses.append(estimate.pose)
+        clock.append(time.perf_counter())
+        if clock[-1] - clock[0] > seconds:
+            break
+    errors = [whole.problem.error_mm(place, pose) for place, pose in enumerate(poses)]
+    return {"frames": Timing(tuple(1e3 * np.diff(clock))), "error_mm": float(np.mean(errors))}
 
 
 def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:

@@ -47,6 +47,7 @@ def average(column: Any) -> float:
 
 def print_report(results: Results) -> None:
     table_2(results).show()
+    stream_table(results).show()
     table_3(results).show()
     for stages in results.starting("stages "):
         stage_table(stages).show()
@@ -76,6 +77,28 @@ def table_2(results: Results, where: str = "Song table 2") -> Grid:
         "Each run's first frame, which is worked on twice, is left out of our averages; the "
         "error is the mean distance of the joints to the truth.",
     )
+
+
+def streams(results: Results) -> list[tuple[str, Any]]:
+    """(title, run) of the programs whose frames were streamed to the pose."""
+    found = columns(results)
+    return [(f"{title}, streamed", c["to_pose"]) for title, c in found if "to_pose" in c]
+
+
+def stream_table(results: Results, where: str = "Streamed") -> Grid:
+    """Time from pose to pose where frames follow each other as fast as they can."""
+    rows = []
+    for title, run in streams(results):
+        ms = run["frames"]
+        rows.append([title, *map(number, (ms.median, ms.low, ms.high)), str(len(ms.samples)),
+                     f"{1e3 / ms.median:,.3g}", number(run["error_mm"])])  # fmt: skip
+    return Grid(
+        f"{where}: pictures in page-locked memory to poses",
+        ["program", "median, ms", "lower quartile", "upper quartile", "frames", "frames/s",
+         "error, mm"], rows,
+        "By the clock, from one pose to the next, on the host. A frame is uploaded and "
+        "reconstructed while the one before is searched for; no voxels are downloaded.",
+    )  # fmt: skip
 
 
 def table_3(results: Results, where: str = "Song table 3") -> Grid:

@@ -33,7 +33,14 @@ from timings.measure import (
 )
 from timings.results import Results, add_timing_flags
 from timings.stages import reconstruction_work, tracking_work
-from timings.whole_frame import Problem, WholeFrame, make_problem, sequence_run, stage_times
+from timings.whole_frame import (
+    Problem,
+    WholeFrame,
+    make_problem,
+    sequence_run,
+    stage_times,
+    stream_run,
+)
 from timings.whole_tables import print_report
 
 #: Song et al.: frames of a run, and runs.
@@ -121,9 +128,9 @@ def column(
     whole = WholeFrame(device, problem)
     first = sequence_run(whole, 3)["frames"].samples[0]
     runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
-    held = playing(problem.scene.pinned(device))
+    held = problem.scene.pinned(device)
     per_run = len(runs[-1]["frames"].samples)
-    streamed = timed(lambda: whole.streamed(islice(held, per_run)), 1, warm_up=0)
+    streamed = timed(lambda: whole.streamed(islice(playing(held), per_run)), 1, warm_up=0)
     return {
         "label": place.label,
         "kind": device.info.kind,
@@ -132,6 +139,7 @@ def column(
         "first_frame_ms": first,
         "runs": runs,
         "streamed": Timing(tuple(ms / per_run for ms in streamed.samples)),
+        "to_pose": stream_run(whole, held, per_run, seconds),
     }
 
 
