@@ -16,8 +16,8 @@ from timings.whole_tables import average, columns, papers, streams
 _BEGIN, _END = "<!-- timings: begin -->", "<!-- timings: end -->"
 #: What the rows of streamed frames are.
 _STREAMED = (
-    "Streamed: from page-locked pictures to the pose, each frame reconstructed while the one before "
-    "is searched for; the voxels stay on the device."
+    "Streamed: from page-locked pictures to the pose, each frame reconstructed while the one "
+    "before is searched for; the voxels stay on the device."
 )
 
 
