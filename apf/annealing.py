@@ -87,6 +87,13 @@ class ParticleSet:
             launches.append(self.estimate(source))
         return launches if last else [*launches, self.diffuse(layer + 1, source)]
 
+    def push(self, offset: np.ndarray) -> None:
+        """Move the next frame's particles by `offset` (D,), beside what else they move; waits for
+        the device."""
+        motion = self._motion.get()
+        motion[..., 1] += offset
+        self._motion.set(motion)
+
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
         launch = self.device.launch(

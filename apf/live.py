@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,36 +12,54 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import SIGMA_FPS
-from apf.live_budget import Cost, Governor, evaluations, sized
+from apf.live_budget import Governor
 from apf.live_sources import ACQUISITION, Newest, Shot, Source
 from apf.live_timeline import Timeline
 from apf.methods import Method, observer_of, tracker_of
+from apf.recovery import Judge
 from apf.tracker import Estimate
 from cl import Device
+from psfs.config import ReconstructionConfig, SilhouetteConfig
+from psfs.follow import MeanPlace
 from psfs.grid import VoxelGrid
+from psfs.reconstruct import Reconstructor
+from psfs.sequence import Frame
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
 
-#: A pose is searched for as widely as the time since the last one asks for, up to this, s.
-_LONGEST_GAP = 0.25
+#: A pose is searched for as widely as the time since the last good one asks for, up to this, s.
+_LONGEST_GAP = 0.5
 #: An error of image objectives (1 is no overlap at all) beyond which a pose is not believed.
 _NOTHING_SEEN = 0.9
-#: Evaluations of the searches whose time gives the cost of one.
-_PROBES = (960, 3000)
+#: Searches in the first frame that the cost of one is measured by, after one to compile.
+_PROBES = 2
 #: How much earlier than needed the processing begins, as a share of what it takes.
 _EARLY = 0.25
 #: Weight of the newest in the running means of durations.
 _SMOOTH = 0.2
+#: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
+_RECONSTRUCTION = ReconstructionConfig(SilhouetteConfig(look_again=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """A frame as the trackers observe it, and the mean place of its voxels (3,) m; None where there
+    are none."""
+
+    shot: Shot
+    observation: Any
+    place: np.ndarray | None
 
 
 @dataclass
 class LiveResult:
-    """frames: indices with a pose. estimates: theirs. sizes: (frame, particles, layers) from which
-    on a search of that size was used."""
+    """frames: indices with a pose. estimates: theirs. latencies: s from each frame's appearance to
+    its pose. sizes: (frame, particles, layers) from which on a search of that size was used."""
 
     frames: list[int] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
     sizes: list[tuple[int, int, int]] = field(default_factory=list)
 
 
@@ -51,8 +69,16 @@ class Live:
     Three threads hand over the newest frame and drop the older ones. The processing of a frame
     (features, or voxels) begins when the tracker is free, so that no frame waits or is worked on in
     vain; a GPU, which leaves the host's cores idle, gets the next frame just in time for the
-    tracker to be free when it ends. `budget`: frames per second to be reached, for which the size
-    of the search is chosen and adapted; None keeps that of `method`.
+    tracker to be free when it ends.
+
+    searches: one method in one size, or in several, ascending, of which the one is used that
+    `budget`, frames per second to be reached, leaves the time for; without a budget they are the
+    source's, where that is possible, see `Governor`. follow: voxels are looked for in a grid that
+    moves with the person.
+
+    From frame to frame the pose is searched for where the voxels have moved to. Estimates that do
+    not fit are lost, see `Judge`: they hold the last good pose, from which the next frame is
+    searched the more widely.
     """
 
     def __init__(
@@ -62,24 +88,32 @@ class Live:
         grid: VoxelGrid | None,
         body: BodyModel,
         pose: np.ndarray,
-        method: Method,
-        budget: float | None,
+        searches: Sequence[Method],
+        budget: float | None = None,
+        *,
+        follow: bool = False,
     ) -> None:
         self.device, self.source, self.body = device, source, body
         self.timeline = Timeline(STAGES)
         self.result = LiveResult()
-        self._grid, self._method, self._pose = grid, method, pose
+        self._grid, self._searches, self._pose = grid, searches, pose
+        self._judge = Judge()
+        self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
         self._overlaps = device.is_gpu
         self._processor = device.sibling()
-        self._observe = observer_of(self._processor, source, grid, method)
+        self._observe = self._observer(follow)
+        self._translation = translation(body)
         self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
-        self._ready = Newest(lambda pair: self.timeline.drop(TRACKING, pair[0].frame.index))
+        self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
         self._free, self._stop = threading.Event(), threading.Event()
         self._free.set()
         self._errors: list[BaseException] = []
-        self._free_at, self._processing_time, self._tracking_time = 0.0, 0.0, 0.0
+        self._free_at, self._processing_time = 0.0, 0.0
+        scene = (device, body, source.rig, grid)
+        self._trackers = [tracker_of(*scene, method) for method in searches]
         self._governor = self._prepared(budget)
-        self._tracker = self._started(self._method)
+        self._tracking_time = float(self._governor.costs[self._governor.place])
+        self._tracker = self._chosen()
 
     def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
         """Track until the source ends, or `stop`, or KeyboardInterrupt, which ends it just so.
@@ -141,96 +175,131 @@ class Live:
             self._free.clear()
             start = self.timeline.now()
             with self.timeline.span(PROCESSING, shot.frame.index):
-                observation = self._observe(shot.frame)
+                observed = Observed(shot, *self._observe(shot.frame))
                 self._processor.finish()
             self._processing_time = _smoothed(self._processing_time, self.timeline.now() - start)
-            self._ready.put((shot, observation))
+            self._ready.put(observed)
         self._ready.close()
 
     def _track(self) -> None:
-        last: Shot | None = None
-        while (pair := self._ready.take()) is not None:
-            shot, observation = pair
+        while (observed := self._ready.take()) is not None:
+            shot = observed.shot
             start = self.timeline.now()
             self._free_at = start + self._tracking_time
             with self.timeline.span(TRACKING, shot.frame.index):
-                gap = 1 / self.source.fps if last is None else shot.time - last.time
-                self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
-                self._tracker.observe(observation)
-                self.device.finish()
+                self._expect(observed)
+                self._tracker.observe(observed.observation)
                 if self._overlaps:  # the tracker has what it needs of the observation
+                    self.device.finish()
                     self._free.set()
                 estimate = self._tracker.search()
-            self._free.set()
-            self._keep(estimate)
+            latency = self.timeline.result(shot.frame.index, shot.time)
             seconds = self.timeline.now() - start
-            self.timeline.result(shot.frame.index, shot.time)
-            self.result.frames.append(shot.frame.index)
-            self.result.estimates.append(estimate)
-            self._tracking_time, last = _smoothed(self._tracking_time, seconds), shot
-            self._resize(seconds if self._overlaps else seconds + self._processing_time)
+            self._free.set()
+            self._keep(observed, estimate, latency)
+            self._tracking_time = _smoothed(self._tracking_time, seconds)
+            if self._governor.revised(self._processing_time, seconds):
+                self._tracker = self._chosen()
 
-    # The search's size ----------------------------------------------------------------------
+    def _expect(self, observed: Observed) -> None:
+        """Search as far around the last good pose as the time since then asks for, and where the
+        voxels have moved to."""
+        when, where = self._seen
+        gap = max(observed.shot.time - when, 1 / self.source.fps)
+        self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
+        if where is not None and observed.place is not None:
+            self._tracker.push(self._translation @ (observed.place - where))
 
-    def _prepared(self, budget: float | None) -> Governor | None:
-        """Compiles, and with a budget measures what a search costs and sizes it."""
+    def _keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
+        """Add the estimate to the result. A lost one goes back to the last good pose, instead of
+        wandering off."""
+        estimate = self._judge.judged(estimate)
+        if not self._searches[0].uses_voxels and estimate.least_error[-1] >= _NOTHING_SEEN:
+            estimate = replace(estimate, lost=True)
+        if estimate.lost:
+            self._tracker.start(self._pose)
+            estimate = replace(estimate, pose=self._pose)
+        else:
+            self._judge.accept(estimate)
+            self._pose = estimate.pose
+            self._seen = observed.shot.time, observed.place
+        self.result.frames.append(observed.shot.frame.index)
+        self.result.estimates.append(estimate)
+        self.result.latencies.append(latency)
+
+    # Preparation ----------------------------------------------------------------------------
+
+    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
+        """What makes of a frame that which the trackers observe, and where its voxels are."""
+        method, source, device = self._searches[0], self.source, self._processor
+        if not method.uses_voxels:
+            features = observer_of(device, source, None, method)
+            return lambda frame: (features(frame), None)
+        assert self._grid is not None, "voxels have a grid"
+        reconstruct = Reconstructor(
+            device,
+            source.rig,
+            self._grid,
+            source.background,
+            _RECONSTRUCTION,
+            sparse=True,
+            follow=follow,
+        )
+        place = MeanPlace(
+            device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
+        )
+
+        def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
+            voxels, mean = reconstruct(frame), place()
+            grid = voxels.grid
+            return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
+
+        return observe
+
+    def _prepared(self, budget: float | None) -> Governor:
+        """Compiles and measures everything in the first frame."""
         frame = self.source.first()
-        observation = self._observe(frame)
-        self._processor.finish()
-        start = time.perf_counter()
-        observation = self._observe(frame)
-        self._processor.finish()
-        self._processing_time = time.perf_counter() - start
-        if budget is None:
-            self._tracking_time = self._cost_of(self._method, observation)
-            return None
-        probes = [sized(self._method, count) for count in _PROBES]
-        seconds = [self._cost_of(probe, observation) for probe in probes]
-        counts = [evaluations(probe) for probe in probes]
-        cost = Cost.of((counts[0], counts[1]), (seconds[0], seconds[1]))
-        if not self._overlaps:
-            cost = replace(cost, fixed=cost.fixed + self._processing_time)
-        governor = Governor(1 / budget, cost)
-        self._method = governor.plan(self._method)
-        self._tracking_time = cost.each * evaluations(self._method)
-        return governor
+        for _ in range(2):
+            start = time.perf_counter()
+            observation, _ = self._observe(frame)
+            self._processor.finish()
+            self._processing_time = time.perf_counter() - start
+        costs = [self._cost_of(tracker, observation) for tracker in self._trackers]
+        return Governor(
+            1 / (budget or self.source.fps),
+            costs,
+            self._processing_time,
+            overlaps=self._overlaps,
+            generous=budget is None,
+        )
 
-    def _cost_of(self, method: Method, observation: Any) -> float:
-        """s that a search takes, the best of three after one to compile."""
-        tracker = self._tracker_of(method, self._pose)
+    def _cost_of(self, tracker: Any, observation: Any) -> float:
+        """s that a search takes at best."""
+        tracker.start(self._pose)
         seconds = []
-        for _ in range(4):
+        for _ in range(1 + _PROBES):
             start = time.perf_counter()
             tracker.step(observation)
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])
 
-    def _keep(self, estimate: Estimate) -> None:
-        """Remember a pose that fits; go back to the last such one where nothing does, instead of
-        wandering off."""
-        if self._method.uses_voxels or estimate.least_error[-1] < _NOTHING_SEEN:
-            self._pose = estimate.pose
-        else:
-            self._tracker.start(self._pose)
-
-    def _resize(self, seconds: float) -> None:
-        if self._governor is None:
-            return
-        other = self._governor.revised(self._method, seconds)
-        if other is not None:
-            self._method = other
-            self._tracker = self._started(other)
-
-    def _started(self, method: Method) -> Any:
+    def _chosen(self) -> Any:
+        """The tracker of the size that the governor chose, started."""
+        place = self._governor.place
         frame = self.result.frames[-1] if self.result.frames else -1
-        search = method.filter
+        search = self._searches[place].filter
         self.result.sizes.append((frame + 1, search.n_particles, search.n_layers))
-        return self._tracker_of(method, self._pose)
+        self._trackers[place].start(self._pose)
+        return self._trackers[place]
 
-    def _tracker_of(self, method: Method, pose: np.ndarray) -> Any:
-        tracker = tracker_of(self.device, self.body, self.source.rig, self._grid, method)
-        tracker.start(pose)
-        return tracker
+
+def translation(body: BodyModel) -> np.ndarray:
+    """(D, 3) how a pose of `body` changes when the whole of it moves by a vector, m."""
+    matrix = np.zeros((body.n_dof, 3))
+    for axis in body.bones[0].axes:
+        if axis.kind in ("tx", "ty", "tz"):
+            matrix[axis.dof, "xyz".index(axis.kind[1])] = axis.sign
+    return matrix
 
 
 def _smoothed(mean: float, value: float) -> float:

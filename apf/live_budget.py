@@ -1,9 +1,10 @@
-"""How many particles and iterations a frame's time allows."""
+"""How large a search a frame's time allows."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,13 +12,17 @@ from apf.methods import Method
 
 #: With fewer evaluations a search does not follow a person; with more it gains nothing.
 FEWEST, MOST = 960, 6000
+#: Sizes to choose from, each about half as large again as the one before.
+_N_SIZES = 6
 #: Particles come in multiples of this, and there are at least so many.
 _STEP, _FEWEST_PARTICLES = 16, 48
 _FEWEST_LAYERS, _MOST_LAYERS = 6, 15
+#: Share of the layers in which an annealed particle filter moves the trunk alone.
+_TRUNK_SHARE = 1 / 3
 #: Share of a frame's time that is planned with.
 _SHARE = 0.85
-#: A search is resized when the median of so many frames is this far from the plan.
-_WINDOW, _TOO_LONG, _TOO_SHORT = 10, 1.1, 0.6
+#: The size is chosen anew when the median of so many frames is this far from what is allowed.
+_WINDOW, _TOO_LONG, _WITH_ROOM = 8, 1.15, 0.85
 
 
 def sized(method: Method, evaluations: float) -> Method:
@@ -30,7 +35,15 @@ def sized(method: Method, evaluations: float) -> Method:
     if method.search == "sir":
         layers = 1
     particles = max(_FEWEST_PARTICLES, round(evaluations / layers / _STEP) * _STEP)
-    return replace(method, filter=replace(method.filter, n_particles=particles, n_layers=layers))
+    size = {"n_particles": particles, "n_layers": layers}
+    if method.search == "apf":
+        size["trunk_layers"] = round(_TRUNK_SHARE * layers)
+    return replace(method, filter=replace(method.filter, **size))
+
+
+def sizes(method: Method) -> list[Method]:
+    """`method` in the sizes to choose from, ascending."""
+    return [sized(method, count) for count in np.geomspace(FEWEST, MOST, _N_SIZES)]
 
 
 def evaluations(method: Method) -> int:
@@ -38,47 +51,50 @@ def evaluations(method: Method) -> int:
     return method.filter.n_particles * method.filter.n_layers
 
 
-@dataclass(frozen=True)
-class Cost:
-    """A search's time: `fixed` s per frame and `each` s per evaluation."""
-
-    fixed: float
-    each: float
-
-    @classmethod
-    def of(cls, counts: tuple[int, int], seconds: tuple[float, float]) -> Cost:
-        """From two searches of so many evaluations each."""
-        each = max((seconds[1] - seconds[0]) / (counts[1] - counts[0]), 1e-9)
-        return cls(max(seconds[0] - each * counts[0], 0.0), each)
-
-    def allows(self, seconds: float) -> float:
-        """Evaluations that fit, within FEWEST and MOST."""
-        return float(np.clip((seconds - self.fixed) / self.each, FEWEST, MOST))
-
-
 class Governor:
-    """Keeps a search within `period` s per frame: a plan from its cost, then by what it took."""
+    """Chooses among searches the largest that leaves frames in time.
 
-    def __init__(self, period: float, cost: Cost) -> None:
-        self.period, self.cost = period, cost
-        self._taken: deque[float] = deque(maxlen=_WINDOW)
+    costs: s that each search takes, ascending. period: s that a frame may take. overlaps: frames
+    are processed while others are searched in, else before. generous: a search may take as long as
+    the processing does, though the period be exceeded: where processing alone takes too long,
+    smaller searches would hardly make frames faster. `place`: the search chosen.
+    """
 
-    def plan(self, method: Method) -> Method:
-        """The method, sized to the period."""
-        return sized(method, self.cost.allows(_SHARE * self.period))
+    def __init__(
+        self,
+        period: float,
+        costs: Sequence[float],
+        processing: float,
+        *,
+        overlaps: bool = False,
+        generous: bool = False,
+    ) -> None:
+        self.period, self.costs = period, np.maximum.accumulate(costs)
+        self._overlaps, self._generous = overlaps, generous
+        self._slower: deque[float] = deque(maxlen=_WINDOW)
+        self.place = self._largest(self.allowed(processing), 1.0)
 
-    def revised(self, method: Method, seconds: float) -> Method | None:
-        """After a frame that took so long: another size, or None to go on as before."""
-        self._taken.append(seconds)
-        if len(self._taken) < _WINDOW:
-            return None
-        median, count = float(np.median(self._taken)), evaluations(method)
-        if _TOO_SHORT * self.period < median < _TOO_LONG * self.period:
-            return None
-        each = max(median - self.cost.fixed, 0.1 * median) / count
-        self.cost = replace(self.cost, each=each)
-        other = self.plan(method)
-        if evaluations(other) == count:
-            return None
-        self._taken.clear()
-        return other
+    def allowed(self, processing: float) -> float:
+        """s that a search may take beside so many s of processing."""
+        left = _SHARE * self.period - (0.0 if self._overlaps else processing)
+        return max(left, processing) if self._generous else left
+
+    def revised(self, processing: float, seconds: float) -> bool:
+        """After a frame processed in about `processing` s and searched in for `seconds`: is another
+        search chosen?"""
+        self._slower.append(seconds / self.costs[self.place])
+        if len(self._slower) < _WINDOW:
+            return False
+        slower, allowed = float(np.median(self._slower)), self.allowed(processing)
+        before, taken = self.place, slower * self.costs[self.place]
+        if taken > _TOO_LONG * allowed:
+            self.place = self._largest(allowed, slower)
+        else:
+            self.place = max(before, self._largest(_WITH_ROOM * allowed, slower))
+        if self.place != before:
+            self._slower.clear()
+        return self.place != before
+
+    def _largest(self, allowed: float, slower: float) -> int:
+        """The largest search within `allowed` s where all take `slower` times their cost."""
+        return max(0, int(np.count_nonzero(slower * self.costs <= allowed)) - 1)

@@ -62,10 +62,12 @@ class Timeline:
             self._n_dropped[stage] += 1
             self._dropped.append((stage, frame, self.now()))
 
-    def result(self, frame: int, appeared: float) -> None:
-        """The pose of a frame that appeared then is known now."""
+    def result(self, frame: int, appeared: float) -> float:
+        """The pose of a frame that appeared then is known now; s from the one to the other."""
+        now = self.now()
         with self._lock:
-            self._results.append((frame, appeared, self.now()))
+            self._results.append((frame, appeared, now))
+        return now - appeared
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -128,7 +130,7 @@ class Timeline:
             bar = ((1000 * (span.start - low), 1000 * (span.end - span.start)),)
             colour = colours.get(span.frame, "#cccccc")
             axes.broken_barh(bar, (lanes[span.stage] - 0.3, 0.6), color=colour)
-            if 1000 * (span.end - span.start) > 0.02 * 1000 * width:
+            if span.frame in colours and span.end - span.start > 0.015 * width:
                 centre = 500 * (span.start + span.end - 2 * low)
                 axes.text(
                     centre, lanes[span.stage], str(span.frame), ha="center", va="center",

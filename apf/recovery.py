@@ -46,6 +46,38 @@ class RecoveryConfig:
             )
 
 
+class Judge:
+    """Says of one frame after the other whether the person is lost, by the misfits so far."""
+
+    def __init__(self, config: RecoveryConfig | None = None) -> None:
+        self.config = config or RecoveryConfig()
+        self._good: deque[float] = deque(maxlen=self.config.window)
+
+    def forget(self) -> None:
+        """There are no good frames yet."""
+        self._good.clear()
+
+    @property
+    def limit(self) -> float:
+        """The misfit beyond which a track is lost now."""
+        config = self.config
+        if not self._good:
+            return config.unknown
+        return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
+
+    def judged(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
+        """With confidence, which is 1/2 at the limit and NaN where there is no misfit."""
+        confidence = 1 / (1 + (estimate.misfit / self.limit) ** _STEEPNESS)
+        return replace(
+            estimate, confidence=confidence, lost=bool(confidence < 0.5), restart=restart
+        )
+
+    def accept(self, estimate: Estimate) -> None:
+        """Later frames are judged by this one, too."""
+        if np.isfinite(estimate.misfit):
+            self._good.append(estimate.misfit)
+
+
 class Watched:
     """A tracker whose estimates say how far they can be trusted; same use as the tracker's.
 
@@ -61,15 +93,14 @@ class Watched:
         everywhere: Callable[[Any], Iterable[np.ndarray]] | None = None,
         config: RecoveryConfig | None = None,
     ) -> None:
-        self.config = config or RecoveryConfig()
+        self._judge = Judge(config)
         self._tracker, self._make_wide, self._everywhere = tracker, wide, everywhere
         self._wide: Any = None
-        self._good: deque[float] = deque(maxlen=self.config.window)
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""
         self._tracker.start(pose)
-        self._good.clear()
+        self._judge.forget()
         self._pose, self._n_lost = np.asarray(pose, np.float64), 0
 
     def step(self, observation: Any) -> Estimate:
@@ -78,7 +109,7 @@ class Watched:
 
     def watched(self, estimate: Estimate, observation: Any) -> Estimate:
         """What `step` makes of the tracker's own `estimate` of an observation."""
-        found = self._judged(estimate, TRACKED)
+        found = self._judge.judged(estimate)
         if found.lost:
             found = self._recovered(observation, found)
         if found.lost:
@@ -86,31 +117,16 @@ class Watched:
             return replace(found, pose=self._pose.copy())
         self._n_lost = 0
         self._pose = found.pose
-        if np.isfinite(found.misfit):
-            self._good.append(found.misfit)
+        self._judge.accept(found)
         return found
-
-    @property
-    def limit(self) -> float:
-        """The misfit beyond which a track is lost now."""
-        config = self.config
-        if not self._good:
-            return config.unknown
-        return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
-
-    def _judged(self, estimate: Estimate, restart: int) -> Estimate:
-        """With confidence, which is 1/2 at the limit and NaN where there is no misfit."""
-        confidence = 1 / (1 + (estimate.misfit / self.limit) ** _STEEPNESS)
-        return replace(
-            estimate, confidence=confidence, lost=bool(confidence < 0.5), restart=restart
-        )
 
     def _recovered(self, observation: Any, lost: Estimate) -> Estimate:
         """The estimate from a new start, or `lost` if none is good."""
         if self._wide is None:
             self._wide = self._make_wide()
         found = self._looked_from(self._pose, observation, LOCAL_RESTART)
-        if found.lost and self._everywhere is not None and self._n_lost % self.config.retry == 0:
+        again = self._n_lost % self._judge.config.retry == 0
+        if found.lost and again and self._everywhere is not None:
             tried = [
                 self._looked_from(pose, observation, GLOBAL_RESTART)
                 for pose in self._everywhere(observation)
@@ -125,7 +141,7 @@ class Watched:
         self._wide.start(pose)
         for _ in range(_LOCAL_STEPS):
             estimate = self._wide.step(observation)
-        return self._judged(estimate, restart)
+        return self._judge.judged(estimate, restart)
 
 
 class WatchedRuns:

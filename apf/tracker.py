@@ -142,6 +142,10 @@ class Tracker:
         report = self._report.fetch()
         return lambda: unpacked(report(), self.body.n_dof, self._particles.n_runs)
 
+    def push(self, offset: np.ndarray) -> None:
+        """Search the next frame from poses moved by `offset` (D,): what is known of the motion."""
+        self._particles.push(offset)
+
     def _frame_launches(self, source: int) -> list[Launch]:
         """A frame that starts from the particles in set `source`."""
         particles, result = self._particles, self._particles.result

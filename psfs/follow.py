@@ -1,4 +1,4 @@
-"""A grid that follows the person from frame to frame."""
+"""Where the voxels are in the mean, and a grid that follows them from frame to frame."""
 
 from __future__ import annotations
 
@@ -12,6 +12,32 @@ from psfs.surface import SurfaceList
 _SAMPLES = 2048
 
 
+class MeanPlace:
+    """`place()`: where the surface voxels of a grid of `shape`, flat indices with their number on
+    the device, are in the mean."""
+
+    def __init__(
+        self, device: Device, shape: tuple[int, int, int], indices: Array, count: Array
+    ) -> None:
+        self._mean: Array = device.zeros(4, np.float32, "the person's place")
+        lanes = 128 if device.is_gpu else 1
+        _, ny, nz = shape
+        defines = {"NX": 1, "NY": ny, "NZ": nz, "THRESHOLD": 0.0, "LANES": lanes}
+        self._launch = device.launch(
+            device.kernel("surface", "mean_place", **defines, CAPACITY=1, SAMPLES=_SAMPLES),
+            (lanes,),
+            (lanes,),
+            *(indices, count, self._mean),
+        )
+
+    def __call__(self) -> np.ndarray | None:
+        """(3,) voxels from the grid's origin, of at most 2048 spread over the surface; None where
+        there are none (waits for the device)."""
+        self._launch()
+        mean = self._mean.get().astype(np.float64)
+        return mean[:3] if mean[3] > 0 else None
+
+
 class Follower:
     """The latest frame's surface in, the next frame's grid out: its middle lies above or below
     the mean of the surface voxels, along x and y, to within a voxel.
@@ -22,23 +48,15 @@ class Follower:
     """
 
     def __init__(self, device: Device, grid: VoxelGrid, surface: SurfaceList) -> None:
-        self._mean: Array = device.zeros(4, np.float32, "the person's place")
-        lanes = 128 if device.is_gpu else 1
-        _, ny, nz = grid.shape
-        defines = {"NX": 1, "NY": ny, "NZ": nz, "THRESHOLD": 0.0, "LANES": lanes}
-        self._launch = device.launch(
-            device.kernel("surface", "mean_place", **defines, CAPACITY=1, SAMPLES=_SAMPLES),
-            (lanes,),
-            (lanes,),
-            *(surface.indices, surface.count, self._mean),
-        )
+        self._place = MeanPlace(device, grid.shape, surface.indices, surface.count)
 
     def __call__(self, grid: VoxelGrid) -> VoxelGrid:
         """The grid for the next frame: `grid` itself if it may stay (waits for the device)."""
-        self._launch()
-        x, y, _, count = self._mean.get()
-        offset = np.array([x, y, 0.0]) - np.array([*grid.shape[:2], 0.0]) / 2
+        place = self._place()
+        if place is None:
+            return grid
+        offset = (place - np.array(grid.shape) / 2) * [1, 1, 0]
         steps = np.trunc(offset)
-        if count == 0 or not steps.any():
+        if not steps.any():
             return grid
         return VoxelGrid(grid.origin + steps * grid.voxel_size, grid.voxel_size, grid.shape)

@@ -100,7 +100,7 @@ class Reconstructor:
 
     From every frame the silhouettes learn for the next one (see `Foreground`), unless
     `config.silhouette.learn` is off. A frame that does not follow shortly after the one before
-    is worked on twice.
+    is worked on twice, unless `config.silhouette.look_again` is off.
     """
 
     def __init__(
@@ -178,8 +178,8 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         self._carve()
         if foreground is not None:
-            if new:  # once more, knowing the person
-                foreground.learn(self.voxels)
+            if new and (before is None or self.config.silhouette.look_again):
+                foreground.learn(self.voxels)  # and once more, knowing the person
                 self.silhouette.compute()
                 self._carve()
             foreground.learn(self.voxels)

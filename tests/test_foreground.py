@@ -27,11 +27,12 @@ def scene(views: int = 3):
     return rig, frame, background
 
 
-@pytest.mark.parametrize("views", [1, 3])
-def test_learning_agrees_with_the_twin(device: Device, views: int) -> None:
+@pytest.mark.parametrize(("views", "look_again"), [(1, True), (3, True), (3, False)])
+def test_learning_agrees_with_the_twin(device: Device, views: int, look_again: bool) -> None:
     rig, frame, background = scene(views)
-    ours = Reconstructor(device, rig, scenes.small_grid(), background)
-    twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
+    config = ReconstructionConfig(SilhouetteConfig(look_again=look_again))
+    ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
+    twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background, config)
     for index in (0, 1, 9):
         cloud = ours(replace(frame, index=index)).cloud()
         expected = twin(replace(frame, index=index)).cloud()
@@ -42,6 +43,21 @@ def test_learning_agrees_with_the_twin(device: Device, views: int) -> None:
         assert (learnt.place.get() != learner.place).mean() < 0.02
         difference = np.abs(learnt.colours.get().astype(int) - learner.colours)
         assert (difference > 2).mean() < 1e-3 and difference.max() < 20
+
+
+@pytest.mark.parametrize(("look_again", "lessons"), [(True, [2, 3, 5]), (False, [2, 3, 4])])
+def test_a_second_look(device: Device, monkeypatch, look_again: bool, lessons: list[int]) -> None:
+    """The first frame always gets one, a frame far from the one before if wanted."""
+    rig, frame, background = scene()
+    config = ReconstructionConfig(SilhouetteConfig(look_again=look_again))
+    ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
+    learnt: list[object] = []
+    monkeypatch.setattr(ours.silhouette.foreground, "learn", learnt.append)
+    counts = []
+    for index in (0, 1, 40):
+        ours(replace(frame, index=index))
+        counts.append(len(learnt))
+    assert counts == lessons
 
 
 def test_a_run_repeats(device: Device) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +17,7 @@ from apf.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
     TRACKED,
+    Judge,
     RecoveryConfig,
     Watched,
     WatchedRuns,
@@ -101,18 +102,22 @@ def test_the_search_everywhere_is_tried_now_and_then() -> None:
 
 
 def test_the_limit_follows_what_is_usual() -> None:
-    tracker = on_a_line()
-    tracker.start(np.zeros(1))
-    config = tracker.config
-    assert tracker.limit == config.unknown
-    tracker.step(0.0)
-    assert tracker.limit == config.least  # twice 0.2, and not less
-    tracker._good.extend([0.35] * 9)
-    assert tracker.limit == pytest.approx(0.7)
-    tracker._good.extend([0.8] * 30)
-    assert tracker.limit == config.worst
-    tracker.start(np.zeros(1))
-    assert tracker.limit == config.unknown
+    judge, config = Judge(), RecoveryConfig()
+    estimate = OnALine(0.1).step(0.0)
+
+    def accepted(misfit: float, times: int) -> float:
+        for _ in range(times):
+            judge.accept(replace(estimate, misfit=misfit))
+        return judge.limit
+
+    assert judge.limit == config.unknown
+    assert accepted(0.2, 1) == config.least  # twice 0.2, and not less
+    assert accepted(0.35, 9) == pytest.approx(0.7)
+    assert accepted(0.8, 30) == config.worst
+    assert accepted(np.nan, 3) == config.worst  # of scorers that know none
+    assert judge.judged(replace(estimate, misfit=config.worst)).confidence == pytest.approx(0.5)
+    judge.forget()
+    assert judge.limit == config.unknown
 
 
 def test_scorers_without_a_misfit_are_trusted() -> None:

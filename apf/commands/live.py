@@ -15,13 +15,16 @@ from apf.body import BodyModel
 from apf.commands.first_pose import first_pose, found_start
 from apf.commands.method_flags import add_method_flags, chosen_method
 from apf.commands.track import write_files
-from apf.evaluate import evaluate, load_truth
+from apf.evaluate import load_truth
 from apf.live import Live, LiveResult
+from apf.live_budget import sizes
 from apf.live_captures import cameras_of
+from apf.live_error import live_errors
 from apf.live_sources import Replay, Source
 from apf.live_timeline import Timeline
 from apf.methods import Method
 from apf.pipeline import track_of
+from apf.reference.kinematics import posed_joints
 from apf.track import Track
 from apf.trc import CONVENTIONS
 from cl import Device, UserError, select_device
@@ -34,11 +37,13 @@ from psfs.commands.sequence_flags import (
 )
 from psfs.grid import VoxelGrid
 from psfs.runs import write_json
-from psfs.volume import automatic_grid
+from psfs.volume import automatic_grid, default_voxel_size
 
-#: Between frames that lie apart a body moves on: share of the last change that is expected again,
-#: and with it less noise than without.
-_VELOCITY, _NOISE = 0.5, 0.3
+#: The voxels' mean tells where the body has moved to: less noise than `apf track` needs.
+_NOISE = 0.22
+#: Box around the first pose in which voxels of cameras are looked for at first, m: to each side,
+#: below the lowest joint, and its height.
+_SIDE, _BELOW, _HEIGHT = 1.3, 0.2, 2.5
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -66,7 +71,8 @@ def register(commands: argparse._SubParsersAction) -> None:
         type=float,
         metavar="N",
         help="poses per second to be reached, by a search of the size that allows it (default: as "
-        "many as frames, unless --particles or --layers says a size)",
+        "many as frames if that leaves time for a good search, unless --particles or --layers "
+        "says a size)",
     )
     parser.add_argument("--body", metavar="B", help="as for apf track")
     parser.add_argument("--init", type=Path, metavar="P", help="first pose, as for apf track")
@@ -78,14 +84,14 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
     )
     parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
-    add_method_flags(parser, "pso", "sp")
+    add_method_flags(parser)
     add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     method = chosen_method(args)
-    noise = method.filter.noise if args.noise is not None else _NOISE
-    method = replace(method, filter=replace(method.filter, noise=noise, velocity=_VELOCITY))
+    if method.uses_voxels and args.noise is None:
+        method = replace(method, filter=replace(method.filter, noise=_NOISE))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise UserError("--device numpy is no device for live tracking; expected an OpenCL device")
@@ -96,8 +102,9 @@ def run(args: argparse.Namespace) -> None:
         _captures(args, method) if args.captures else _replay(args, method, device)
     )
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
-    budget = args.budget or (None if sized_by_hand else source.fps)
-    live = Live(device, source, grid, body, pose, method, budget)
+    searches = [method] if sized_by_hand and args.budget is None else sizes(method)
+    follow = bool(args.captures) and args.volume is None
+    live = Live(device, source, grid, body, pose, searches, args.budget, follow=follow)
     status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
     with status as shown:
         result = live.run(lambda now, timeline: _show(shown, now, timeline))
@@ -105,9 +112,9 @@ def run(args: argparse.Namespace) -> None:
         raise UserError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.described(), "device": device.name})
     write_files(args.output, track, body)
-    summary = {**live.timeline.summary(), "sizes": result.sizes, "error_mm": None}
+    summary = {**live.timeline.summary(), "sizes": result.sizes, "lost": int(track.lost.sum())}
     if truth is not None:
-        summary["error_mm"] = evaluate(track, truth).summary()["mean_error_mm"]
+        summary |= live_errors(track, truth, np.array(result.latencies))
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
     _tell(summary, args.output)
@@ -133,19 +140,26 @@ def _replay(
 def _captures(
     args: argparse.Namespace, method: Method
 ) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
-    """Cameras, the grid of --volume where voxels are needed, body and first pose."""
-    grid = None
-    if method.uses_voxels:
-        if args.volume is None:
-            raise UserError("cameras have no volume yet; expected --volume, or another --objective")
-        low, high = np.array(args.volume)
-        grid = VoxelGrid.covering(low, high, args.voxel_size or 0.025)
+    """Cameras, where voxels are needed the grid of --volume or one around the first pose, body and
+    first pose."""
     place = SimpleNamespace(folder=Path(args.folder))
     start = first_pose(place, 0, args.body, args.init, args.convention)  # type: ignore[arg-type]
     if start is None:
         raise UserError("cameras have no first pose; expected --init with a pose file or joints")
     source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)
+    grid = None
+    if method.uses_voxels:
+        low, high = np.array(args.volume) if args.volume else _box_around(*start)
+        size = args.voxel_size or default_voxel_size(source.rig, low, high)
+        grid = VoxelGrid.covering(low, high, size)
     return source, grid, *start
+
+
+def _box_around(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner, m, of a box that holds the person in `pose` (D,)."""
+    joints = posed_joints(body, pose[None])[0]
+    low = np.append(joints[:, :2].mean(0) - _SIDE, joints[:, 2].min() - _BELOW)
+    return low, low + np.array([2 * _SIDE, 2 * _SIDE, _HEIGHT])
 
 
 def _track(body: BodyModel, source: Source, result: LiveResult, made_by: dict[str, Any]) -> Track:
@@ -188,6 +202,10 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
             stdout.print(f"  {stage}: {ms['mean']:.1f} ms, 95 % {ms['p95']:.1f}")
     sizes = ", then ".join(f"{particles} x {layers}" for _, particles, layers in summary["sizes"])
     stdout.print(f"particles x iterations: {sizes}")
-    if summary["error_mm"] is not None:
-        stdout.print(f"mean error {summary['error_mm']:.1f} mm over the tracked frames")
+    if summary["lost"]:
+        stdout.print(f"the person was lost in {summary['lost']} of them")
+    if "error_mm" in summary:
+        stdout.print(f"mean error {summary['error_mm']:.1f} mm from the truth of the frames taken")
+    if summary.get("error_when_known_mm") is not None:
+        stdout.print(f"and {summary['error_when_known_mm']:.1f} mm from that when poses were known")
     stdout.print(f"{folder}: track.npz, joints.trc, live.json, timeline.png", soft_wrap=True)

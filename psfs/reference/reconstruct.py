@@ -89,8 +89,8 @@ class NumpyReconstructor:
         return self._latest
 
     def __call__(self, frame: Frame) -> NumpyVoxels:
-        new = self._before is None or not follows(self._before, frame.index)
-        self._before = frame.index
+        before, self._before = self._before, frame.index
+        new = before is None or not follows(before, frame.index)
         if self.foreground is None:
             return self._carved(frame, self._evidence(frame))
         assert frame.images is not None
@@ -98,7 +98,8 @@ class NumpyReconstructor:
             self.foreground.forget_place()
         evidence = self._evidence(frame)
         voxels = self._carved(frame, evidence)
-        if new:  # once more, knowing the person
+        if new and (before is None or self.config.silhouette.look_again):
+            # Once more, knowing the person.
             self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
             evidence = self._evidence(frame)
             voxels = self._carved(frame, evidence)
