@@ -17,10 +17,21 @@ from cl import Array, Device, Launch
 _GROUP = 64
 
 
+def limb_ranges(body: BodyModel) -> np.ndarray:
+    """(D, 2) lowest and highest value of a degree of freedom that may be anywhere."""
+    return np.clip(body.limits, -np.pi, np.pi)
+
+
+def n_near(n: int) -> int:
+    """How many of `n` poses, the mean among them, have their limb near where it was."""
+    return (n + 1) // 2
+
+
 class Alternatives:
     """Settles a frame: refines the particles' mean and, for every limb, the best of many poses
-    that differ from the mean in that limb; the one of these that scores best is the estimate.
-    Does nothing with a scorer that has no surface points, see `Scorer`.
+    that differ from the mean in that limb, and the best of many that have it anywhere within its
+    limits; the one of these that scores best is the estimate. Does nothing with a scorer that has
+    no surface points, see `Scorer`.
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
@@ -45,9 +56,10 @@ class Alternatives:
         self.n_dof = n = body.n_dof
         limbs = limbs_of(body)
         self._n_limbs = len(limbs) if config.limb_spread > 0 and config.refine_steps > 0 else 0
+        self._per_run = 1 + 2 * self._n_limbs
         seeds = tuple(seeds or [config.seed])
         self._n_runs = n_runs = len(seeds)
-        n_candidates = n_runs * (1 + self._n_limbs)
+        n_candidates = n_runs * self._per_run
         self._refinement = Refinement(device, body, config, n_candidates)
         self._candidates = device.empty((n_candidates, n), np.float32)
         self._errors = device.zeros((n_candidates,), np.float32)
@@ -56,6 +68,7 @@ class Alternatives:
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         self._limits = device.to_device(body.limits)
+        self._ranges = device.to_device(limb_ranges(body).astype(np.float32))
         self._seeds = device.to_device(seed_words(seeds))
         self.shift = device.zeros((n_runs, n), np.float32)
         self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
@@ -88,12 +101,14 @@ class Alternatives:
             (self.n_dof, n, self._n_runs),
             None,
             np.int32(n),
+            np.int32(n_near(n)),
             np.int32(self.config.n_layers),
             np.float32(self.config.limb_spread),
             self._seeds,
             frame,
             self._sigma,
             self._limits,
+            self._ranges,
             self._limbs,
             result,
             poses,
@@ -102,9 +117,10 @@ class Alternatives:
     def _choose(self) -> Launch:
         return self.device.launch(
             self._kernel("choose"),
-            (_GROUP * (1 + self._n_limbs), self._n_runs),
+            (_GROUP * self._per_run, self._n_runs),
             (_GROUP, 1),
             np.int32(self.config.n_particles),
+            np.int32(n_near(self.config.n_particles)),
             self.scorer.errors,
             self._poses,
             self._candidates,
@@ -115,8 +131,7 @@ class Alternatives:
             self._kernel("accept"),
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
             None,
-            np.int32(1 + self._n_limbs),
-            np.float32(self.config.limb_margin),
+            np.array([self.config.limb_margin, self.config.limb_far_margin], np.float32),
             self._errors,
             self._candidates,
             self._refinement.information,
@@ -126,7 +141,11 @@ class Alternatives:
         )
 
     def _kernel(self, name: str) -> Any:
-        n_limbs = max(1, self._n_limbs)
         return self.device.kernel(
-            "alternatives", name, N_DOF=self.n_dof, N_LIMBS=n_limbs, GROUP=_GROUP
+            "alternatives",
+            name,
+            N_DOF=self.n_dof,
+            N_LIMBS=max(1, self._n_limbs),
+            CANDIDATES=self._per_run,
+            GROUP=_GROUP,
         )

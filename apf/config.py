@@ -21,7 +21,7 @@ _WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.01}
 def likelihood_weights(text: str) -> dict[str, float]:
     """Settings of a FilterConfig for `edge,silhouette=2`: these terms with their default weights or
     the stated ones, all others 0. Raises UserError for unknown terms and bad weights."""
-    weights = {_weight_name(term): 0.0 for term in TERMS}
+    weights = {_weight_name(term): 0.0 for term in TERMS} | {"limb_two_sided": 0.0}
     for entry in text.split(","):
         term, _, value = entry.partition("=")
         if term not in TERMS:
@@ -61,8 +61,10 @@ class FilterConfig:
     at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
     refinement at all of them, by each layer at every `point_turns`-th, in turn.
     sample_spacing: distance, m, between samples on a cone. limb_spread: up to how many sigma (at
-    60 frames/s) limbs are looked for elsewhere before an estimate is settled, 0 for not at all;
-    limb_margin: share by which the error must fall for a limb to be moved there.
+    60 frames/s) limbs are looked for elsewhere before an estimate is settled, besides anywhere
+    within their limits; 0 for not at all. limb_margin, limb_far_margin: share by which the error
+    must fall for a limb to be moved there, and anywhere; limb_two_sided: least weight of the
+    two-sided term in that error.
     """
 
     n_particles: int = 200
@@ -93,8 +95,10 @@ class FilterConfig:
     refine_reach: float = 0.06
     refine_strength: float = 1350.0
     refine_width: float = 4.0
-    limb_spread: float = 8.0
-    limb_margin: float = 0.005
+    limb_spread: float = 16.0
+    limb_margin: float = 0.01
+    limb_far_margin: float = 0.03
+    limb_two_sided: float = 2.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -119,7 +123,8 @@ class FilterConfig:
         others = (
             "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
             "overlap_weight", "two_sided_weight", "colour_weight", "smoothness_weight",
-            "limb_spread", "limb_margin", "trunk_layers", "refine_steps",
+            "limb_spread", "limb_margin", "limb_far_margin", "limb_two_sided", "trunk_layers",
+            "refine_steps",
         )  # fmt: skip
         for name in positive:
             check_range(name, getattr(self, name), 0)
@@ -133,6 +138,11 @@ class FilterConfig:
             [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
             np.float32,
         )
+
+    @property
+    def settling_two_sided(self) -> float:
+        """Weight of the two-sided term where an estimate is settled."""
+        return max(self.two_sided_weight, self.limb_two_sided if self.limb_spread > 0 else 0.0)
 
     @property
     def remembers(self) -> bool:

@@ -88,7 +88,7 @@ class VoxelLikelihood:
         self.errors = device.empty((n_runs * config.n_particles,), np.float32, "the errors")
         self.misfit = device.zeros((n_runs,), np.float32)
         self._coverage: Coverage | None = None
-        if config.two_sided_weight > 0:
+        if config.settling_two_sided > 0:
             self._coverage = Coverage(device, body, rig, self._cameras, self.points)
         self._colours: LimbColours | None = None
         if config.colour_weight > 0:
@@ -132,18 +132,21 @@ class VoxelLikelihood:
         config, turn = self.config, self._n_launchers
         self._n_launchers += 1
         place = (turn % config.point_turns, config.point_turns)
-        return self._every_term(poses, place, self.errors)
+        return self._every_term(poses, place, self.errors, config.two_sided_weight)
 
     def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
         """The launches that score all of `poses` (n, D) into `errors` (n,), by every `stride`-th
-        surface sample, the same in every frame."""
-        return self._every_term(poses, (0, stride), errors)
+        surface sample, the same in every frame. The two-sided term counts at least as
+        `FilterConfig.limb_two_sided` says."""
+        return self._every_term(poses, (0, stride), errors, self.config.settling_two_sided)
 
-    def _every_term(self, poses: Array, place: tuple[int, int], errors: Array) -> list[Launch]:
+    def _every_term(
+        self, poses: Array, place: tuple[int, int], errors: Array, two_sided: float
+    ) -> list[Launch]:
         config = self.config
         launches = [self._launch(poses.shape[0], poses, place, config.weights, errors)]
-        if self._coverage is not None:
-            launches += self._coverage.launcher(poses, place, config.two_sided_weight, errors)
+        if self._coverage is not None and two_sided > 0:
+            launches += self._coverage.launcher(poses, place, two_sided, errors)
         n_views = len(self.rig)
         if self._colours is not None:
             weight = n_views * config.colour_weight

@@ -56,7 +56,7 @@ class SilhouetteConfig:
     shadow_low: float = 0.5
     shadow_high: float = 1.1
     shadow_width_grey: float = 0.02
-    shadow_width_colour: float = 0.14
+    shadow_width_colour: float = 0.06
     foreground_limit: float = 6.0
     background_limit: float = 10.0
     independent: float = 1.5

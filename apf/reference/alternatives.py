@@ -6,26 +6,34 @@ from typing import Any
 
 import numpy as np
 
+from apf.alternatives import limb_ranges, n_near
 from apf.anatomy import limbs_of
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.reference.annealing import reflected
-from apf.reference.noise import normals
+from apf.reference.noise import normals, uniforms
 from apf.reference.refine import refined
 
 
 def proposals(
     body: BodyModel, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (N, D): `mean`, then ones that differ from it in one limb by 1 (first) to `limb_spread`
-    (last) sigma, and the limb (N,) of each, -1 of the mean."""
+    """Poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1 (first)
+    to `limb_spread` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
+    each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
     limbs, n = limbs_of(body), config.n_particles
+    near = n_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
-    scale = config.limb_spread ** (np.arange(-1, n - 1) / max(1, n - 2))
+    far = np.arange(n) >= near
+    scale = config.limb_spread ** (np.arange(-1, n - 1) / max(1, near - 2))
     noise = normals(config.seed, frame, config.n_layers, n, body.n_dof)
-    moved = np.where(limbs[which], scale[:, None] * body.sigma * noise, 0.0)
-    moved[0] = 0.0
-    return reflected(mean + moved, body.lower, body.upper), which
+    share = uniforms(config.seed, frame, config.n_layers, n, body.n_dof)
+    lower, upper = limb_ranges(body).T
+    moved = np.where(far[:, None], lower + share * (upper - lower),
+                     mean + scale[:, None] * body.sigma * noise)  # fmt: skip
+    poses = np.where(limbs[which], reflected(moved, body.lower, body.upper), mean)
+    poses[0] = mean
+    return poses, which + len(limbs) * far
 
 
 def settled(
@@ -40,13 +48,17 @@ def settled(
     if n_limbs:
         poses, which = proposals(body, mean, config, frame)
         errors = scorer.rescore(poses, config.point_turns)
-        for limb in range(n_limbs):
-            tried = np.flatnonzero(which == limb)
+        for kind in range(2 * n_limbs):
+            tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
     found = [refined(body, pose, scorer.points, config) for pose in candidates]
     best = 0
     if n_limbs:
         errors = scorer.rescore(np.stack([pose for pose, _ in found]), 1)
-        rivals = np.r_[errors[0] * (1 - config.limb_margin), errors[1:]]
-        best = int(rivals.argmin())
+        margins = np.repeat(
+            [1.0, config.limb_margin, config.limb_far_margin], [1, n_limbs, n_limbs]
+        )
+        gains = errors[0] * (1 - margins) - errors
+        gains[0] = 0.0
+        best = int(gains.argmax())
     return found[best]

@@ -40,13 +40,22 @@ def uniform01(words: np.ndarray) -> np.ndarray:
 
 def normals(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
     """(n_particles, n_dof) standard normal numbers (Box-Muller)."""
+    words = _words(seed, frame, layer, n_particles, n_dof)
+    radius = np.sqrt(-2 * np.log(uniform01(words[..., 0])))
+    return radius * np.cos(2 * np.pi * uniform01(words[..., 1]))
+
+
+def uniforms(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
+    """(n_particles, n_dof) numbers in (0, 1)."""
+    return uniform01(_words(seed, frame, layer, n_particles, n_dof)[..., 0])
+
+
+def _words(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
     counter = np.zeros((n_particles, n_dof, 4), np.uint64)
     counter[..., 0], counter[..., 1] = frame, layer
     counter[..., 2] = np.arange(n_particles)[:, None]
     counter[..., 3] = np.arange(n_dof)
-    words = philox4x32(counter, seed)
-    radius = np.sqrt(-2 * np.log(uniform01(words[..., 0])))
-    return radius * np.cos(2 * np.pi * uniform01(words[..., 1]))
+    return philox4x32(counter, seed)
 
 
 def uniform(seed: int, frame: int, layer: int) -> float:

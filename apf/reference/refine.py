@@ -7,7 +7,7 @@ import numpy as np
 from apf.body import AXES, BodyModel
 from apf.config import FilterConfig
 from apf.reference.cones import distances, normals
-from apf.reference.kinematics import bone_matrices, posed_cones
+from apf.reference.kinematics import axis_rotation, bone_matrices, posed_cones
 
 #: Kinds of influence of a degree of freedom on a cone, in the table `cone_moves`.
 _SLIDES, _TURNS = 1, 2
@@ -31,36 +31,48 @@ def prior_deviation(body: BodyModel, config: FilterConfig) -> np.ndarray:
 
 
 def hinges(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World axes (D, 3), with their signs, of all degrees of freedom, and points (D, 3) on them.
-
-    Found by moving one axis after the other: the frame in which axis k of a bone acts is the
-    bone's with all later axes at zero.
-    """
-    directions, places = np.zeros((body.n_dof, 3)), np.zeros((body.n_dof, 3))
-    for b, bone in enumerate(body.bones):
-        for k, axis in enumerate(bone.axes):
-            partial = pose.copy()
-            partial[[later.dof for later in bone.axes[k:]]] = 0.0
-            rotations, origins = bone_matrices(body, partial[None])
-            directions[axis.dof] = axis.sign * rotations[0, b, :, AXES.index(axis.kind) % 3]
-            places[axis.dof] = origins[0, b]
+    """World axes (D, 3), with their signs, of all degrees of freedom, and points (D, 3) on them."""
+    directions, places = np.zeros((2, body.n_dof, 3))
+    rotations, origins = bone_matrices(body, pose[None])
+    for bone in body.bones:
+        rotation, origin = np.eye(3), bone.offset
+        if bone.parent >= 0:
+            rotation = rotations[0, bone.parent]
+            origin = origins[0, bone.parent] + rotation @ bone.offset
+        rotation = rotation @ bone.rest
+        for axis in bone.axes:
+            kind, value = AXES.index(axis.kind), axis.sign * pose[axis.dof]
+            directions[axis.dof] = axis.sign * rotation[:, kind % 3]
+            places[axis.dof] = origin
+            if kind < 3:
+                origin = origin + rotation[:, kind] * value
+            else:
+                rotation = rotation @ axis_rotation(kind - 3, value)
     return directions, places
+
+
+def motions(
+    body: BodyModel, pose: np.ndarray, cone: np.ndarray, points: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
+    """(D, K) how far each degree of freedom moves points (K, 3) that are fixed to the cones
+    numbered `cone` (K,) along `normal` (K, 3). A turn by d about an axis a through o moves the
+    point p by d (a x (p - o))."""
+    directions, places = hinges(body, pose)
+    slides = directions @ normal.T
+    turns = directions @ np.cross(points, normal).T - np.cross(directions, places) @ normal.T
+    moves = cone_moves(body)[cone].T
+    return np.where(moves == _SLIDES, slides, np.where(moves == _TURNS, turns, 0.0))
 
 
 def distance_rows(
     body: BodyModel, pose: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distances (K,) of points (K, 3) to the nearest cone of `pose` (D,), and their derivatives
-    (K, D). A turn by d about an axis a through o moves the cone at p by d (a x (p - o))."""
+    (K, D)."""
     cones = posed_cones(body, pose[None])[0]
     every = distances(points, cones)
     nearest = np.abs(every).argmin(1)
-    normal = normals(points, cones[nearest])
-    directions, places = hinges(body, pose)
-    arms = np.cross(directions, points[:, None] - places)
-    moves = cone_moves(body)[nearest]
-    motion = np.where((moves == _SLIDES)[..., None], directions, arms)
-    rows = -np.einsum("kc,kdc->kd", normal, motion) * (moves > 0)
+    rows = -motions(body, pose, nearest, points, normals(points, cones[nearest])).T
     return every[np.arange(len(points)), nearest], rows
 
 

@@ -73,14 +73,15 @@ class NumpyVoxelLikelihood:
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Errors (N,) of poses (N, D)."""
-        return self._errors(poses, self.turn, self.config.point_turns)
+        return self._errors(poses, self.turn, self.config.point_turns, self.config)
 
     def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
         """Errors (N,) of poses (N, D) by every `stride`-th surface sample."""
-        return self._errors(poses, 0, stride)
+        settling = replace(self.config, two_sided_weight=self.config.settling_two_sided)
+        return self._errors(poses, 0, stride, settling)
 
-    def _errors(self, poses: np.ndarray, turn: int, turns: int) -> np.ndarray:
-        body, config, rig = self.body, self.config, self.rig
+    def _errors(self, poses: np.ndarray, turn: int, turns: int, config: FilterConfig) -> np.ndarray:
+        body, rig = self.body, self.rig
         cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
         if config.colour_weight > 0:

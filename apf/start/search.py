@@ -37,8 +37,6 @@ _BEND, _OVERLAP = 0.003, 0.1
 #: People look where they go: share that a misfit grows by when they go backwards, and the way, m,
 #: from which on that counts.
 _BACKWARDS, _WAY = 0.25, 0.25
-#: Share of the points below the feet or above the head.
-_STRAY = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ class PoseSearch:
         keep_shape: bool,
         seed: int,
         way: np.ndarray,
-        n_particles: int = 200,
+        n_particles: int = 300,
     ) -> None:
         self.device, self.rig, self.grid = device, rig, grid
         self.template, self.height, self.way = template, height, way
@@ -83,14 +81,14 @@ class PoseSearch:
         voxels: what a tracker observes; cloud: the person's points among them.
         """
         shape = np.zeros(len(self.model.deviation))
-        low, high = np.quantile(cloud.tree.data[:, 2], (_STRAY, 1 - _STRAY))
+        low, high = cloud.heights
         if self.free:
             shape[0] = np.log((self.height or high - low) / stature(self.template))
         body = self.model.body(shape)
         tracker = self._tracker(search_body(body))
         found = []
         for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
-            tracker.start(standing_pose(body, cloud.tree.data, heading))
+            tracker.start(standing_pose(body, cloud, heading))
             estimate = tracker.step(voxels)
             found.append(Hypothesis(shape, estimate.pose, float(estimate.least_error[-1])))
         kept = distinct(self.template, found, _KEPT + 1)
@@ -159,9 +157,9 @@ def search_body(body: BodyModel, limb: str | None = None) -> BodyModel:
     return replace(body, sigma=sigma)
 
 
-def standing_pose(body: BodyModel, points: np.ndarray, heading: float) -> np.ndarray:
-    """The rest pose (D,) on the points (N, 3): feet at the lowest, the trunk amid the middle."""
-    low, high = np.quantile(points[:, 2], (_STRAY, 1 - _STRAY))
+def standing_pose(body: BodyModel, cloud: Cloud, heading: float) -> np.ndarray:
+    """The rest pose (D,) on the cloud: feet at the lowest, the trunk amid the middle."""
+    points, (low, high) = cloud.tree.data, cloud.heights
     share = (points[:, 2] - low) / (high - low)
     middle = points[(share > 0.5) & (share < 0.75)].mean(0)
     pose = body.rest_pose.copy()

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from apf.body import BodyModel
 from apf.reference.cones import distances, normals
 from apf.reference.kinematics import posed_cones, posed_joints
+from apf.reference.refine import motions
 
 #: Deviations of the priors, logs of scales: of the whole body's size and girth, and of a bone's
 #: length and a part's radius beside it.
@@ -20,6 +21,8 @@ _STATURE, _ANGLE = 0.005, 1.0
 #: What all clouds together count: as many independent distances of this deviation, m. The body is
 #: not made of cones, and wrong in the same way in every frame: more frames know no more of it.
 _COUNT, _NOISE = 300.0, 0.02
+#: Share of the points below the feet or above the head.
+_STRAY = 0.002
 #: Difference for derivatives; distance between points on the body, m; share of damping.
 _STEP, _SPACING, _DAMPING = 1e-5, 0.06, 1e-3
 
@@ -125,11 +128,15 @@ def surface_places(body: BodyModel, spacing: float = _SPACING) -> tuple[np.ndarr
 
 
 class Cloud:
-    """Points (N, 3) m of one frame's surface, evenly thinned to `n`, and a search tree of all."""
+    """Points (N, 3) m of one frame's surface, evenly thinned to `n`, and a search tree of all.
+
+    heights: m, of the lowest and the highest, but for strays.
+    """
 
     def __init__(self, points: np.ndarray, n: int = 800) -> None:
         self.tree = cKDTree(points)
         self.points = points[np.arange(min(n, len(points))) * len(points) // min(n, len(points))]
+        self.heights = tuple(np.quantile(points[:, 2], (_STRAY, 1 - _STRAY)))
 
 
 def contacts(
@@ -233,9 +240,9 @@ def _normal_equations(
     """J'J (D + S, D + S) and J'r (D + S,) of the gaps r along the normals, in deviations."""
     here = placed(found.place, cones[found.cone])
     gap = np.sum(found.normal * (here - found.target), 1)
-    others = np.concatenate([posed_cones(body, pose + _STEP * np.eye(body.n_dof)), by_shape])
-    moved = placed(found.place, others[:, found.cone]) - here
-    rows = np.einsum("kc,pkc->pk", found.normal, moved) / _STEP
+    grown = placed(found.place, by_shape[:, found.cone]) - here
+    by_pose = motions(body, pose, found.cone, here, found.normal)
+    rows = np.concatenate([by_pose, np.einsum("kc,pkc->pk", found.normal, grown) / _STEP])
     weighted = rows * (found.weight * _COUNT / n_frames / _NOISE**2)
     return weighted @ rows.T, weighted @ gap
 

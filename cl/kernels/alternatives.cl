@@ -1,24 +1,32 @@
 // What the estimate might be besides the mean of the particles: the mean with one limb somewhere
-// else. Twin: reference/alternatives.py. Defines: N_DOF, N_LIMBS, GROUP, a power of two.
+// else. Twin: reference/alternatives.py. Defines: N_DOF; N_LIMBS, at least 1; CANDIDATES, 1 and two
+// for every limb there is; GROUP, a power of two.
 #include "philox.h"
 
-// Particle 0 is the mean (in `result`); each of the others is the mean with one limb spread by
-// 1 (particle 1) to `spread` (particle n - 1) sigma, evenly in the logarithm. Limbs take turns.
-// Every run has n particles.
+// Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere:
+// spread by 1 (particle 1) to `spread` (particle n_near - 1) sigma, evenly in the logarithm, or,
+// from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
 // limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb.
-__kernel void propose(int n, int layer, float spread, __global const uint2 *seeds,
+__kernel void propose(int n, int n_near, int layer, float spread, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigma,
-                      __global const float2 *limits, __global const uchar *limbs,
-                      __global const float *result, __global float *poses)
+                      __global const float2 *limits, __global const float2 *ranges,
+                      __global const uchar *limbs, __global const float *result,
+                      __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     const int run = get_global_id(2);
     if (dof >= N_DOF || particle >= n) return;
     float value = result[run * N_DOF + dof];
     if (particle > 0 && limbs[(particle - 1) % N_LIMBS * N_DOF + dof]) {
-        const float scale = pow(spread, (float)(particle - 1) / (n > 2 ? n - 2 : 1));
-        const vwords counter = {frames[run], layer, particle, dof};
-        value += scale * sigma[dof] * LANE_OF(normal_pack(counter, seeds[run]), 0);
+        const uint4 counter = {frames[run], layer, particle, dof};
+        if (particle < n_near) {
+            const float scale = pow(spread, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
+            const vwords counters = {counter.x, counter.y, counter.z, counter.w};
+            value += scale * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
+        } else {
+            const float share = uniform01(philox4x32(counter, seeds[run]).x);
+            value = mix(ranges[dof].x, ranges[dof].y, share);
+        }
         const float2 limit = limits[dof];
         value = value < limit.x ? 2.0f * limit.x - value : value;
         value = value > limit.y ? 2.0f * limit.y - value : value;
@@ -27,10 +35,11 @@ __kernel void propose(int n, int layer, float spread, __global const uint2 *seed
     poses[(run * n + particle) * N_DOF + dof] = value;
 }
 
-// candidates: runs x (1 + N_LIMBS) x N_DOF, the mean and, for every limb, the best of the poses
-// that moved it. One work-group per candidate and run.
+// candidates: runs x CANDIDATES x N_DOF, the mean and, for every limb, the best of the poses that
+// moved it near where it was, then of those that moved it anywhere. One work-group per candidate
+// and run.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void choose(int n, __global const float *errors, __global const float *poses,
+void choose(int n, int n_near, __global const float *errors, __global const float *poses,
             __global float *candidates)
 {
     __local float least[GROUP];
@@ -38,12 +47,14 @@ void choose(int n, __global const float *errors, __global const float *poses,
     const int candidate = get_group_id(0), run = get_group_id(1), lane = get_local_id(0);
     errors += run * n;
     poses += run * n * N_DOF;
-    candidates += (run * (1 + N_LIMBS) + candidate) * N_DOF;
+    candidates += (run * CANDIDATES + candidate) * N_DOF;
     float mine = INFINITY;
     int best = 0;
     if (candidate > 0) {
-        for (int i = candidate + lane * N_LIMBS; i < n; i += GROUP * N_LIMBS) {
-            if (errors[i] < mine) {
+        const bool near = candidate <= N_LIMBS;
+        const int end = near ? n_near : n, limb = (candidate - 1) % N_LIMBS;
+        for (int i = (near ? 1 : n_near) + lane; i < end; i += GROUP) {
+            if ((i - 1) % N_LIMBS == limb && errors[i] < mine) {
                 mine = errors[i];
                 best = i;
             }
@@ -65,19 +76,22 @@ void choose(int n, __global const float *errors, __global const float *poses,
 }
 
 // The best of a run's refined candidates becomes its estimate: candidate 0 unless another's error
-// is smaller by more than the share `margin`. shift: by how much the estimate moved from the mean;
-// information: of the candidate taken, see refine.cl.
-__kernel void accept(int n_candidates, float margin, __global const float *errors,
+// is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
+// where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
+// candidate taken, see refine.cl.
+__kernel void accept(float2 margins, __global const float *errors,
                      __global const float *candidates, __global const float *informations,
                      __global float *result, __global float *shift, __global float *information)
 {
     const int id = get_global_id(0), n_information = N_DOF * (N_DOF + 1) / 2;
-    const int run = get_global_id(1), first = run * n_candidates;
+    const int run = get_global_id(1), first = run * CANDIDATES;
     int best = 0;
-    float least = errors[first] * (1.0f - margin);
-    for (int i = 1; i < n_candidates; ++i) {
-        if (errors[first + i] < least) {
-            least = errors[first + i];
+    float most = 0.0f;
+    for (int i = 1; i < CANDIDATES; ++i) {
+        const float margin = i > N_LIMBS ? margins.y : margins.x;
+        const float gain = errors[first] * (1.0f - margin) - errors[first + i];
+        if (gain > most) {
+            most = gain;
             best = i;
         }
     }
