@@ -133,7 +133,7 @@ def test_standing_on_the_floor() -> None:
     pose = SONG.rest_pose.copy()
     pose[:3] += [2.0, -1.0, 0.3]
     points = surface(SONG, pose)
-    stood = standing_pose(SONG, points, np.pi / 3)
+    stood = standing_pose(SONG, Cloud(points), np.pi / 3)
     np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
     np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
 
@@ -141,12 +141,11 @@ def test_standing_on_the_floor() -> None:
 def test_what_speaks_against_a_start_is_told() -> None:
     def start(girth: float, rival: float) -> Start:
         body, pose = SONG.scaled({}, girth), SONG.rest_pose
-        return Start(body, pose, pose[None], 0.3, rival, girth)
+        return Start(body, pose, pose[None], 0.3, rival, 1.3, girth)
 
-    assert start(1.0, np.inf).doubts == start(1.4, 2.0).doubts == []
-    for girth in (0.5, 2.0):
-        (doubt,) = start(girth, 1.5).doubts
-        assert "fits badly" in doubt and f"{girth:.1f} times as thick" in doubt
+    assert start(1.0, np.inf).doubts == start(0.5, 1.5).doubts == start(1.4, 2.0).doubts == []
+    (doubt,) = start(2.0, 1.5).doubts
+    assert "fits badly" in doubt and "1.30 m high and 2.0 times as thick" in doubt
     (doubt,) = start(1.0, 1.02).doubts
     assert "which way the person looks" in doubt
 

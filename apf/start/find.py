@@ -22,8 +22,8 @@ from psfs.grid import VoxelGrid
 _FEWEST = 200
 #: Misfit above which no body was found.
 _HOPELESS = 0.55
-#: Doubtful is a start with a rival that fits but this factor worse, and a body whose girth is more
-#: than so many deviations of the prior from the template's: hardly anybody has one.
+#: Doubtful is a start with a rival that fits but this factor worse, and a body whose girth is so
+#: many deviations of the prior above the template's: hardly anybody who stands has one.
 _RIVALS, _STOUT = 1.1, 3.0
 
 
@@ -31,14 +31,16 @@ _RIVALS, _STOUT = 1.1, 3.0
 class Start:
     """body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
     frames used. misfit: of `pose`, 0 is perfect. rival: how much worse the best hypothesis that
-    looks elsewhere is, as a factor of the misfit; infinite where there is none. girth: how thick
-    the body is for its length, the template being 1."""
+    looks elsewhere is, as a factor of the misfit; infinite where there is none. seen: m, how high
+    what is seen of the person is. girth: how thick the body is for that height, the template
+    standing upright being 1."""
 
     body: BodyModel
     pose: np.ndarray
     poses: np.ndarray
     misfit: float
     rival: float
+    seen: float
     girth: float
 
     @property
@@ -49,12 +51,11 @@ class Start:
             found.append(
                 "it is not sure which way the person looks: another fits the voxels nearly as well"
             )
-        if abs(np.log(self.girth)) > _STOUT * GIRTH:
+        if np.log(self.girth) > _STOUT * GIRTH:
             found.append(
-                f"the start fits badly: the body found is {self.height:.2f} m tall and "
-                f"{self.girth:.1f} times as thick as people of that height; is somebody standing "
-                "or walking there, who does not sit and carries nothing? Look at the overlay, or "
-                "give --init"
+                f"the start fits badly: what is seen is {self.seen:.2f} m high and "
+                f"{self.girth:.1f} times as thick as people of that height who stand or walk, as "
+                "whom it is tracked; look at the overlay, or give --init"
             )
         return found
 
@@ -126,9 +127,10 @@ def find_start(
             f"{final.misfits.mean():.2f}; expected less than {_HOPELESS}); give --init"
         )
     rival = fits[1].score / fits[0].score if len(fits) > 1 else np.inf
-    girth = float(np.exp(final.shape[1]))
+    seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
+    girth = float(np.exp(final.shape[:2].sum())) * stature(template) / seen
     misfits = float(final.misfits.mean())
-    return Start(final.body, final.poses[0], final.poses, misfits, rival, girth)
+    return Start(final.body, final.poses[0], final.poses, misfits, rival, seen, girth)
 
 
 @dataclass(frozen=True, eq=False)
