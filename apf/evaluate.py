@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +12,11 @@ import numpy as np
 
 from apf.body import EVALUATED_JOINTS
 from apf.joint_names import evaluated_joints, match_joints
-from apf.track import Track, read_npz
+from apf.track import Track
 from apf.trc import JointSeries, read_trc
 from apf.uncertainty import inside
 from cl import UserError
-from psfs.files import written_whole
+from psfs.files import read_npz, write_json, written_whole
 
 #: A joint farther than this from the truth counts as lost in that frame, m.
 LOST_JOINT = 0.150
@@ -156,8 +155,7 @@ class Evaluation:
         }
 
     def write_json(self, path: str | Path) -> None:
-        with written_whole(path) as temporary:
-            temporary.write_text(json.dumps(self.summary(), indent=2) + "\n")
+        write_json(Path(path), self.summary())
 
     def write_csv(self, path: str | Path) -> None:
         """One row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""

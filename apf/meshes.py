@@ -12,8 +12,8 @@ import trimesh
 from apf.body import BodyModel, Cone
 from apf.reference.cones import distances
 from apf.reference.kinematics import bone_matrices, posed_cones
-from apf.track import read_npz
 from cl import UserError
+from psfs.files import read_npz
 
 #: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
 FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)

@@ -17,6 +17,7 @@ from apf.track import Track
 from cl import UserError
 from psfs.camera import Camera, CameraRig
 from psfs.files import written_whole
+from psfs.preview import picture_of
 from psfs.sequence import Frame, Sequence
 
 #: BGR by side, bright enough for dark pictures and grey ones; the plots' hues.
@@ -26,7 +27,6 @@ _JOINT, _SHADOW, _TEXT = (255, 255, 255), (25, 25, 25), (245, 245, 245)
 MOSAIC_SIZE = (1920, 1080)
 _BITS = 4  # fractional bits of the coordinates that OpenCV draws with
 _FAR = 10_000.0  # px; lines that reach farther are cut off there, OpenCV's integers overflow
-_MASK_GREY = 0.55  # brightness of a mask drawn as a picture, so that lines stand out
 
 
 def draw_overlay(
@@ -132,17 +132,6 @@ def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
     return columns, key(columns)[0]
 
 
-def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
-    """(h, w, 3) uint8 BGR of one view without the rig's padding."""
-    width, height = camera.size
-    if frame.images is not None:
-        return frame.images[view, :height, :width]
-    if frame.masks is None:
-        return np.zeros((height, width, 3), np.uint8)
-    grey = (frame.masks[view, :height, :width] * _MASK_GREY).astype(np.uint8)
-    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-
-
 def _label(image: np.ndarray, text: str) -> None:
     """White text on a dark strip in the upper left corner."""
     size = max(0.4, min(image.shape[:2]) / 800)
@@ -152,13 +141,6 @@ def _label(image: np.ndarray, text: str) -> None:
     strip = image[: height + below + pad, : width + 2 * pad]
     strip[:] = strip // 3
     cv2.putText(image, text, (pad, height + pad // 2), font, size, _TEXT, 1, cv2.LINE_AA)
-
-
-def write_overlay_png(path: str | Path, picture: np.ndarray) -> None:
-    """Write a picture of `overlay_picture` or `draw_overlay` as PNG."""
-    with written_whole(path) as temporary:
-        if not cv2.imwrite(str(temporary), picture):
-            raise UserError(f"{path}: the picture could not be written")
 
 
 def write_overlay(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +12,7 @@ import numpy as np
 
 from apf.trc import JointSeries, write_trc
 from cl import UserError
-from psfs.files import written_whole
+from psfs.files import read_npz, written_whole
 
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
 _KEYS = ("body_name", "dof_names", "joint_names", "fps", "frames", "poses", "joints", "edges",
@@ -182,20 +180,3 @@ def spans(frames: Sequence[int]) -> str:
         else:
             pieces.append([frame])
     return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)
-
-
-def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray]:
-    """All arrays of an npz that must hold `keys`; `what` says in errors what it should be."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; expected {what}") from None
-    # A .npy loads as an array, which is no context manager with `files` (AttributeError).
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, AttributeError,
-            TypeError, KeyError, NotImplementedError):  # fmt: skip
-        raise UserError(f"{path}: not a readable npz file; expected {what}") from None
-    missing = [key for key in keys if key not in data]
-    if missing:
-        raise UserError(f"{path}: lacks {', '.join(missing)}; expected {what}")
-    return data

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from cl import UserError
-from psfs.files import written_whole
+from psfs.files import read_npz, written_whole
 from psfs.grid import VoxelCloud, VoxelGrid
 
 #: Parts of a cloud with fewer voxels than this share of the largest part's are debris.
@@ -20,6 +19,8 @@ DEBRIS_SHARE = 0.05
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
 _PLY_TYPES = {"<f4": "float", "u1": "uchar"}
+#: What an NPZ holds, and the colours where there are some.
+_ARRAYS = ("origin", "voxel_size", "shape", "indices", "probability", "volume")
 
 
 def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
@@ -122,14 +123,14 @@ def write_npz(cloud: VoxelCloud, path: Path) -> None:
         np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
 
 
-def read_npz(path: Path) -> VoxelCloud:
+def read_cloud(path: Path) -> VoxelCloud:
     """Inverse of `write_npz`. Raises UserError if the file is absent, cut short or another's."""
+    what = "a voxel cloud of `psfs reconstruct`"
+    data = read_npz(path, _ARRAYS, what)
     try:
-        with np.load(path) as file:
-            nx, ny, nz = (int(n) for n in file["shape"])
-            grid = VoxelGrid(file["origin"], float(file["voxel_size"]), (nx, ny, nz))
-            colour = file.get("colour")
-            volume = float(file["volume"])
-            return VoxelCloud(grid, file["indices"], file["probability"], colour, volume)
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise UserError(f"{path}: not a voxel cloud of `psfs reconstruct` ({error})") from error
+        nx, ny, nz = (int(n) for n in data["shape"])
+        grid = VoxelGrid(data["origin"], float(data["voxel_size"]), (nx, ny, nz))
+        volume = float(data["volume"])
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path}: not {what} ({error})") from error
+    return VoxelCloud(grid, data["indices"], data["probability"], data.get("colour"), volume)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -23,6 +24,11 @@ from cl import UserError
 #: Results go to standard output, progress and messages to standard error.
 stdout = Console(highlight=False)
 stderr = Console(stderr=True, highlight=False)
+
+
+def warn(text: str, console: Console = stderr) -> None:
+    """Print a warning."""
+    console.print(f"[yellow]warning:[/] {escape(text)}", soft_wrap=True)
 
 
 def run_command(parser: argparse.ArgumentParser, argv: list[str] | None = None) -> int:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 
 from cl import UserError
@@ -21,6 +26,23 @@ def read_numbers(path: Path) -> np.ndarray:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise UserError(f"{path}: expected numbers only: {error}") from None
+
+
+def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray]:
+    """All arrays of an npz that must hold `keys`; `what` says in errors what it should be."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; expected {what}") from None
+    # A .npy loads as an array, which is no context manager with `files` (AttributeError).
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, AttributeError,
+            TypeError, KeyError, NotImplementedError):  # fmt: skip
+        raise UserError(f"{path}: not a readable npz file; expected {what}") from None
+    missing = [key for key in keys if key not in data]
+    if missing:
+        raise UserError(f"{path}: lacks {', '.join(missing)}; expected {what}")
+    return data
 
 
 @contextmanager
@@ -41,3 +63,20 @@ def written_whole(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def write_picture(path: Path, picture: np.ndarray) -> None:
+    """Write a BGR picture; the suffix of `path` says the format. Raises UserError if unknown."""
+    with written_whole(path) as temporary:
+        try:
+            done = cv2.imwrite(str(temporary), picture)
+        except cv2.error as error:
+            wanted = "no picture format; expected a name such as view.png"
+            raise UserError(f"{path}: {wanted}") from error
+        if not done:
+            raise UserError(f"{path}: the picture could not be written")

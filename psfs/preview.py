@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy import ndimage
 
-from cl import UserError
-from psfs.camera import CameraRig
+from psfs.camera import Camera, CameraRig
 from psfs.clouds import coarsened
-from psfs.files import written_whole
 from psfs.footprints import footprints
 from psfs.grid import VoxelCloud
 from psfs.reference.reprojection import voxel_silhouette
@@ -29,6 +26,7 @@ CLAY = np.array([150, 178, 205], np.float32)
 _FINEST = 250
 _OUTLINE = (60, 220, 60)
 _INK = (90, 80, 70)
+_MASK_GREY = 0.55  # brightness of a mask drawn as a picture, so that lines stand out
 
 
 def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
@@ -71,15 +69,6 @@ def sheet(
     above = np.hstack(views)
     cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
     return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
-
-
-def write_picture(path: Path, picture: np.ndarray) -> None:
-    """Write a BGR picture; the suffix of `path` says the format. Raises UserError if unknown."""
-    try:
-        with written_whole(path) as temporary:
-            cv2.imwrite(str(temporary), picture)
-    except cv2.error as error:
-        raise UserError(f"{path}: no picture format; expected a name such as view.png") from error
 
 
 def shaded_view(
@@ -216,6 +205,18 @@ def outlined(
     return drawn
 
 
+def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
+    """(h, w, 3) uint8 BGR of one view without the rig's padding; a darkened mask if there is no
+    picture."""
+    width, height = camera.size
+    if frame.images is not None:
+        return frame.images[view, :height, :width]
+    if frame.masks is None:
+        return np.zeros((height, width, 3), np.uint8)
+    grey = (frame.masks[view, :height, :width] * _MASK_GREY).astype(np.uint8)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+
+
 def _picture_row(
     silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
 ) -> np.ndarray:
@@ -225,12 +226,7 @@ def _picture_row(
     for view in chosen:
         camera = rig[int(view)]
         columns, rows = camera.size
-        stack = frame.images if frame.images is not None else frame.masks
-        assert stack is not None
-        picture = stack[view, :rows, :columns]
-        if picture.ndim == 2:
-            picture = cv2.cvtColor(picture // 2, cv2.COLOR_GRAY2BGR)
-        panel = outlined(picture, silhouette(int(view)))
+        panel = outlined(picture_of(frame, int(view), camera), silhouette(int(view)))
         cell = width // len(chosen)
         panel = cv2.resize(
             panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA

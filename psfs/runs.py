@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -13,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from cl import Device, NumpyDevice, UserError
-from psfs.clouds import read_npz
+from psfs.clouds import read_cloud
 from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
-from psfs.files import written_whole
 from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.sequence import Sequence
 
@@ -25,11 +23,6 @@ SUMMARY = "summary.json"
 def cloud_stem(out: Path, index: int) -> Path:
     """The path of frame `index`'s cloud without suffix."""
     return out / "clouds" / f"frame_{index:06d}"
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def versions() -> dict[str, str]:
@@ -116,7 +109,7 @@ class Run:
         return VoxelGrid(np.array(grid["origin_m"]), grid["voxel_size_m"], (nx, ny, nz))
 
     def cloud(self, index: int) -> VoxelCloud:
-        return read_npz(cloud_stem(self.out, index).with_suffix(".npz"))
+        return read_cloud(cloud_stem(self.out, index).with_suffix(".npz"))
 
     def sequence(self) -> Sequence:
         """The sequence again. Raises UserError if its folder has gone."""

@@ -14,7 +14,7 @@ import trimesh
 import psfs.commands.reconstruct as command
 from psfs.check import volume_region, without_speckle
 from psfs.cli import main
-from psfs.clouds import read_npz
+from psfs.clouds import read_cloud
 from psfs.grid import VoxelGrid
 
 FRAMES = 4
@@ -61,7 +61,7 @@ def test_reconstruct_then_check_then_view(
     summary = json.loads((out / "summary.json").read_text())
     assert summary["complete"] and len(summary["frames"]) == FRAMES
     assert summary["frames"][0]["surface_voxels"] == 0
-    cloud = read_npz(out / "clouds" / "frame_000001.npz")
+    cloud = read_cloud(out / "clouds" / "frame_000001.npz")
     assert len(cloud) == summary["frames"][1]["surface_voxels"] > 100
     assert len(trimesh.load(out / "clouds" / "frame_000001.ply").vertices) == len(cloud)
     assert cv2.imread(str(out / "preview.png")).shape[1] == 1800
@@ -82,7 +82,7 @@ def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
     assert reconstruct(folder, tmp_path / "cl", *flags) == 0
     assert reconstruct(folder, tmp_path / "np", *flags, "--device", "numpy") == 0
     ours, twins = (
-        read_npz(tmp_path / name / "clouds" / "frame_000001.npz").indices for name in ("cl", "np")
+        read_cloud(tmp_path / name / "clouds" / "frame_000001.npz").indices for name in ("cl", "np")
     )
     assert len(np.setxor1d(ours, twins)) <= 0.02 * len(twins)
 

@@ -11,7 +11,7 @@ import trimesh
 from scipy import ndimage
 
 from cl import UserError
-from psfs.clouds import coarsened, connected_parts, read_npz, without_debris, write_cloud
+from psfs.clouds import coarsened, connected_parts, read_cloud, without_debris, write_cloud
 from psfs.grid import VoxelCloud, VoxelGrid
 from psfs.reference.surface import surface_voxels
 
@@ -32,7 +32,7 @@ def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
 def test_round_trip(tmp_path: Path, colour: bool) -> None:
     cloud = a_cloud(colour)
     write_cloud(cloud, tmp_path / "frame_000000")
-    again = read_npz(tmp_path / "frame_000000.npz")
+    again = read_cloud(tmp_path / "frame_000000.npz")
     np.testing.assert_array_equal(again.indices, cloud.indices)
     np.testing.assert_array_equal(again.probability, cloud.probability)
     np.testing.assert_allclose(again.centres, cloud.centres)
@@ -48,7 +48,7 @@ def test_round_trip(tmp_path: Path, colour: bool) -> None:
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
     cloud = VoxelCloud(scenes.small_grid(), np.zeros(0, np.int32), np.zeros(0, np.float32))
     write_cloud(without_debris(cloud), tmp_path / "empty")
-    assert len(read_npz(tmp_path / "empty.npz")) == 0
+    assert len(read_cloud(tmp_path / "empty.npz")) == 0
     assert b"element vertex 0\n" in (tmp_path / "empty.ply").read_bytes()
 
 
@@ -90,4 +90,4 @@ def test_broken_files_are_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.npz"
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"broken\.npz"):
-        read_npz(path)
+        read_cloud(path)

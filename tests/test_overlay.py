@@ -13,10 +13,11 @@ import tracks
 from conftest import shared_data
 
 from apf.body import load_body
-from apf.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay, write_overlay_png
+from apf.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
 from apf.reference.kinematics import posed_cones
 from cl import UserError
 from psfs.camera import Camera, CameraRig
+from psfs.files import write_picture
 from psfs.sequence import Frame, Sequence
 
 BODY = load_body("song31")
@@ -193,10 +194,10 @@ def test_a_frame_that_fails_leaves_no_video(tmp_path: Path) -> None:
 
 def test_png(tmp_path: Path) -> None:
     picture = np.full((20, 30, 3), 77, np.uint8)
-    write_overlay_png(tmp_path / "a.png", picture)
+    write_picture(tmp_path / "a.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png")), picture)
     with pytest.raises(UserError, match="cannot be written"):
-        write_overlay_png(tmp_path / "a.png" / "b.png", picture)
+        write_picture(tmp_path / "a.png" / "b.png", picture)
 
 
 def test_real_sequence_with_grey_pictures(tmp_path: Path) -> None:

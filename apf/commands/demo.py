@@ -12,7 +12,7 @@ import numpy as np
 
 import psfs.cli
 from psfs.commandline import add_command, add_device_flag, stdout
-from psfs.runs import write_json
+from psfs.files import write_json
 
 
 def register(commands: argparse._SubParsersAction) -> None:

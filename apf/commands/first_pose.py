@@ -15,7 +15,7 @@ from apf.joint_names import match_joints
 from apf.start import start_of
 from apf.start.find import Start
 from cl import Device, NumpyDevice, UserError
-from psfs.commandline import stderr
+from psfs.commandline import warn
 from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 
@@ -75,6 +75,6 @@ def found_start(
 
 
 def tell_doubts(sequence: Sequence, start: Start) -> None:
-    """Print what speaks against the start that was found."""
+    """Warn of what speaks against the start that was found."""
     for doubt in start.doubts:
-        stderr.print(f"{sequence.name}: {doubt}", markup=False, soft_wrap=True)
+        warn(f"{sequence.name}: {doubt}")

@@ -35,8 +35,8 @@ from psfs.commands.sequence_flags import (
     selected_frames,
     stated,
 )
+from psfs.files import write_json
 from psfs.grid import VoxelGrid
-from psfs.runs import write_json
 from psfs.volume import automatic_grid, default_voxel_size
 
 #: The voxels' mean tells where the body has moved to: less noise than `apf track` needs.

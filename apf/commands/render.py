@@ -13,7 +13,6 @@ from apf.body import BodyModel, load_body
 from apf.initial import read_pose
 from apf.meshes import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
 from apf.opengl import OpenGLRenderer
-from apf.overlay import picture_of, write_overlay_png
 from apf.reference import render as twin
 from apf.rendering import draw_hypotheses
 from apf.track import Track
@@ -21,6 +20,8 @@ from cl import Device, NumpyDevice, UserError, select_device
 from psfs.camera import CameraRig
 from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.commands.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.files import write_picture
+from psfs.preview import picture_of
 
 #: What is written of every picture, each into a folder of its own.
 KINDS = ("silhouettes", "edges", "overlay")
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> None:
                     tinted(picture_of(frame, view, camera), parts, edges),
                 )
                 for kind, picture in zip(KINDS, pictures, strict=True):
-                    write_overlay_png(args.output / kind / name, picture)
+                    write_picture(args.output / kind / name, picture)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
 
 

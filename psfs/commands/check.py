@@ -6,14 +6,14 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from rich.markup import escape
 
 from cl import UserError, select_device
 from psfs.agreement import Suspect, suspects
 from psfs.check import DEFINITION, Checker
-from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.commands.iou import iou_table, plain
-from psfs.runs import Run, write_json
+from psfs.files import write_json
+from psfs.runs import Run
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -49,7 +49,7 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
     for reason in disagreeing.values():
-        stdout.print(f"[yellow]warning:[/] {escape(reason)}", soft_wrap=True)
+        warn(reason, stdout)
     report = {
         "definition": DEFINITION,
         "mean_iou": plain(masked.mean()),

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from psfs.agreement import suspects
-from psfs.commandline import add_command, stdout
+from psfs.commandline import add_command, stdout, warn
 from psfs.commands.sequence_flags import add_sequence_flags, open_sequence
 from psfs.info import SequenceInfo, sequence_info
 from psfs.sequence import Sequence
@@ -35,7 +35,7 @@ def _run(args: argparse.Namespace) -> None:
         stdout.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
     disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
     for warning in [*info.warnings, *disagreeing]:
-        stdout.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+        warn(warning, stdout)
 
 
 def _cameras(info: SequenceInfo) -> Table:

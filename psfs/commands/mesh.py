@@ -13,9 +13,10 @@ from cl import UserError, select_device
 from psfs.check import Checker
 from psfs.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.commands.iou import iou_table, plain
+from psfs.files import write_json
 from psfs.mesh import FORMATS, SMOOTHING, Mesher, write_mesh
 from psfs.raycast import RayScene
-from psfs.runs import Run, write_json
+from psfs.runs import Run
 from psfs.sequence import Frame
 
 _DEFINITION = (

@@ -14,7 +14,7 @@ from cl import Device, NumpyDevice, UserError, select_device
 from psfs import runs
 from psfs.agreement import Suspect
 from psfs.clouds import DEBRIS_SHARE, without_debris, write_cloud
-from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
+from psfs.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.commands.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -23,8 +23,9 @@ from psfs.commands.sequence_flags import (
     stated,
 )
 from psfs.config import ReconstructionConfig
+from psfs.files import write_json, write_picture
 from psfs.grid import VoxelCloud, VoxelGrid
-from psfs.preview import preview, write_picture
+from psfs.preview import preview
 from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, expected_person, finest_pixel, foreground_box
@@ -119,11 +120,10 @@ def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
     pixel = finest_pixel(sequence.rig, grid)
     if grid.voxel_size > pixel / _FINE:
         return
-    stderr.print(
-        f"[yellow]warning:[/] {grid.size:,} voxels of {1e3 * grid.voxel_size:.2g} mm: finer than "
+    warn(
+        f"{grid.size:,} voxels of {1e3 * grid.voxel_size:.2g} mm: finer than "
         f"the pictures, whose pixels cover {1e3 * pixel:.2g} mm there; --voxel-size {pixel:.1g} "
-        f"would show as much in {(grid.voxel_size / pixel) ** 2:.2g} of the time",
-        soft_wrap=True,
+        f"would show as much in {(grid.voxel_size / pixel) ** 2:.2g} of the time"
     )
 
 
@@ -189,7 +189,7 @@ class _Job:
         """Summary and preview of what is done, also after an interruption."""
         if not self.done:
             return
-        runs.write_json(self.out / runs.SUMMARY, self._summary(expected))
+        write_json(self.out / runs.SUMMARY, self._summary(expected))
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
         run = runs.Run.open(self.out)

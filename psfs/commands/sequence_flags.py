@@ -7,11 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 from cl import Device, NumpyDevice, UserError
 from psfs.agreement import Suspect, suspects
-from psfs.commandline import frame_range, stderr
+from psfs.commandline import frame_range, warn
 from psfs.sequence import Sequence
 from psfs.settings import BACKGROUND_KINDS
 
@@ -115,10 +113,7 @@ def open_trusted(
     if not bad:
         return sequence, []
     for suspect in bad:
-        stderr.print(
-            f"[yellow]warning:[/] {escape(sequence.name)}: left out: {escape(str(suspect))}",
-            soft_wrap=True,
-        )
+        warn(f"{sequence.name}: left out: {suspect}")
     named = {suspect.camera for suspect in bad}
     args.cameras = [name for name in sequence.rig.names if name not in named]
     return open_sequence(args), bad

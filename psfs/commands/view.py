@@ -9,10 +9,11 @@ import trimesh
 
 from cl import select_device
 from psfs.commandline import add_command, add_device_flag, stderr, stdout
+from psfs.files import write_picture
 from psfs.grid import VoxelCloud
 from psfs.mesh import Mesher
 from psfs.mesh_preview import mesh_preview
-from psfs.preview import preview, write_picture
+from psfs.preview import preview
 from psfs.runs import Run
 from psfs.viewer import KEYS, has_display, show
 
