@@ -10,6 +10,7 @@ by bit, those that it has alone.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -31,6 +32,8 @@ from cl import Device, NumpyDevice, UserError
 from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
+
+log = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
@@ -71,8 +74,9 @@ def track_take(
     given: a body and its first pose (D,), which then are not searched for. template, keep_shape,
     height: see `start_of`; the template is song31 by default. seeds: of the runs, the method's by
     default; the start takes the method's. progress: called with the name of every stage that
-    begins ("volume", "start") and with "tracking" after each frame; a KeyboardInterrupt during
-    tracking ends the tracks after the last whole frame. Raises UserError.
+    begins ("volume", "start", "preparing"), with "start" now and then during it, and with
+    "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the last
+    whole frame. Raises UserError.
     """
     method = method or Method()
     tell = progress or (lambda stage: None)
@@ -88,9 +92,11 @@ def track_take(
         start = start_of(
             device, sequence, grid, template, selection,
             height=height, keep_shape=keep_shape, seed=method.filter.seed,
+            progress=lambda: tell("start"),
         )  # fmt: skip
         given = start.body, start.pose
     body, pose = given
+    tell("preparing")
     began = time.perf_counter()
     tracks = track_seeds(
         device, sequence, grid, body, pose, method,
@@ -174,6 +180,7 @@ def at_once(
                     done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 except KeyboardInterrupt:
                     interrupted.set()
+                    log.warning("interrupted: takes end after the frame in work")
                     continue
                 for future in done:
                     if not isinstance(future.exception(), KeyboardInterrupt):

@@ -214,7 +214,7 @@ def test_takes_are_bit_by_bit_those_alone(
             np.testing.assert_array_equal(a.poses, b.poses)
             np.testing.assert_array_equal(a.covariance, b.covariance)
         stages = [stage for n, stage in told if n == number]
-        assert stages == ["volume", "start", *["tracking"] * FRAMES]
+        assert stages == ["volume", "start", "preparing", *["tracking"] * FRAMES]
     assert np.any(together[0].tracks[0].poses != together[1].tracks[0].poses)
 
 
@@ -226,7 +226,7 @@ def test_given_starts_and_image_objectives_need_no_voxels(walks: list[Path]) -> 
         Device.best(), Sequence.open(walks[0]), method,
         given=(body, body.rest_pose), selection=slice(1, 3), progress=told.append,
     )  # fmt: skip
-    assert take.start is None and take.seconds > 0 and told == ["tracking"] * 2
+    assert take.start is None and take.seconds > 0 and told == ["preparing", "tracking", "tracking"]
     assert take.tracks[0].frames.tolist() == [1, 2]
 
 

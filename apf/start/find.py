@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,8 @@ from psfs.grid import VoxelGrid
 
 #: Fewest surface voxels that can be a person.
 _FEWEST = 200
+#: Frames that are searched, the first and the last among them.
+_SEARCHED = 5
 #: Misfit above which no body was found.
 _HOPELESS = 0.55
 #: Doubtful is a start with a rival that fits but this factor worse, and a body whose girth is so
@@ -75,15 +77,17 @@ def find_start(
     height: float | None = None,
     keep_shape: bool = False,
     seed: int = 0,
+    progress: Callable[[], object] | None = None,
 ) -> Start:
     """Find a person in the `voxels` (see `stored`) of the first frames, some time apart.
 
-    In the first, the middle and the last frame a search over all headings; from the frame where it
+    In the first, the last and frames in between a search over all headings; from the frame where it
     fits best the body is tracked to both ends, and its shape fitted to all frames. Then once more
     from the frame that fits best, with that shape. noise: of a tracker from one of the frames to
     the next, see `FilterConfig`. height: known stature, m. keep_shape: the template is the person's
-    own body. Raises UserError if no frame shows a person.
+    own body. progress: called every now and then. Raises UserError if no frame shows a person.
     """
+    tell = progress or (lambda: None)
     clouds = [Cloud(points) for points in _people(voxels)]
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
     search = PoseSearch(device, rig, grid, template, height, keep_shape, seed, way)
@@ -96,11 +100,13 @@ def find_start(
             tracker = tracker_for(device, body, rig, grid, config)
             tracker.start(pose)
             for k in order:
+                tell()
                 poses[k] = tracker.step(voxels[k]).pose
         return poses
 
     def shaped(shape: np.ndarray, pose: np.ndarray, anchor: int) -> _Fit:
         poses = follow(search.model.body(shape), pose, anchor)
+        tell()
         shape, poses = fit_shape(
             template, clouds, shape, poses, height, free=() if keep_shape else None
         )
@@ -159,7 +165,7 @@ def _best_frame(
     search: PoseSearch, voxels: Sequence[Any], clouds: Sequence[Cloud]
 ) -> tuple[int, list[Hypothesis]]:
     """The frame in which the search fits best, and its hypotheses."""
-    tried = sorted({0, len(clouds) // 2, len(clouds) - 1})
+    tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, _SEARCHED)})
     found = {k: search(voxels[k], clouds[k]) for k in tried}
     best = min(tried, key=lambda k: found[k][0].misfit)
     return best, found[best]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.pipeline import at_rate
@@ -27,6 +29,7 @@ def start_of(
     height: float | None = None,
     keep_shape: bool = False,
     seed: int = 0,
+    progress: Callable[[], object] | None = None,
 ) -> Start:
     """Find the person in the first of the selected frames of `sequence`; see `find_start`."""
     chosen = range(len(sequence))[selection or slice(None)]
@@ -38,4 +41,6 @@ def start_of(
         for frame in sequence.frames(slice(frames.start, frames.stop, frames.step))
     ]
     noise = at_rate(FilterConfig(), sequence.fps / frames.step).noise
-    return find_start(device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed)
+    return find_start(
+        device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed, progress
+    )
