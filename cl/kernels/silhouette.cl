@@ -192,6 +192,7 @@ inline float mixed(__global const uchar *colour, __global const float *plane,
     const Colour w = planes_of(plane, 3);
     const Colour here = less(colour_of(colour), 1.0f, planes_of(plane, 0));
     float least = 1e9f;
+#pragma unroll
     for (int direction = 0; direction < 9; ++direction) {
         const int step = 2 * (direction / 3 - 1) * WIDTH + 2 * (direction % 3 - 1);
         if (person[step] <= 0 || person[-step] >= 0) continue;
