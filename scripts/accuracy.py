@@ -3,6 +3,8 @@
 
     scripts/accuracy.py [FOLDER ...] [--tables cameras step particles:layers] [-o OUT]
 
+    scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
+
 writes OUT/results.json (all runs), runs.csv, tables.csv and accuracy.png, and prints tables.
 Without folders it films walks of its own. A second call with the same OUT goes on where the first
 stopped.
@@ -11,7 +13,9 @@ stopped.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
+import time
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
@@ -22,6 +26,10 @@ from accuracy.recordings import Recording, record
 from accuracy.report import plot, print_joints, print_tables, write_summary
 from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
+from accuracy.thesis import TABLES as THESIS
+from accuracy.thesis import headline, thesis_plan, write_thesis
+from timings.report_readme import replace_marked
+from timings.results import checked_out_commit
 
 from apf.config import TERMS, FilterConfig
 from apf.methods import OBJECTIVES, SEARCHES
@@ -32,6 +40,7 @@ from cl import Device, UserError, select_device
 from psfs.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
 from psfs.sequence import Sequence
 
+_ROOT = Path(__file__).resolve().parent.parent
 #: The walks that are filmed when no folder is given: seed and stature, m.
 _WALKS = ((1, 1.76), (2, 1.62))
 _WALK_CAMERAS, _WALK_FRAMES, _WALK_FPS = 8, 120, 60.0
@@ -78,6 +87,20 @@ def main() -> int:
         f"{', '.join(TERMS)}",
     )
     parser.add_argument("--seeds", type=int, default=10, metavar="N")
+    parser.add_argument(
+        "--thesis",
+        nargs="*",
+        choices=list(THESIS),
+        help="instead, these tables of Rymut's thesis, all by default, on one FOLDER; into "
+        "thesis.md, too",
+    )
+    parser.add_argument(
+        "--readme", action="store_true", help="with --thesis: bring README up to date"
+    )
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
+    )
+    parser.add_argument("--commit", help="the commit, where there is no git to ask")
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
     add_device_flag(parser)
     parser.set_defaults(run=_run)
@@ -90,11 +113,20 @@ def _run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise UserError("--device numpy would take days; expected an OpenCL device")
-    tables = [Table.named(text) for text in args.tables]
-    folders = [folder.resolve() for folder in args.folders] or _own_walks(args.out, device)
-    plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
+    folders = [folder.resolve() for folder in args.folders]
+    if args.thesis is not None:
+        if len(folders) != 1:
+            raise UserError(f"--thesis with {len(folders)} folders; expected one")
+        plan = thesis_plan(
+            folders[0], len(Sequence.open(folders[0]).rig), args.thesis or list(THESIS)
+        )
+    else:
+        folders = folders or _own_walks(args.out, device)
+        tables = [Table.named(text) for text in args.tables]
+        plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
     conditions = {
         "version": version("psfs-apf"),
+        "commit": args.commit or checked_out_commit(),
         "device": device.name,
         "filter": asdict(FilterConfig()),
         "folders": {folder.name: str(folder) for folder in folders},
@@ -102,7 +134,7 @@ def _run(args: argparse.Namespace) -> None:
     results = Results.resumed(args.out / "results.json", conditions)
     by_name = {folder.name: folder for folder in folders}
     try:
-        _do_runs(device, by_name, plan, results, args.seeds, args.out)
+        _do_runs(device, by_name, plan, results, args)
     finally:  # what there is, also when interrupted
         if results.runs:
             results.write_csv(args.out / "runs.csv")
@@ -111,6 +143,11 @@ def _run(args: argparse.Namespace) -> None:
             print_tables(plan, results, args.seeds)
             for setting in dict.fromkeys(_first_settings(plan)):
                 print_joints(setting, results.of(setting))
+            if args.thesis is not None:
+                write_thesis(args.out / "thesis.md", results, folders[0].name, args.seeds)
+            if args.thesis is not None and args.readme:
+                text = headline(results, folders[0].name, args.seeds)
+                replace_marked(_ROOT / "README.md", "accuracy", text)
             stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
 
 
@@ -158,26 +195,24 @@ def _do_runs(
     folders: dict[str, Path],
     plan: dict[Table, list[Setting]],
     results: Results,
-    seeds: int,
-    out: Path,
+    args: argparse.Namespace,
 ) -> None:
-    """All runs that the results lack, those of one recording together."""
-    settings = dict.fromkeys(setting for part in plan.values() for setting in part)
-    ordered = sorted(settings, key=lambda s: (s.sequence, -s.cameras, s.step))
-    lacking = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in ordered}
-    todo = [(s, part) for s, rest in lacking.items() for part in together(device, s, rest) if part]
-    if not todo:
-        return
+    """All runs that the results lack, those of one recording together, seed by seed, until the
+    seconds are over."""
+    end = time.monotonic() + (args.seconds or math.inf)
+    todo = _lacking(device, plan, results, args.seeds)
     with progress_bar() as bar:
         task = bar.add_task("runs", total=sum(len(part) for _, part in todo))
         shown: tuple[str, int, int] | None = None
         recording: Recording | None = None
         for setting, part in todo:
-            wanted = (setting.sequence, setting.cameras, setting.step)
+            if time.monotonic() > end:
+                return
+            wanted = _recording_of(setting)
             if recording is None or wanted != shown:
                 name = f"{setting.sequence}_{setting.cameras}cam_step{setting.step}.npz"
                 bar.update(task, description=f"voxels of {name.removesuffix('.npz')}")
-                folder, cache = folders[setting.sequence], out / "clouds" / name
+                folder, cache = folders[setting.sequence], args.out / "clouds" / name
                 frames = bar.add_task("frames")
                 recording = record(device, folder, *wanted[1:], cache, partial(bar.advance, frames))
                 bar.remove_task(frames)
@@ -186,6 +221,20 @@ def _do_runs(
             for done in run(device, recording, setting, part):
                 results.add(done)
             bar.advance(task, len(part))
+
+
+def _lacking(
+    device: Device, plan: dict[Table, list[Setting]], results: Results, seeds: int
+) -> list[tuple[Setting, list[int]]]:
+    """Settings with the seeds that are tracked at once, in the order of the runs."""
+    settings = dict.fromkeys(setting for part in plan.values() for setting in part)
+    lacking = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
+    todo = [(s, part) for s, rest in lacking.items() for part in together(device, s, rest) if part]
+    return sorted(todo, key=lambda item: (_recording_of(item[0]), item[1][0]))
+
+
+def _recording_of(setting: Setting) -> tuple[str, int, int]:
+    return setting.sequence, setting.cameras, setting.step
 
 
 def _described(setting: Setting, seeds: list[int]) -> str:

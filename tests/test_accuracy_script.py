@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import footage
 import numpy as np
 import pytest
 
+from apf.features import FeatureConfig, Features
 from apf.synthetic.scene import SceneConfig, make_rig
+from apf.trc import JointSeries
 from cl import Device, UserError
+from psfs.grid import VoxelGrid
+from psfs.sequence import Sequence
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
-from accuracy.recordings import spread_cameras
+from accuracy.recordings import Recording, spread_cameras
 from accuracy.report import Summary, print_tables, write_summary
 from accuracy.runs import Results, Run, method_of, together
 from accuracy.settings import Setting, Table
+from accuracy.thesis import TABLES, headline, thesis_plan, write_thesis
+from timings.report_readme import replace_marked
+
+SCRIPT = Path(__file__).parents[1] / "scripts" / "accuracy.py"
+specification = importlib.util.spec_from_file_location("accuracy_script", SCRIPT)
+assert specification is not None and specification.loader is not None
+accuracy_script = importlib.util.module_from_spec(specification)
+specification.loader.exec_module(accuracy_script)
 
 VALUES = {
     "cameras": [8, 4], "step": [1, 4], "method": ["apf"], "objective": ["voxel", "surface"],
@@ -120,3 +135,70 @@ def test_seeds_are_tracked_at_once_where_possible() -> None:
     assert together(device, replace(BASE, objective="edge+silhouette"), [0, 1]) == [[0, 1]]
     for other in ({"method": "pso"}, {"objective": "sp"}, {"objective": "surface+smoothness"}):
         assert together(device, replace(BASE, **other), [0, 1]) == [[0], [1]]
+
+
+def test_tables_of_the_thesis(tmp_path: Path) -> None:
+    plan = thesis_plan(tmp_path / "walk", 4, list(TABLES))
+    assert [len(settings) for settings in plan.values()] == [45, 8, 16, 3]
+    chosen = thesis_plan(tmp_path / "walk", 4, ["6.4"])
+    (settings,) = chosen.values()
+    methods = [method_of(setting, 0) for setting in settings]
+    scored = [m.filter.n_particles * m.filter.n_layers for m in methods]
+    assert scored == [960, 2040, 3040, 5120] * 2
+    assert {(m.search, m.objective) for m in methods} == {("sir", "sp"), ("pso", "sp")}
+    results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
+    for setting in settings[:2]:
+        results.add(a_run(setting, 0, float(setting.particles)))
+    write_thesis(tmp_path / "thesis.md", results, "walk", 10)
+    text = (tmp_path / "thesis.md").read_text()
+    assert "abacus, 20" in text and "c0ffee" in text
+    assert "| particle filter (PF) | 96.0 ± 0.0 | 204.0 ± 0.0 | - | - |" in text
+    assert "| PF | 112.4 ± 42.2 |" in text  # the thesis's own
+    assert "| CUDA-OpenGL | 500 | 37.6 ± 7.6 |" in text
+    assert headline(results, "walk", 10).count("|") > 20
+
+
+def test_features_are_made_once(tmp_path: Path) -> None:
+    """They are shown as they would be made anew."""
+    folder = footage.native(tmp_path / "walk", frames=4)
+    sequence, device = Sequence.open(folder), Device.best()
+    grid = VoxelGrid(np.zeros(3), 0.1, (2, 2, 2))
+    truth = JointSeries((), np.zeros((4, 0, 3)), 25.0, np.arange(4))
+    recording = Recording(sequence, grid, [0, 2], [], truth)
+    config = FeatureConfig()
+    replay = recording.features(device, config)
+    assert recording.features(device, config) is replay
+    features = Features(device, sequence.rig, sequence.background, config)
+    shown = 0
+    for index, seen in replay:
+        features(sequence.read(index))
+        np.testing.assert_array_equal(seen.maps.get(), features.maps.get())
+        np.testing.assert_array_equal(seen.roi.get(), features.roi.get())
+        shown += 1
+    assert shown == 2
+
+
+def test_runs_are_begun_seed_by_seed_until_time_is_up(tmp_path: Path, monkeypatch) -> None:
+    device = Device.best()
+    settings = [replace(BASE, method="pso", objective=name) for name in ("sp", "ws")]
+    results = Results(tmp_path / "results.json", {})
+    results.add(a_run(settings[0], 0, 1.0))
+    todo = accuracy_script._lacking(device, {Table(("objective",)): settings}, results, 2)
+    assert todo == [(settings[1], [0]), (settings[0], [1]), (settings[1], [1])]
+    began: list[object] = []
+    monkeypatch.setattr(accuracy_script, "record", lambda *args: began.append(args))
+    plan, args = (
+        {Table(("objective",)): settings},
+        SimpleNamespace(seconds=1e-9, seeds=2, out=tmp_path),
+    )
+    accuracy_script._do_runs(device, {}, plan, results, args)
+    assert not began and len(results.runs) == 1
+
+
+def test_text_between_marks(tmp_path: Path) -> None:
+    page = tmp_path / "README.md"
+    page.write_text("a\n<!-- x: begin -->\nold\n<!-- x: end -->\nb\n")
+    replace_marked(page, "x", "new")
+    assert page.read_text() == "a\n<!-- x: begin -->\nnew\n<!-- x: end -->\nb\n"
+    with pytest.raises(UserError, match="expected <!-- y: begin -->"):
+        replace_marked(page, "y", "new")

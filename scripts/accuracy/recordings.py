@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.evaluate import load_truth
+from apf.features import FeatureConfig, Features
 from apf.initial import fit_to_joints
 from apf.joint_names import match_joints
 from apf.trc import JointSeries
@@ -36,6 +37,7 @@ class Recording:
     frames: list[int]
     surfaces: list[np.ndarray]
     truth: JointSeries
+    _features: dict[FeatureConfig, FeatureReplay] = field(default_factory=dict)
 
     @property
     def fps(self) -> float:
@@ -50,6 +52,12 @@ class Recording:
         joints = {name: self.truth.joints[row, place] for name, place in places.items()}
         body, pose, _ = fit_to_joints(load_body("song31"), joints)
         return body, pose
+
+    def features(self, device: Device, config: FeatureConfig) -> FeatureReplay:
+        """Made when they are first asked for."""
+        if config not in self._features:
+            self._features[config] = FeatureReplay(device, self, config)
+        return self._features[config]
 
 
 class Replay:
@@ -79,6 +87,28 @@ class Replay:
         """The frame's surface voxels on the host."""
         certain = np.ones(len(self._shown), np.float32)
         return VoxelCloud(self.grid, self._shown.astype(np.int32), certain)
+
+
+class FeatureReplay:
+    """The image features of a recording's frames, made once and kept on the host, on a device as
+    `Features` leaves them there: maps, roi."""
+
+    def __init__(self, device: Device, recording: Recording, config: FeatureConfig) -> None:
+        sequence, frames = recording.sequence, recording.frames
+        features = Features(device, sequence.rig, sequence.background, config)
+        self.maps, self.roi = features.maps, features.roi
+        self._kept: list[tuple[int, np.ndarray, np.ndarray]] = []
+        with sequence.reader() as read:
+            for index in frames:
+                features(read(index))
+                self._kept.append((index, self.maps.get(), self.roi.get()))
+
+    def __iter__(self) -> Iterator[tuple[int, FeatureReplay]]:
+        """Frame numbers, and this with the frame's features."""
+        for index, maps, roi in self._kept:
+            self.maps.set(maps)
+            self.roi.set(roi)
+            yield index, self
 
 
 def record(

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.config import likelihood_weights
 from apf.evaluate import evaluate
-from apf.methods import OBJECTIVES, Method, batches, observer_of
+from apf.methods import OBJECTIVES, Method, batches
 from apf.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
 from apf.track import Track
 from cl import Device, UserError
@@ -86,9 +87,7 @@ def tracked(
     tracker = watched_runs(device, body, rig, grid, scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
     if not method.uses_voxels:
-        observe = observer_of(device, recording.sequence, None, method)
-        chosen = slice(None, None, setting.step)
-        seen = ((frame.index, observe(frame)) for frame in recording.sequence.frames(chosen))
+        seen = recording.features(device, method.features)
     frames, estimates = track_voxels(tracker, pose, seen)
     return [
         track_of(body, recording.fps, frames, list(run), of.described())
@@ -144,11 +143,12 @@ def _run_of(track: Track, recording: Recording, setting: Setting, seed: int, sec
 @dataclass
 class Results:
     """The runs so far and the file that keeps them; `conditions` are what they depend on besides
-    their settings."""
+    their settings; made: the day of the last one."""
 
     path: Path
     conditions: dict[str, Any]
     runs: list[Run] = field(default_factory=list)
+    made: str = ""
 
     @classmethod
     def resumed(cls, path: Path, conditions: dict[str, Any]) -> Results:
@@ -160,7 +160,7 @@ class Results:
         try:
             data = json.loads(path.read_text())
             kept = [Run(**{**row, "setting": Setting(**row["setting"])}) for row in data["runs"]]
-            before = data["conditions"]
+            before, made = data["conditions"], data["made"]
         except (ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: not the results of accuracy.py ({error})") from None
         # Further folders may come in; those that are known must be the same.
@@ -173,7 +173,7 @@ class Results:
                 "expected another -o, or the same"
             )
         conditions["folders"] = {**known, **given}
-        return cls(path, conditions, kept)
+        return cls(path, conditions, kept, made)
 
     def lacks(self, setting: Setting, seed: int) -> bool:
         return not any(run.setting == setting and run.seed == seed for run in self.runs)
@@ -184,9 +184,11 @@ class Results:
     def add(self, run: Run) -> None:
         """Keep a run, on disk too."""
         self.runs.append(run)
-        data = {"conditions": self.conditions, "runs": [asdict(run) for run in self.runs]}
+        self.made = date.today().isoformat()
+        runs = [asdict(run) for run in self.runs]
+        data = {"conditions": self.conditions, "made": self.made, "runs": runs}
         with written_whole(self.path) as temporary:
-            temporary.write_text(json.dumps(data, indent=1) + "\n")
+            temporary.write_text(json.dumps(data) + "\n")
 
     def write_csv(self, path: Path) -> None:
         """One row per run; errors in mm."""

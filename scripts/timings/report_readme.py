@@ -13,7 +13,6 @@ from timings.report_page import headline_sentences
 from timings.tables import Grid, number, quoted, ratio
 from timings.whole_tables import average, columns, papers, streams
 
-_BEGIN, _END = "<!-- timings: begin -->", "<!-- timings: end -->"
 #: What the rows of streamed frames are.
 _STREAMED = (
     "Streamed: from page-locked pictures to the pose, each frame reconstructed while the one "
@@ -22,14 +21,20 @@ _STREAMED = (
 
 
 def update_readme(path: Path, machines: Sequence[Machine]) -> None:
-    """Replace what stands between the marks. Raises UserError if they are not there."""
+    """Replace the README's table of timings. Raises UserError if its marks are not there."""
+    replace_marked(path, "timings", headline(machines))
+
+
+def replace_marked(path: Path, name: str, made: str) -> None:
+    """Put `made` between the marks of that name in a file. Raises UserError if they are not
+    there."""
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     text = path.read_text()
-    pattern = re.compile(f"{re.escape(_BEGIN)}.*?{re.escape(_END)}", re.DOTALL)
+    pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
-        raise UserError(f"{path}: expected {_BEGIN} and {_END}, once")
-    made = f"{_BEGIN}\n{headline(machines)}\n{_END}"
+        raise UserError(f"{path}: expected {begin} and {end}, once")
     with written_whole(path) as temporary:
-        temporary.write_text(pattern.sub(lambda _: made, text))
+        temporary.write_text(pattern.sub(lambda _: f"{begin}\n{made}\n{end}", text))
 
 
 def headline(machines: Sequence[Machine]) -> str:

@@ -86,7 +86,7 @@ class Results:
         path = args.out / f"{comparison}.json"
         kept = _round_trip({**settings, "quick": args.quick})
         results = cls(
-            comparison, kept, path, commit=_commit() or args.commit,
+            comparison, kept, path, commit=checked_out_commit() or args.commit,
             made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         )  # fmt: skip
@@ -179,7 +179,7 @@ def _revived(value: dict[str, Any]) -> Any:
     return value
 
 
-def _commit() -> str | None:
+def checked_out_commit() -> str | None:
     """Of the checkout that this file lies in; "-dirty" if it was changed since."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:

@@ -1,0 +1,116 @@
+"""Our counterparts of the tables of errors in Rymut's thesis, beside the thesis's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from timings.tables import NONE, Grid, quoted
+from timings.whole_tables import papers
+
+from accuracy.report import Summary
+from accuracy.runs import Results
+from accuracy.settings import DIMENSIONS, Setting, Table
+from psfs.files import written_whole
+
+#: What the thesis's tables are of: particle swarms of so many particles and iterations over SP.
+_BASE = {"method": "pso", "objective": "sp", "particles": 304, "layers": 10}
+#: Its tables by number: what they vary, the last in columns, and in which values.
+TABLES: dict[str, dict[str, list[Any]]] = {
+    "6.1": {
+        "particles": [96, 304, 496],
+        "layers": [10, 15, 20],
+        "objective": ["ws", "sp", "aosp", "posp", "aows"],
+    },
+    "6.4": {"method": ["sir", "pso"], "particles": [96, 204, 304, 512]},
+    "6.5": {
+        "objective": ["sp", *(f"sp@{count}" for count in (8, 18, 34, 66, 130, 258, 514))],
+        "particles": [96, 304],
+    },
+    "6.8": {"particles": [100, 300, 500]},
+}
+_NOTE = (
+    "mm, mean ± standard deviation of the runs' means; lost: runs in which a limb's end was lost. "
+    "The thesis's deviations are those within its sequences."
+)
+#: What table 6.4's rows and columns are in ours: a particle filter scores as often as a swarm.
+_NAMES = {"sir": "particle filter (PF)", "pso": "PSO, 10 iterations"}
+
+
+def thesis_plan(folder: Path, cameras: int, numbers: list[str]) -> dict[Table, list[Setting]]:
+    """The settings of the tables with these numbers, on the sequence in `folder`."""
+    values = {"cameras": [cameras], "step": [1], **{name: [v] for name, v in _BASE.items()}}
+    return {
+        _table(number): list(_table(number).settings(folder.name, {**values, **TABLES[number]}))
+        for number in numbers
+    }
+
+
+def write_thesis(path: Path, results: Results, sequence: str, seeds: int) -> None:
+    """Markdown: what it was made on, and each table after the thesis's own."""
+    conditions, runs = results.conditions, results.runs
+    made_on = (
+        f"{sequence}, {max((run.frames for run in runs), default=0)} frames, "
+        f"{max((run.setting.cameras for run in runs), default=0)} cameras; up to {seeds} seeds, "
+        f"from the true first pose; {conditions['device']}, {results.made}, commit "
+        f"{conditions['commit'] or 'unknown'}. {_NOTE}"
+    )
+    parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], made_on]
+    for number in TABLES:
+        parts += [f"## Thesis table {number}", _theirs(number).markdown()]
+        parts.append(_ours(number, results, sequence).markdown())
+    with written_whole(path) as temporary:
+        temporary.write_text("\n\n".join(parts) + "\n")
+
+
+def headline(results: Results, sequence: str, seeds: int) -> str:
+    """Markdown for the README: our table 6.4."""
+    grid = _ours("6.4", results, sequence)
+    title = (
+        "Particle filter and swarm over image features (SP), equal evaluations per frame: mean "
+        f"error, mm, {sequence}, up to {seeds} seeds, {results.conditions['device']}, "
+        f"{results.made}"
+    )
+    return replace(grid, title=title).markdown()
+
+
+def _table(number: str) -> Table:
+    return Table(tuple(TABLES[number]))
+
+
+def _theirs(number: str) -> Grid:
+    """The thesis's table, deviations beside their means."""
+    table = papers()["rymut2016"]["tables"][number]
+    places = [k for k, column in enumerate(table["columns"]) if column != "sd"]
+    rows = [[_with_deviation(table, row, k) for k in places] for row in table["rows"]]
+    return Grid(f"The thesis: {table['title']}", [table["columns"][k] for k in places], rows)
+
+
+def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
+    shown = row[place] if isinstance(row[place], str) else quoted(row[place])
+    beside = table["columns"][place + 1 : place + 2] == ["sd"]
+    return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
+
+
+def _ours(number: str, results: Results, sequence: str) -> Grid:
+    table, varied = _table(number), TABLES[number]
+    *heads, across = varied
+    cameras = {run.setting.cameras for run in results.runs if run.setting.sequence == sequence}
+    values = {name: [value] for name, value in _BASE.items()} | varied
+    values |= {"cameras": [max(cameras, default=0)], "step": [1]}
+    cells: dict[tuple[Any, ...], dict[Any, str]] = {}
+    for setting in table.settings(sequence, values):
+        summary = Summary.of(results.of(setting))
+        row = cells.setdefault(table.row_of(setting)[1:], {})
+        row[table.column_of(setting)] = str(summary) if summary else NONE
+    rows = [
+        [*(_NAMES.get(v, str(v)) for v in row), *(of[c] for c in varied[across])]
+        for row, of in cells.items()
+    ]
+    columns = [*(DIMENSIONS[name] for name in heads), *map(str, varied[across])]
+    if number == "6.4":
+        columns[1:] = [f"{10 * count} evaluations" for count in varied[across]]
+    if not heads:  # a single row
+        columns, rows = ["", *columns], [["OpenCL", *row] for row in rows]
+    return Grid(f"Ours: {', '.join(DIMENSIONS[name] for name in varied)}", columns, rows)
