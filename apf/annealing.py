@@ -27,7 +27,9 @@ class ParticleSet:
 
     `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
     the host reads after a frame: means (R, D), deviations (R, D), then per layer and run effective
-    sample size, beta and least error. `frame` (R,) counts the frames.
+    sample size, beta and least error. `parents` (N,): of the next layer, by place in the run.
+    `motion` (R, D, 2): last estimate, and how far the next frame's particles move. `frame` (R,)
+    counts the frames.
     """
 
     def __init__(
@@ -48,8 +50,8 @@ class ParticleSet:
         self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
         self.weights = device.empty((n,), np.float32, "the weights")
         self.result = device.zeros((n_runs * (2 * body.n_dof + 3 * config.n_layers),), np.float32)
-        self._parents = device.empty((n,), np.int32, "the parents")
-        self._motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
+        self.parents = device.empty((n,), np.int32, "the parents")
+        self.motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
         self.frame = device.zeros((n_runs,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
         limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
@@ -62,9 +64,9 @@ class ParticleSet:
         n = self.config.n_particles
         for poses in self.sets:
             poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
-        self._parents.set(np.tile(np.arange(n, dtype=np.int32), self.n_runs))
+        self.parents.set(np.tile(np.arange(n, dtype=np.int32), self.n_runs))
         self.frame.fill(0)
-        self._motion.fill(0)
+        self.motion.fill(0)
 
     def restart(self, run: int, pose: np.ndarray) -> None:
         """All particles of one run at `pose` (D,), its frame number 0; waits for the device."""
@@ -72,9 +74,9 @@ class ParticleSet:
         particles = slice(run * n, (run + 1) * n)
         for poses in self.sets:
             _replace(poses, particles, pose.astype(np.float32))
-        _replace(self._parents, particles, np.arange(n, dtype=np.int32))
+        _replace(self.parents, particles, np.arange(n, dtype=np.int32))
         _replace(self.frame, slice(run, run + 1), np.uint32(0))
-        _replace(self._motion, slice(run, run + 1), np.float32(0))
+        _replace(self.motion, slice(run, run + 1), np.float32(0))
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
         """What ends a layer, whose set `source` has `errors` (N,), and begins the next, if there is
@@ -90,9 +92,9 @@ class ParticleSet:
     def push(self, offset: np.ndarray) -> None:
         """Move the next frame's particles by `offset` (D,), beside what else they move; waits for
         the device."""
-        motion = self._motion.get()
+        motion = self.motion.get()
         motion[..., 1] += offset
-        self._motion.set(motion)
+        self.motion.set(motion)
 
     def diffuse(self, layer: int, source: int) -> Launch:
         """Draw the parents of set `source` and spread them by the layer's noise into the other."""
@@ -109,8 +111,8 @@ class ParticleSet:
             self._sigmas,
             self._limits,
             self.result,
-            self._motion,
-            self._parents,
+            self.motion,
+            self.parents,
             self.sets[source],
             self.sets[1 - source],
         )
@@ -140,7 +142,7 @@ class ParticleSet:
             self.frame,
             errors,
             self.weights,
-            self._parents,
+            self.parents,
             self.result,
         )
 
@@ -167,7 +169,7 @@ class ParticleSet:
             errors,
             self.sets[source],
             self.weights,
-            self._parents,
+            self.parents,
             self.result,
             self.sets[1 - source],
         )
@@ -202,7 +204,7 @@ class ParticleSet:
             shift,
             information,
             misfit,
-            self._motion,
+            self.motion,
             report,
         )
 

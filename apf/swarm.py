@@ -90,7 +90,7 @@ class Swarm(ParticleSet):
             self.sets[0],
             self.sets[1],
             self._best_errors,
-            self._parents,
+            self.parents,
             self.result,
         )
 

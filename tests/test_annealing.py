@@ -139,11 +139,11 @@ class Layer:
         """Weights (N,), parents (N,) and (ess, beta, least error) of the layer."""
         self.set.anneal(layer, self.device.to_device(errors))()
         diagnostics = self.set.result.get()[2 * self.set.n_dof :].reshape(-1, 3)
-        return self.set.weights.get(), self.set._parents.get(), diagnostics[layer]
+        return self.set.weights.get(), self.set.parents.get(), diagnostics[layer]
 
     def diffuse(self, layer: int, poses: np.ndarray, parents: np.ndarray) -> np.ndarray:
         self.set.sets[0].set(poses.astype(np.float32))
-        self.set._parents.set(parents.astype(np.int32))
+        self.set.parents.set(parents.astype(np.int32))
         self.set.diffuse(layer, 0)()
         return self.set.sets[1].get()
 
@@ -260,7 +260,7 @@ def test_runs_do_not_mix(device: Device) -> None:
     errors = np.stack([errors_of(kind, n) for kind in ("large", "spread", "narrow")])
     particles.anneal(1, device.to_device(errors))()
     diagnostics = particles.result.get()[6 * SONG.n_dof :].reshape(-1, 3, 3)[1]
-    weights, parents = (a.get().reshape(3, n) for a in (particles.weights, particles._parents))
+    weights, parents = (a.get().reshape(3, n) for a in (particles.weights, particles.parents))
     poses = bodies.random_poses(SONG, 3 * n, wild=True).astype(np.float32).reshape(3, n, -1)
     children = layer.diffuse(2, poses, parents).reshape(3, n, -1)
     particles.estimate(0)()
@@ -272,7 +272,7 @@ def test_runs_do_not_mix(device: Device) -> None:
     particles.settle(*told, report)()
     expected = np.r_[particles.result.get(), information, misfit]
     np.testing.assert_array_equal(report.get(), expected)
-    drift = particles._motion.get()[..., 1]
+    drift = particles.motion.get()[..., 1]
     for run, (seed, frame) in enumerate(zip(seeds, frames, strict=True)):
         ess, beta, least = diagnostics[run]
         assert least == errors[run].min()
@@ -302,7 +302,7 @@ def test_two_stages_in_one_launch_are_the_same(device: Device, n: int) -> None:
     def found(*launches: Launch) -> list[np.ndarray]:
         particles.frame.set(np.array([5, 2], np.uint32))
         particles.sets[0].set(poses)
-        outputs = [particles.weights, particles._parents, particles.result, particles.sets[1]]
+        outputs = [particles.weights, particles.parents, particles.result, particles.sets[1]]
         for array in outputs:
             array.fill(0)
         for launch in launches:
@@ -322,7 +322,7 @@ def test_two_stages_in_one_launch_are_the_same(device: Device, n: int) -> None:
 def test_one_run_is_started_again_alone(device: Device) -> None:
     layer = Layer(device, STICK, 5, seeds=(1, 2, 3))
     particles, pose = layer.set, STICK.rest_pose + 0.01
-    of_runs = [*particles.sets, particles._parents, particles.frame, particles._motion]
+    of_runs = [*particles.sets, particles.parents, particles.frame, particles.motion]
     for array in of_runs:
         array.fill(7)
     particles.restart(1, pose)
