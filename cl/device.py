@@ -6,6 +6,7 @@ import copy
 import logging
 import math
 import re
+import threading
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
@@ -142,7 +143,9 @@ class Device:
             raise UserError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._programs: dict[tuple[str, str], Any] = {}
-        self._allocated = 0
+        # Shared by siblings, as a list and a lock are: bytes, and who is building.
+        self._allocated = [0]
+        self._building = threading.Lock()
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
@@ -204,7 +207,7 @@ class Device:
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
         array = Array(self, buffer, shape, dtype)
-        self._allocated += nbytes
+        self._allocated[0] += nbytes
         weakref.finalize(array, self._release, nbytes)
         return array
 
@@ -223,7 +226,7 @@ class Device:
     def require_memory(self, nbytes: int, what: str) -> None:
         """Raise UserError unless `nbytes` more can be allocated, in one piece."""
         largest = self.handle.max_mem_alloc_size
-        free = self.info.memory - self._allocated
+        free = self.info.memory - self._allocated[0]
         if nbytes > min(largest, free):
             raise UserError(
                 f"{what} needs {_megabytes(nbytes)}, but {self.name} has "
@@ -231,7 +234,7 @@ class Device:
             )
 
     def _release(self, nbytes: int) -> None:
-        self._allocated -= nbytes
+        self._allocated[0] -= nbytes
 
     # Kernels --------------------------------------------------------------------------------
 
@@ -274,12 +277,13 @@ class Device:
     def _program(self, stage: str, defines: Mapping[str, Define]) -> Any:
         options = " ".join(f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
         key = (stage, options)
-        if key not in self._programs:
-            started = time.perf_counter()
-            program = pyopencl.Program(self.context, kernel_source(stage))
-            # No -cl-fast-relaxed-math: the twins are compared to float rounding.
-            self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
-            log.info("built %s in %.2f s", stage, time.perf_counter() - started)
+        with self._building:
+            if key not in self._programs:
+                started = time.perf_counter()
+                program = pyopencl.Program(self.context, kernel_source(stage))
+                # No -cl-fast-relaxed-math: the twins are compared to float rounding.
+                self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
+                log.info("built %s in %.2f s", stage, time.perf_counter() - started)
         return self._programs[key]
 
 
