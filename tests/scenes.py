@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from psfs.background import Background
 from psfs.camera import Camera, CameraRig
 from psfs.grid import VoxelGrid
+from psfs.sequence import Frame
 
 
-@dataclass(frozen=True)
-class Picture:
-    """As much of `psfs.sequence.Frame` as the reconstruction needs."""
-
-    index: int = 0
-    images: np.ndarray | None = None
-    masks: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Plate:
-    """As much of `psfs.background.Background` as the reconstruction needs."""
-
-    mean: np.ndarray
-    std: np.ndarray
+def frame(
+    index: int = 0, images: np.ndarray | None = None, masks: np.ndarray | None = None
+) -> Frame:
+    return Frame(index, images, masks)
 
 
 def looking_at(
@@ -78,7 +69,7 @@ def masks_of(rig: CameraRig) -> np.ndarray:
     return masks
 
 
-def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Picture, Plate]:
+def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
     """A noisy picture of the test body before a textured background, and that background."""
     random = np.random.default_rng(seed)
     shape = (len(rig), rig.height, rig.width, 3)
@@ -86,4 +77,18 @@ def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Picture, Plate]:
     std = random.uniform(0.5, 6, shape).astype(np.float32)
     masks = masks_of(rig)
     images = np.where(masks[..., None] > 0, 128.0, mean + random.normal(0, 2, shape))
-    return Picture(images=np.clip(images, 0, 255).astype(np.uint8), masks=masks), Plate(mean, std)
+    pictures = np.clip(images, 0, 255).astype(np.uint8)
+    return frame(images=pictures, masks=masks), Background(mean, std)
+
+
+def patches_of_evidence(
+    rig: CameraRig, seed: int, block: int, below: int = 15, plain: float = 0.0
+) -> np.ndarray:
+    """(V, H, W) int8, anything from -127 on in blocks of pixels, since where rounding decides
+    between two pixels they then seldom differ; the share `plain` of blocks is background."""
+    random = np.random.default_rng(seed)
+    shape = (len(rig), rig.height // block + 1, rig.width // block + 1)
+    coarse = random.integers(-127, below, shape)
+    coarse = np.where(random.random(shape) < plain, -60, coarse)
+    fine = coarse.repeat(block, 1).repeat(block, 2)
+    return fine[:, : rig.height, : rig.width].astype(np.int8)

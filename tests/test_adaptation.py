@@ -53,7 +53,7 @@ def shown(rig, background, images: np.ndarray, device: Device, adapt: float) -> 
     config = ReconstructionConfig(replace(SilhouetteConfig(), adapt=adapt))
     reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
     for index, image in enumerate(images):
-        reconstruct(scenes.Picture(index, image))
+        reconstruct(scenes.frame(index, image))
     return reconstruct.evidence() > 0
 
 

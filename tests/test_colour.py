@@ -14,7 +14,7 @@ from psfs.grid import VoxelGrid
 from psfs.reconstruct import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
-from psfs.sequence import Sequence
+from psfs.sequence import Frame, Sequence
 
 
 def both(device: Device, rig, grid, frame, background=None) -> tuple[np.ndarray, np.ndarray]:
@@ -26,11 +26,11 @@ def both(device: Device, rig, grid, frame, background=None) -> tuple[np.ndarray,
     return voxels.colours().get(count), expected
 
 
-def painted(rig) -> scenes.Picture:
+def painted(rig) -> Frame:
     """Masks of the test body, and pictures that vary slowly."""
     y, x = np.mgrid[: rig.height, : rig.width]
     images = np.stack([np.stack([x, y, x + y], -1) + 20 * k for k in range(len(rig))])
-    return scenes.Picture(images=(images % 256).astype(np.uint8), masks=scenes.masks_of(rig))
+    return scenes.frame(images=(images % 256).astype(np.uint8), masks=scenes.masks_of(rig))
 
 
 @pytest.mark.parametrize("views", [1, 2, 5])
@@ -53,7 +53,7 @@ def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
     rig = scenes.ring(3)
     grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
     frame = painted(rig)
-    frame = scenes.Picture(images=frame.images, masks=np.full_like(frame.masks, 255))
+    frame = scenes.frame(images=frame.images, masks=np.full_like(frame.masks, 255))
     colours, expected = both(device, rig, grid, frame)
     assert (colours != expected).any(1).mean() < 0.03
 
@@ -61,7 +61,7 @@ def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
 def test_no_voxels_have_no_colours(device: Device) -> None:
     rig = scenes.ring(2)
     frame = painted(rig)
-    frame = scenes.Picture(images=frame.images, masks=np.zeros_like(frame.masks))
+    frame = scenes.frame(images=frame.images, masks=np.zeros_like(frame.masks))
     voxels = Reconstructor(device, rig, scenes.small_grid(), None)(frame)
     assert voxels.cloud(colour=True).colour.shape == (0, 3)
 
@@ -72,7 +72,7 @@ def test_a_voxel_behind_another_takes_no_colour_from_that_side(device: Device) -
     images = np.zeros((6, rig.height, rig.width, 3), np.uint8)
     images[..., 2] = 255
     images[0] = [255, 0, 0]
-    frame = scenes.Picture(images=images, masks=scenes.masks_of(rig))
+    frame = scenes.frame(images=images, masks=scenes.masks_of(rig))
     grid = scenes.small_grid(0.03)
     cloud = Reconstructor(device, rig, grid, None)(frame).cloud(colour=True)
     buffer = nearest_depth(rig[0], cloud.centres, np.zeros(2), (rig.height, rig.width))
@@ -100,7 +100,7 @@ def test_either_reconstructor_colours_its_cloud(device: Device) -> None:
 def test_masks_alone_have_no_colours(device: Device, twin: bool) -> None:
     rig = scenes.ring(2)
     kind = NumpyReconstructor if twin else Reconstructor
-    frame = scenes.Picture(masks=scenes.masks_of(rig))
+    frame = scenes.frame(masks=scenes.masks_of(rig))
     voxels = kind(device, rig, scenes.small_grid(), None)(frame)
     with pytest.raises(UserError, match="no pictures"):
         voxels.cloud(colour=True)

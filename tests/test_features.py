@@ -10,6 +10,7 @@ import scenes
 from apf.features import FeatureConfig, Features, distance_launches
 from apf.reference.features import NumpyFeatures, proximity, region, sobel_edges
 from cl import Device, NumpyDevice, UserError
+from psfs.background import Background
 
 #: Pictures as narrow as the tests' would shrink all lengths to a pixel.
 WIDE = {"dilation": 20, "margin": 40, "farthest": 90, "decay": 0.05}
@@ -26,7 +27,7 @@ def pictures(rig, masks: np.ndarray, seed: int = 0) -> np.ndarray:
 def plate(rig) -> scenes.Plate:
     shape = (len(rig), rig.height, rig.width, 3)
     mean = np.broadcast_to(np.array([180, 140, 90], np.float32), shape)
-    return scenes.Plate(np.ascontiguousarray(mean), np.full(shape, 5, np.float32))
+    return Background(np.ascontiguousarray(mean), np.full(shape, 5, np.float32))
 
 
 def both(device: Device, rig, background, frame, config):
@@ -41,7 +42,7 @@ def both(device: Device, rig, background, frame, config):
 def test_masks_and_twin_agree_exactly(device: Device, views: int, edges, proximity) -> None:
     rig = scenes.ring(views)
     masks = scenes.masks_of(rig)
-    frame = scenes.Picture(images=pictures(rig, masks), masks=masks)
+    frame = scenes.frame(images=pictures(rig, masks), masks=masks)
     config = FeatureConfig(edges=edges, proximity=proximity, **WIDE)
     maps, roi, expected, expected_roi = both(device, rig, None, frame, config)
     assert (expected[..., 1] == 255).any() and (expected[..., 0] == 0).any()
@@ -52,7 +53,7 @@ def test_masks_and_twin_agree_exactly(device: Device, views: int, edges, proximi
 def test_background_and_twin_agree(device: Device) -> None:
     rig = scenes.ring(3)
     masks = scenes.masks_of(rig)
-    frame = scenes.Picture(images=pictures(rig, masks))
+    frame = scenes.frame(images=pictures(rig, masks))
     maps, roi, expected, expected_roi = both(
         device, rig, plate(rig), frame, FeatureConfig(edges="sobel", **WIDE)
     )
@@ -68,9 +69,9 @@ def test_the_next_frame_leaves_nothing_of_the_last(device: Device) -> None:
     rig = scenes.ring(2)
     masks = scenes.masks_of(rig)
     features = Features(device, rig, None, FeatureConfig(edges="outline"))
-    features(scenes.Picture(masks=masks))
+    features(scenes.frame(masks=masks))
     assert features.maps.get().any()
-    empty = features(scenes.Picture(masks=np.zeros_like(masks)))
+    empty = features(scenes.frame(masks=np.zeros_like(masks)))
     assert not empty.get().any() and not features.roi.get().any()
 
 
@@ -149,4 +150,4 @@ def test_bad_settings_and_frames(device: Device) -> None:
             FeatureConfig(**wrong)  # type: ignore[arg-type]
     rig = scenes.ring(1)
     with pytest.raises(UserError, match="frame 0 has no pictures"):
-        Features(device, rig, None)(scenes.Picture(masks=scenes.masks_of(rig)))
+        Features(device, rig, None)(scenes.frame(masks=scenes.masks_of(rig)))

@@ -193,7 +193,7 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
     images = np.zeros((*masks.shape, 3), np.uint8)
     images[..., 0] = np.linspace(0, 250, masks.shape[1])[:, None]  # blue below, red above
     images[..., 2] = 250 - images[..., 0]
-    picture: Any = scenes.Picture(images=images, masks=masks)
+    picture: Any = scenes.frame(images=images, masks=masks)
     config = FilterConfig(n_particles=37, n_points=200, colour_weight=1.0)
     here = VoxelLikelihood(device, SONG, rig, grid, config)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
@@ -211,7 +211,7 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
 def test_without_pictures_the_term_is_refused(device: Device) -> None:
     rig, grid = scenes.ring(2), scenes.small_grid(0.1)
     config = FilterConfig(n_particles=37, colour_weight=1.0)
-    picture: Any = scenes.Picture(masks=scenes.masks_of(rig))
+    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
     likelihoods: list[tuple[Any, Any]] = [
         (VoxelLikelihood(device, SONG, rig, grid, config), Reconstructor(device, rig, grid, None)),
         (

@@ -20,11 +20,7 @@ STEP = 0.05
 def both(
     device: Device, rig: CameraRig, grid: VoxelGrid, config: OccupancyConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    random = np.random.default_rng(len(rig))
-    shape = (len(rig), rig.height, rig.width)
-    # Patches of evidence, so that few voxels lie where rounding decides between two values.
-    coarse = random.integers(-127, 15, (len(rig), shape[1] // 8 + 1, shape[2] // 8 + 1))
-    evidence = coarse.repeat(8, 1).repeat(8, 2)[:, : shape[1], : shape[2]].astype(np.int8)
+    evidence = scenes.patches_of_evidence(rig, len(rig), 8)
     maps = device.to_device(evidence)
     probability = Occupancy(Bricks(device, rig, grid, maps, STEP, config))().get()
     return probability, occupancy(rig, grid, evidence, STEP, config)

@@ -44,7 +44,7 @@ def test_pictures_agree_with_the_twin(device: Device, views: int) -> None:
 
 def test_masks_agree_with_the_twin(device: Device) -> None:
     rig = scenes.without_distortion(scenes.ring(4))
-    frame = scenes.Picture(masks=scenes.masks_of(rig))
+    frame = scenes.frame(masks=scenes.masks_of(rig))
     cloud = agree(device, rig, scenes.small_grid(), None, frame)
     inside = scenes.solid(cloud.grid.centres())
     # A hull contains its body; with four cameras it is not much larger.
@@ -56,7 +56,7 @@ def walk(rig, steps: int = 4):
     frames = []
     for step in range(steps):
         moved = scenes.CameraRig(tuple(replace(c, t=c.t + c.R @ [0.12 * step, 0, 0]) for c in rig))
-        frames.append(scenes.Picture(index=step, masks=scenes.masks_of(moved)))
+        frames.append(scenes.frame(index=step, masks=scenes.masks_of(moved)))
     return frames
 
 
@@ -100,7 +100,7 @@ def test_a_following_grid_keeps_the_person_inside(device: Device, sparse: bool) 
 def test_an_empty_frame_leaves_the_grid_where_it_is(device: Device) -> None:
     rig, grid = scenes.ring(3), scenes.small_grid()
     follows = Reconstructor(device, rig, grid, None, follow=True)
-    empty = scenes.Picture(masks=np.zeros((3, rig.height, rig.width), np.uint8))
+    empty = scenes.frame(masks=np.zeros((3, rig.height, rig.width), np.uint8))
     for _ in range(2):
         assert follows(empty).grid is grid
 
@@ -112,7 +112,7 @@ def test_many_frames_take_no_more_memory_than_fifty() -> None:
     rig, grid = scenes.ring(3, (64, 48)), scenes.small_grid(0.1)
     device = Device.best(profile=True)
     picture, background = scenes.pictures_of(rig)
-    frames = (scenes.Picture(index, picture.images) for index in range(400))
+    frames = (scenes.frame(index, picture.images) for index in range(400))
     resident = {}
     for done, voxels in enumerate(
         Reconstructor(device, rig, grid, background, sparse=True).stream(frames), 1

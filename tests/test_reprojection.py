@@ -16,7 +16,7 @@ from psfs.reprojection import Reprojection, edge_reach
 
 
 def both(device: Device, rig, grid, masks, **options):
-    voxels = Reconstructor(device, rig, grid, None)(scenes.Picture(masks=masks))
+    voxels = Reconstructor(device, rig, grid, None)(scenes.frame(masks=masks))
     maps = Reprojection(device, rig, grid, **options)(voxels).get()
     surface = voxels.cloud().indices
     twin = NumpyVoxels(grid, voxels.probability.get(), surface, 0)

@@ -10,6 +10,7 @@ import pytest
 import scenes
 
 from cl import Device, UserError
+from psfs.background import Background
 from psfs.config import SilhouetteConfig
 from psfs.reference.silhouette import (
     background_ratio,
@@ -41,7 +42,7 @@ def test_pictures_agree_with_the_twin(device: Device, views: int, config: Silhou
 def test_black_and_noiseless_backgrounds(device: Device) -> None:
     rig = scenes.ring(2)
     shape = (2, rig.height, rig.width, 3)
-    background = scenes.Plate(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
+    background = Background(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
     images = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
     config = SilhouetteConfig()
     counts = Silhouette(device, rig, background, config)(images).get()
@@ -93,7 +94,7 @@ def shadowed_floor(views: int):
     """A grey floor, on it a disc of shadow and a dark post that looks like shadow."""
     rig = scenes.ring(views, size=(161, 121))
     shape = (views, rig.height, rig.width)
-    plate = scenes.Plate(np.full((*shape, 3), 120, np.float32), np.full((*shape, 3), 2, np.float32))
+    plate = Background(np.full((*shape, 3), 120, np.float32), np.full((*shape, 3), 2, np.float32))
     images = np.full((*shape, 3), 120, np.uint8)
     post = np.zeros(shape, bool)
     for view, camera in enumerate(rig):

@@ -25,13 +25,8 @@ STEP = 0.05
 
 
 def evidence_of(rig: CameraRig, seed: int, block: int) -> np.ndarray:
-    """Mostly saturated background, with patches of anything."""
-    random = np.random.default_rng(seed)
-    height, width = rig.height // block + 1, rig.width // block + 1
-    coarse = random.integers(-127, 40, (len(rig), height, width))
-    coarse = np.where(random.random(coarse.shape) < 0.5, -60, coarse)
-    fine = coarse.repeat(block, 1).repeat(block, 2)[:, : rig.height, : rig.width]
-    return fine.astype(np.int8)
+    """Mostly plain background."""
+    return scenes.patches_of_evidence(rig, seed, block, 40, 0.5)
 
 
 def compare(
@@ -100,7 +95,7 @@ def test_uniform_evidence(device: Device, value: int) -> None:
 
 def test_most_bricks_are_left_out(device: Device) -> None:
     rig = scenes.without_distortion(scenes.ring(6, size=(240, 200)))
-    frame = scenes.Picture(masks=scenes.masks_of(rig))
+    frame = scenes.frame(masks=scenes.masks_of(rig))
     grid = VoxelGrid.covering(np.array([-2.0, -2, -0.1]), np.array([2.0, 2, 2.4]), 0.025)
     dense = Reconstructor(device, rig, grid, None)(frame).cloud()
     reconstructor = Reconstructor(device, rig, grid, None, sparse=True)

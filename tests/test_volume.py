@@ -13,7 +13,7 @@ from conftest import shared_data
 from cl import Device, UserError
 from psfs.camera import CameraRig
 from psfs.grid import VoxelGrid
-from psfs.sequence import Sequence
+from psfs.sequence import Frame, Sequence
 from psfs.volume import automatic_grid, reachable_box
 
 
@@ -31,8 +31,8 @@ class Footage:
     def __len__(self) -> int:
         return len(self.masks)
 
-    def read(self, index: int) -> scenes.Picture:
-        return scenes.Picture(index, masks=self.masks[index])
+    def read(self, index: int) -> Frame:
+        return scenes.frame(index, masks=self.masks[index])
 
 
 def test_the_body_lies_inside(device: Device) -> None:
