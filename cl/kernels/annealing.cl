@@ -252,7 +252,8 @@ void anneal_diffuse(int n, int layer, float noise, int share, float survival_rat
                     __global float *children)
 {
     __local float scratch[SUMS * GROUP];
-    const int run = get_group_id(1), n_runs = get_num_groups(1), n_packs = (N_DOF + PACK - 1) / PACK;
+    const int run = get_group_id(1), n_runs = get_num_groups(1);
+    const int n_packs = (N_DOF + PACK - 1) / PACK;
     const int begin = get_group_id(0) * share, end = begin + share < n ? begin + share : n;
     layer_state state = {n, layer, frames[run], seeds[run]};
     parents += run * n;
@@ -298,7 +299,8 @@ void estimate(int n, __global const float *weights, __global const float *poses,
 // Ends a frame: what to add to the particles before the next one, which is how far the estimate
 // was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
 // motion: runs x N_DOF x (last estimate, what to add).
-// report: all that the host reads: result (n_result), information (n_information), misfits (n_runs).
+// report: all that the host reads: result (n_result), information (n_information), misfits
+// (n_runs).
 __kernel void settle(int n_runs, float velocity, int n_result, int n_information,
                      __global const uint *frames, __global const float *result,
                      __global const float *shift, __global const float *information,

@@ -3,9 +3,8 @@
 // d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
 // that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,
 // Blake & Zisserman 1987). Every step is one launch of each kernel.
-// Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is one
-// of voxels, the pose the same in all its lanes, or one of columns of the linear system.
-#include "kinematics.h"
+// Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is
+// one of voxels, the pose the same in all its lanes, or one of columns of the linear system.
 #include "packed_cones.h"
 #include "reduction.h"
 
@@ -123,8 +122,8 @@ inline float look_at(__global const float4 *points, int first, int n, float scal
     return sum;
 }
 
-// Linear system of the work-group's BLOCK voxels at `pose`, and their share of the cost, as a `part`.
-// moves: N_CONES x ROW, 1 where a degree of freedom moves a cone.
+// Linear system of the work-group's BLOCK voxels at `pose`, and their share of the cost, as a
+// `part`. moves: N_CONES x ROW, 1 where a degree of freedom moves a cone.
 inline void add_up(int n_points, float scale, float reach, __global const float4 *points,
                    __global const float *pose, __global const float *table,
                    __global const vfloat *moves, __local workspace *w, __global vfloat *part)
@@ -167,8 +166,8 @@ inline void add_up(int n_points, float scale, float reach, __global const float4
     if (lane == 0) part[PART - 1] = cost;
 }
 
-// Adds the parts up to the linear system, its upper triangle and right side alone, with those of the
-// prior. weight: of one voxel.
+// Adds the parts up to the linear system, its upper triangle and right side alone, with those of
+// the prior. weight: of one voxel.
 inline void sum_parts(int n_parts, float weight, __global const vfloat *parts,
                       __global const float *sigma, __global const float *pose,
                       __global const float *mean, __local vfloat *system)
@@ -291,8 +290,8 @@ void refine_step(int first, int n_parts, float strength, float weight,
     move_on(system, limits, poses + place, next + place);
 }
 
-// `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a pose
-// take the same step, and write the same `next`.
+// `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
+// pose take the same step, and write the same `next`.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_on(int first, int n_points, float scale, float reach, float strength, float weight,
                __global const float4 *points, __global const float *table,
@@ -314,8 +313,8 @@ void refine_on(int first, int n_points, float scale, float reach, float strength
            next_parts + (which * n_parts + get_group_id(0)) * PART);
 }
 
-// Moves each of `means`, one per work-group, to the best pose met, the last one being that of `poses`;
-// the lower triangle of that one's linear system becomes its `information`, row by row.
+// Moves each of `means`, one per work-group, to the best pose met, the last one being that of
+// `poses`; the lower triangle of that one's linear system becomes its `information`, row by row.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_end(int n_parts, float strength, float weight, __global const float *sigma,
                 __global const float *poses, __global const vfloat *parts,
