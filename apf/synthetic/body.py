@@ -2,7 +2,7 @@
 
 A primitive is a sphere of changing radius swept along a segment, squashed across it; with a
 segment of length zero it is an ellipsoid. Primitives of one group melt into each other (smooth
-minimum, see `cl/kernels/scene.cl`); groups meet sharply, so that a hand that swings past the
+minimum, see `cl/kernels/scene_person.h`); groups meet sharply, so that a hand that swings past the
 thigh does not stick to it. Numbers are metres on a person of 1.76 m, in the frame of the bone.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from apf.synthetic.skeleton import Motion, Skeleton
 
-#: Floats per packed primitive; the same number stands in `scene.cl`, and there the largest blend.
+#: Floats per packed primitive; the same number stands in `scene_person.h`, as does the largest blend.
 PRIMITIVE_FLOATS = 32
 TABLE_HEIGHT = 1.76
 
@@ -175,7 +175,7 @@ class Flesh:
         return out
 
     def packed(self, motion: Motion, frame: int) -> np.ndarray:
-        """(P, PRIMITIVE_FLOATS) float32 of one frame; the order is written in `scene.cl`."""
+        """(P, PRIMITIVE_FLOATS) float32 of one frame; the order is written in `scene_person.h`."""
         rotation = motion.rotations[frame, self._bones]
         origin = motion.positions[frame, self._bones] + np.einsum("pab,pb->pa", rotation, self._a)
         axes = np.einsum("pka,pba->pkb", self._axes, rotation)  # rows in the world

@@ -14,7 +14,7 @@ from psfs.ranges import check_range
 
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
-#: Styles that `box_colour` in scene.cl knows.
+#: Styles that `box_colour` in scene_room.h knows.
 WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
 
 
