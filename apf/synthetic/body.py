@@ -14,7 +14,7 @@ import numpy as np
 
 from apf.synthetic.skeleton import Motion, Skeleton
 
-#: Floats per packed primitive; the same number stands in `scene_person.h`, as does the largest blend.
+#: Floats per packed primitive; this number stands in `scene_person.h`, as does the largest blend.
 PRIMITIVE_FLOATS = 32
 TABLE_HEIGHT = 1.76
 
