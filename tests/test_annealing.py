@@ -549,8 +549,9 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
     twin.start(world.pose(0))
     # A flip in the second frame would be a first step from elsewhere, to elsewhere.
     n_frames = 1 if config.refine_steps else 3
-    for frame, found in enumerate(run(world, config, n_frames)):
-        expected = twin.step(world.twin(frame))
+    expectations = twin.stream(map(world.twin, range(n_frames)))
+    found_and_expected = zip(run(world, config, n_frames), expectations, strict=True)
+    for frame, (found, expected) in enumerate(found_and_expected):
         close = 0.02 if frame + n_layers == 1 else 0.7
         assert np.all(np.abs(found.pose - expected.pose) <= close * world.body.sigma)
         np.testing.assert_allclose(found.ess, config.survival_rates * 64, rtol=0.02)

@@ -149,6 +149,28 @@ def test_transfers_are_counted(fresh: Device) -> None:
     assert (fresh.transfers.downloads, fresh.transfers.download_bytes) == (2, 56)
 
 
+def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
+    queue, own = fresh.new_queue(), fresh.queue
+    array = fresh.zeros(100_000, np.float32)
+    for value in range(5):
+        array.fill(value)
+        with fresh.on(queue):
+            assert fresh.queue is queue
+            found = array.fetch()
+            array.fill(-1)
+        assert fresh.queue is own
+        fresh.wait_for(queue)
+        last = array.get()
+        assert np.all(last == -1) and np.all(found() == value)
+    assert fresh.transfers.downloads == 10
+    with pytest.raises(KeyError), fresh.on(queue):
+        raise KeyError
+    with fresh.on(own):
+        array.fill(3)
+    fresh.wait_for(own)
+    assert fresh.queue is own and np.all(array.get() == 3)
+
+
 def test_memory_is_accounted_and_released(fresh: Device) -> None:
     assert fresh._allocated[0] == 0
     first = fresh.empty((256, 4), np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -139,6 +140,10 @@ class NumpyTracker:
         if hasattr(self.scorer, "learn"):
             self.scorer.learn(pose)
         return replace(found, pose=pose, information=information, misfit=misfit)
+
+    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+        """`step` for each of the observations."""
+        return map(self.step, observations)
 
     def _search(self) -> Estimate:
         raise NotImplementedError
