@@ -33,6 +33,12 @@ def normalised_weights(errors: np.ndarray, beta: float) -> np.ndarray:
     return weights / weights.sum()
 
 
+def moments(poses: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (D,), Song et al. eq. (12), and standard deviation (D,) of poses (N, D) by `weights`."""
+    mean = weights @ poses
+    return mean, np.sqrt(weights @ (poses - mean) ** 2)
+
+
 def systematic_parents(weights: np.ndarray, offset: float) -> np.ndarray:
     """(N,) parents drawn by systematic resampling at (i + offset) / N."""
     positions = (np.arange(len(weights)) + offset) / len(weights)

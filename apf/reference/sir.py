@@ -12,6 +12,7 @@ from apf.reference.annealing import (
     annealing_exponent,
     diffuse,
     effective_size,
+    moments,
     normalised_weights,
     systematic_parents,
 )
@@ -43,9 +44,8 @@ class NumpySirParticleFilter(NumpyTracker):
         squared = self.scorer(poses) ** 2
         beta = self.sir.beta or annealing_exponent(squared, config.survival_rates[0])
         weights = normalised_weights(squared, beta)
-        offset = uniform(config.seed, self._frame, 0)
-        self._poses, self._parents = poses, systematic_parents(weights, offset)
-        mean = weights @ poses
-        deviation = np.sqrt(weights @ (poses - mean) ** 2)
+        mean, deviation = moments(poses, weights)
+        self._poses = poses
+        self._parents = systematic_parents(weights, uniform(config.seed, self._frame, 0))
         size = effective_size(squared, beta)
         return Estimate(mean, deviation, *np.array([[size], [beta], [squared.min()]]))

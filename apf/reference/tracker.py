@@ -12,6 +12,7 @@ from apf.reference.annealing import (
     annealing_exponent,
     diffuse,
     effective_size,
+    moments,
     normalised_weights,
     systematic_parents,
 )
@@ -53,11 +54,9 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
             self._take_turn(layer + self._frame % 2 * config.n_layers)
             errors = self.scorer(self._poses)
             beta = annealing_exponent(errors, config.survival_rates[layer])
-            history.append((effective_size(errors, beta), beta, errors.min()))
             weights = normalised_weights(errors, beta)
-            offset = uniform(config.seed, self._frame, layer)
-            self._parents = systematic_parents(weights, offset)
-            mean = weights @ self._poses
-            self._deviation = np.sqrt(weights @ (self._poses - mean) ** 2)
+            mean, self._deviation = moments(self._poses, weights)
+            self._parents = systematic_parents(weights, uniform(config.seed, self._frame, layer))
+            history.append((effective_size(errors, beta), beta, errors.min()))
         ess, beta, least_error = np.array(history).T
         return Estimate(mean, self._deviation, ess, beta, least_error)
