@@ -90,7 +90,7 @@ def html(text: str, folder: Path) -> str:
 def page(machines: Sequence[Machine], drawn: Set[str]) -> str:
     """The report's Markdown, with the figures that were drawn."""
     parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
-    parts += [_growth(machines), report_peers.peers(machines), report_rymut.tables(machines)]
+    parts += [_growth(), report_peers.peers(machines), report_rymut.tables(machines)]
     parts.append(_left_out(machines))
 
     def kept(found: re.Match[str]) -> str:
@@ -289,7 +289,7 @@ def _waiting(machines: Sequence[Machine]) -> Grid:
     )  # fmt: skip
 
 
-def _growth(machines: Sequence[Machine]) -> str:
+def _growth() -> str:
     return "\n\n".join([
         "## Growth",
         "One setting varies, all others stay Song et al.'s; medians of whole frames.",
