@@ -1,11 +1,11 @@
 """Takes: a sequence from its pictures to its tracks, and many of them in one process.
 
 `track_takes` works on some takes at a time, each in a thread with a queue of its own on the one
-device. They share the process, the device's context and memory, and the programs, which are
-compiled once for all; while one take's host decodes video, looks for its person's shape or waits,
-the device works for another. They share no kernel launch: bodies, grids and numbers of frames
-differ from take to take. (The seeds of one take do, see `track_seeds`.) So a take's tracks are, bit
-by bit, those that it has alone.
+device. They share the process, the device's context and memory, and the programs, each of which is
+compiled once for all takes of the same size; while one take's host decodes video or fits its
+person's shape, the device works for another. They share no kernel launch: bodies, grids and numbers
+of frames differ from take to take. (The seeds of one take do share them, see `track_seeds`.) So a
+take's tracks are, bit by bit, those that it has alone.
 """
 
 from __future__ import annotations
@@ -136,7 +136,12 @@ def track_takes(
 
 
 def default_at_once(device: Device | NumpyDevice) -> int:
-    """How many takes at a time pay."""
+    """How many takes at a time pay.
+
+    Measured with takes of 172 frames: on an H200 with 16 cores four at once took 58 s, in processes
+    one after the other 150 s; six gain no more, for they wait for each other's Python, that of the
+    starts above all. On 2 cores two at once save an eighth.
+    """
     return AT_ONCE_GPU if isinstance(device, Device) and device.is_gpu else AT_ONCE_CPU
 
 

@@ -5,8 +5,9 @@
 
 takes folders of `apf track` (not smoothed) and prints the scale and the floors with which the
 stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in how many of those held
-out, per joint. Joints that were lost (as `apf evaluate` says of limbs) do not count for the fit: a
-limb taken for another is not a matter of millimetres; the last columns count them.
+out, per joint; also of every walk (all tracks with the same truth) by a fit to the other walks.
+Joints that were lost (as `apf evaluate` says of limbs) do not count for the fit: a limb taken for
+another is not a matter of millimetres; the last columns count them.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ from psfs.commandline import run_command, stdout
 #: Scales that are tried, and the floors' bounds, m: the voxels' resolution at least.
 _SCALES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 _LEAST_FLOOR, _MOST_FLOOR, _SHARE = 0.008, 0.3, 0.95
+#: Mean radius, as a factor of the least, up to which a larger scale is preferred: it tells frames
+#: in which a joint is held firmly from others, the floors do not.
+_SLACK = 1.03
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,9 @@ def main() -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
-    samples, held_out = load_samples(args.tracks), load_samples(args.held_out)
+    walks = samples_by_walk(args.tracks)
+    samples = pooled(list(walks.values()))
+    held_out = pooled(list(samples_by_walk(args.held_out).values()))
     near, held_near = _kept(samples), _kept(held_out)
     found = fitted(near)
     stdout.print(f"scale = {found.scale:g}, floors in mm:")
@@ -97,6 +103,37 @@ def _run(args: argparse.Namespace) -> None:
         "all", *(_shown(_share(part, used, list(part))) for part, used in columns.values())
     )
     stdout.print(table)
+    _tell_left_out({truth: _kept(walk) for truth, walk in walks.items()})
+
+
+def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
+    """Print how often the truth of each walk lies inside by a fit to the others."""
+    if len(walks) < 2:
+        return
+    shares = []
+    for truth, walk in walks.items():
+        others = [other for name, other in walks.items() if name != truth]
+        shares.append(_share(walk, fitted(pooled(others)), list(walk)) or 0.0)
+        stdout.print(f"{truth}: {shares[-1]:.1%} by a fit to the others", soft_wrap=True)
+    stdout.print(f"mean of the walks: {np.mean(shares):.1%}")
+
+
+def samples_by_walk(pairs: list[str]) -> dict[str, dict[str, Sample]]:
+    """By the truth's file, then by joint. Raises UserError."""
+    walks: dict[str, list[str]] = {}
+    for pair in pairs:
+        walks.setdefault(pair.partition("=")[2], []).append(pair)
+    return {truth: load_samples(part) for truth, part in walks.items()}
+
+
+def pooled(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
+    """The samples of several walks, by joint."""
+    names = dict.fromkeys(name for walk in walks for name in walk)
+    parts = {name: [walk[name] for walk in walks if name in walk] for name in names}
+    return {
+        name: Sample(np.concatenate([s.offsets for s in of]), np.concatenate([s.raw for s in of]))
+        for name, of in parts.items()
+    }
 
 
 def load_samples(pairs: list[str]) -> dict[str, Sample]:
@@ -121,19 +158,19 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
 
 
 def fitted(samples: dict[str, Sample]) -> Calibration:
-    """The sharpest calibration by which enough of every joint's offsets lie inside: that with the
-    smallest mean logarithm of the ellipsoids' volumes."""
-    best, least = Calibration(), np.inf
+    """Of the calibrations by which enough of every joint's offsets lie inside, the one with the
+    largest scale among those whose ellipsoids are about as small as any's, see `_SLACK`."""
+    radii: list[tuple[float, Calibration]] = []
     for scale in _SCALES:
         floors = {name: sample.floor(scale) for name, sample in samples.items()}
         volumes = [
             np.linalg.slogdet(sample.covariance(scale, floors[name]))[1]
             for name, sample in samples.items()
         ]
-        volume = float(np.concatenate(volumes).mean())
-        if volume < least:
-            best, least = Calibration(scale, floors), volume
-    return best
+        radius = float(np.exp(np.concatenate(volumes).mean() / 6))
+        radii.append((radius, Calibration(scale, floors)))
+    least = min(radius for radius, _ in radii)
+    return [found for radius, found in radii if radius <= _SLACK * least][-1]
 
 
 def _kept(samples: dict[str, Sample]) -> dict[str, Sample]:
