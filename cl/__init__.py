@@ -1,8 +1,9 @@
 """OpenCL for this project: devices, programs, arrays, timings. Knows no cameras and no bodies."""
 
 from cl.array import Array
-from cl.device import Device, DeviceInfo, Launch, NumpyDevice, list_devices, select_device
+from cl.device import Device, Launch, NumpyDevice, select_device
 from cl.errors import UserError
+from cl.listing import DeviceInfo, list_devices
 from cl.profile import Profile
 
 __all__ = [

@@ -5,15 +5,12 @@ from __future__ import annotations
 import copy
 import logging
 import math
-import re
 import threading
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -21,23 +18,11 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import UserError
+from cl.listing import DeviceInfo, device_info, list_devices, ranked_devices
 from cl.profile import Profile
+from cl.sources import Define, build_options, kernel_source
 
 log = logging.getLogger(__name__)
-
-Define = int | float | str
-
-
-@dataclass(frozen=True)
-class DeviceInfo:
-    """What `psfs devices` prints about a device."""
-
-    name: str
-    platform: str
-    driver: str
-    kind: str  # "gpu", "cpu" or "other"
-    compute_units: int
-    memory: int  # bytes
 
 
 @dataclass(frozen=True)
@@ -57,47 +42,6 @@ class Transfers:
     download_bytes: int = 0
 
 
-def _opencl_devices() -> list[Any]:
-    try:
-        platforms = pyopencl.get_platforms()
-    except pyopencl.Error:  # the loader reports "no platform" as an error
-        return []
-    devices = []
-    for platform in platforms:
-        try:
-            devices += platform.get_devices()
-        except pyopencl.Error:
-            log.warning("the OpenCL platform %s has no usable device", platform.name)
-    return devices
-
-
-def _info(device: Any) -> DeviceInfo:
-    kinds = {pyopencl.device_type.GPU: "gpu", pyopencl.device_type.CPU: "cpu"}
-    kind = next((name for bit, name in kinds.items() if device.type & bit), "other")
-    return DeviceInfo(
-        name=device.name.strip(),
-        platform=device.platform.name.strip(),
-        driver=device.driver_version.strip(),
-        kind=kind,
-        compute_units=device.max_compute_units,
-        memory=device.global_mem_size,
-    )
-
-
-def list_devices() -> list[DeviceInfo]:
-    """All OpenCL devices of this machine, GPUs first, then by compute units, most first."""
-    return [_info(device) for device in ranked_devices()]
-
-
-def ranked_devices() -> list[Any]:
-    """pyopencl's devices, in the order of `list_devices`."""
-
-    def rank(device: Any) -> tuple[bool, int]:
-        return (not device.type & pyopencl.device_type.GPU, -device.max_compute_units)
-
-    return sorted(_opencl_devices(), key=rank)
-
-
 def select_device(choice: str = "auto", profile: bool = False) -> Device | NumpyDevice:
     """The device for `--device auto|gpu|cpu|numpy|NAME`.
 
@@ -108,7 +52,7 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
         return NumpyDevice()
     devices = ranked_devices()
     if choice in ("gpu", "cpu"):
-        chosen = [d for d in devices if _info(d).kind == choice]
+        chosen = [d for d in devices if device_info(d).kind == choice]
     elif choice == "auto":
         chosen = devices
     else:
@@ -134,7 +78,7 @@ class Device:
     profiler: Profile | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self.info = _info(self.handle)
+        self.info = device_info(self.handle)
         try:
             self.context = pyopencl.Context([self.handle])
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
@@ -226,12 +170,17 @@ class Device:
     def require_memory(self, nbytes: int, what: str) -> None:
         """Raise UserError unless `nbytes` more can be allocated, in one piece."""
         largest = self.handle.max_mem_alloc_size
-        free = self.info.memory - self._allocated[0]
+        free = self.info.memory - self.allocated
         if nbytes > min(largest, free):
             raise UserError(
                 f"{what} needs {_megabytes(nbytes)}, but {self.name} has "
                 f"{_megabytes(max(free, 0))} left and allows {_megabytes(largest)} in one piece"
             )
+
+    @property
+    def allocated(self) -> int:
+        """Bytes of all arrays that there are, siblings' included."""
+        return self._allocated[0]
 
     def _release(self, nbytes: int) -> None:
         self._allocated[0] -= nbytes
@@ -275,14 +224,13 @@ class Device:
         self.queue.finish()
 
     def _program(self, stage: str, defines: Mapping[str, Define]) -> Any:
-        options = " ".join(f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
+        options = build_options(defines)
         key = (stage, options)
         with self._building:
             if key not in self._programs:
                 started = time.perf_counter()
                 program = pyopencl.Program(self.context, kernel_source(stage))
-                # No -cl-fast-relaxed-math: the twins are compared to float rounding.
-                self._programs[key] = program.build(options=f"-cl-std=CL1.2 {options}")
+                self._programs[key] = program.build(options=options)
                 log.info("built %s in %.2f s", stage, time.perf_counter() - started)
         return self._programs[key]
 
@@ -334,35 +282,5 @@ def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) ->
     return tuple(-(-g // n) * n for g, n in zip(global_size, local_size, strict=True))
 
 
-def _literal(value: Define) -> str:
-    # float(): NumPy's own numbers write themselves as np.float64(...).
-    return f"{float(value)!r}f" if isinstance(value, (float, np.floating)) else str(value)
-
-
 def _megabytes(nbytes: int) -> str:
     return f"{nbytes / 2**20:,.0f} MiB"
-
-
-@cache
-def kernel_source(stage: str) -> str:
-    """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
-
-    Inlined, because a driver's binary cache may not notice that an included header changed;
-    `#line` marks keep the compiler's messages pointing at the files.
-    """
-    return _inlined(f"{stage}.cl", set())
-
-
-def _inlined(filename: str, seen: set[str]) -> str:
-    seen.add(filename)
-    text = (resources.files("cl") / "kernels" / filename).read_text()
-    lines = [f'#line 1 "{filename}"']
-    for number, line in enumerate(text.splitlines(), 1):
-        include = re.match(r'\s*#include\s+"([^"]+)"', line)
-        if not include:
-            lines.append(line)
-        elif include[1] not in seen:
-            lines += [_inlined(include[1], seen), f'#line {number + 1} "{filename}"']
-        else:
-            lines.append("")
-    return "\n".join(lines)

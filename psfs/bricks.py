@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device
-from cl.device import Define
+from cl.sources import Define
 from psfs.camera import Camera, CameraRig
 from psfs.config import OccupancyConfig
 from psfs.grid import VoxelGrid, check_size

@@ -420,9 +420,9 @@ def test_frames_do_not_allocate(device: Device) -> None:
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
     tracker.step(voxels)
-    before = device._allocated[0]
+    before = device.allocated
     tracker.step(voxels)
-    assert device._allocated[0] == before
+    assert device.allocated == before
 
 
 @pytest.mark.parametrize("kind", ["opencl", "numpy"])

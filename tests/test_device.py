@@ -11,8 +11,9 @@ import pyopencl
 import pytest
 
 import cl.device
+import cl.sources
 from cl import Device, NumpyDevice, UserError, list_devices, select_device
-from cl.device import kernel_source
+from cl.sources import kernel_source
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def fresh(device: Device) -> Device:
 @pytest.fixture
 def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder that stands for cl/kernels; its sources are not cached from test to test."""
-    monkeypatch.setattr(cl.device.resources, "files", lambda package: tmp_path)
+    monkeypatch.setattr(cl.sources.resources, "files", lambda package: tmp_path)
     monkeypatch.setattr(cl.device, "kernel_source", kernel_source.__wrapped__)
     (tmp_path / "kernels").mkdir()
     return tmp_path / "kernels"
@@ -172,17 +173,17 @@ def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
 
 
 def test_memory_is_accounted_and_released(fresh: Device) -> None:
-    assert fresh._allocated[0] == 0
+    assert fresh.allocated == 0
     first = fresh.empty((256, 4), np.float32)
     second = fresh.zeros(100, np.uint8)
-    assert fresh._allocated[0] == 4096 + 100
+    assert fresh.allocated == 4096 + 100
     del first
     gc.collect()
-    assert fresh._allocated[0] == 100
+    assert fresh.allocated == 100
     second.get()
     del second
     gc.collect()
-    assert fresh._allocated[0] == 0
+    assert fresh.allocated == 0
 
 
 def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
@@ -193,10 +194,10 @@ def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
     )
     del out
     gc.collect()
-    assert fresh._allocated[0] == 256
+    assert fresh.allocated == 256
     del launch
     gc.collect()
-    assert fresh._allocated[0] == 0
+    assert fresh.allocated == 0
 
 
 def test_too_large_an_array_is_refused_before_it_is_made(fresh: Device) -> None:
@@ -205,7 +206,7 @@ def test_too_large_an_array_is_refused_before_it_is_made(fresh: Device) -> None:
         fresh.empty(largest + 1, np.uint8, "the voxel grid")
     message = str(caught.value)
     assert message.startswith("the voxel grid needs ") and fresh.name in message
-    assert "\n" not in message and fresh._allocated[0] == 0
+    assert "\n" not in message and fresh.allocated == 0
     with pytest.raises(UserError, match="the grid needs"):
         fresh.empty((2**22, 2**22, 2**22), np.float32, "the grid")  # beyond 64 bits
 
@@ -222,10 +223,10 @@ def test_siblings_share_memory_and_programs(fresh: Device, kernels: Path) -> Non
     (kernels / "some.cl").write_text(FILL)
     other = fresh.sibling()
     taken = other.empty(100, np.uint8)
-    assert fresh._allocated == other._allocated == [100]
+    assert fresh.allocated == other.allocated == 100
     del taken
     gc.collect()
-    assert fresh._allocated == [0]
+    assert fresh.allocated == 0
     # Two at a time build a program once.
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda own: own.kernel("some", "fill", SCALE=1), (fresh, other)))
@@ -241,7 +242,7 @@ def test_failing_allocations_are_user_errors(
     monkeypatch.setattr(pyopencl, "Buffer", refuse)
     with pytest.raises(UserError, match=r"could not allocate .* for the images"):
         fresh.empty(10, np.uint8, "the images")
-    assert fresh._allocated[0] == 0
+    assert fresh.allocated == 0
 
 
 # Programs and launches ---------------------------------------------------------------------------
@@ -258,7 +259,7 @@ def test_headers_are_inlined_once_and_lines_keep_their_numbers(
         "__kernel void lines(__global int *out) {\n"
         "    out[0] = DEEP; out[1] = deep_line; out[2] = a; out[3] = b; out[4] = __LINE__;\n}\n"
     )
-    source = cl.device.kernel_source("some")
+    source = kernel_source.__wrapped__("some")
     assert "#include" not in source and source.count("#define DEEP") == 1
     out = fresh.empty(5, np.int32)
     fresh.launch(fresh.kernel("some", "lines"), (1,), None, out)()

@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl
 
 from cl import Device, UserError, list_devices
-from cl.device import ranked_devices
+from cl.listing import ranked_devices
 
 _FMA = """
 __kernel void fma_chain(__global float *x) {

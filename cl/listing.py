@@ -1,0 +1,64 @@
+"""Which OpenCL devices there are."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import pyopencl
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """What `psfs devices` prints about a device."""
+
+    name: str
+    platform: str
+    driver: str
+    kind: str  # "gpu", "cpu" or "other"
+    compute_units: int
+    memory: int  # bytes
+
+
+def list_devices() -> list[DeviceInfo]:
+    """All OpenCL devices of this machine, GPUs first, then by compute units, most first."""
+    return [device_info(device) for device in ranked_devices()]
+
+
+def ranked_devices() -> list[Any]:
+    """pyopencl's devices, in the order of `list_devices`."""
+
+    def rank(device: Any) -> tuple[bool, int]:
+        return (not device.type & pyopencl.device_type.GPU, -device.max_compute_units)
+
+    return sorted(_opencl_devices(), key=rank)
+
+
+def _opencl_devices() -> list[Any]:
+    try:
+        platforms = pyopencl.get_platforms()
+    except pyopencl.Error:  # the loader reports "no platform" as an error
+        return []
+    devices = []
+    for platform in platforms:
+        try:
+            devices += platform.get_devices()
+        except pyopencl.Error:
+            log.warning("the OpenCL platform %s has no usable device", platform.name)
+    return devices
+
+
+def device_info(device: Any) -> DeviceInfo:
+    kinds = {pyopencl.device_type.GPU: "gpu", pyopencl.device_type.CPU: "cpu"}
+    kind = next((name for bit, name in kinds.items() if device.type & bit), "other")
+    return DeviceInfo(
+        name=device.name.strip(),
+        platform=device.platform.name.strip(),
+        driver=device.driver_version.strip(),
+        kind=kind,
+        compute_units=device.max_compute_units,
+        memory=device.global_mem_size,
+    )

@@ -1,0 +1,49 @@
+"""What the compiler gets: the kernels' texts and their defines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+Define = int | float | str
+
+
+def build_options(defines: Mapping[str, Define]) -> str:
+    """The compiler's options for these definitions, in alphabetical order."""
+    listed = (f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
+    # No -cl-fast-relaxed-math: the twins are compared to float rounding.
+    return " ".join(["-cl-std=CL1.2", *listed])
+
+
+@cache
+def kernel_source(stage: str) -> str:
+    """The text of `cl/kernels/<stage>.cl` with its quoted headers inlined.
+
+    Inlined, because a driver's binary cache may not notice that an included header changed;
+    `#line` marks keep the compiler's messages pointing at the files.
+    """
+    return _inlined(f"{stage}.cl", set())
+
+
+def _inlined(filename: str, seen: set[str]) -> str:
+    seen.add(filename)
+    text = (resources.files("cl") / "kernels" / filename).read_text()
+    lines = [f'#line 1 "{filename}"']
+    for number, line in enumerate(text.splitlines(), 1):
+        include = re.match(r'\s*#include\s+"([^"]+)"', line)
+        if not include:
+            lines.append(line)
+        elif include[1] not in seen:
+            lines += [_inlined(include[1], seen), f'#line {number + 1} "{filename}"']
+        else:
+            lines.append("")
+    return "\n".join(lines)
+
+
+def _literal(value: Define) -> str:
+    # float(): NumPy's own numbers write themselves as np.float64(...).
+    return f"{float(value)!r}f" if isinstance(value, (float, np.floating)) else str(value)
