@@ -95,7 +95,9 @@ def main() -> int:
         "thesis.md, too",
     )
     parser.add_argument(
-        "--readme", action="store_true", help="with --thesis: bring README up to date"
+        "--readme",
+        action="store_true",
+        help="instead of any run: thesis.md and the README's table from OUT/results.json",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -110,6 +112,11 @@ def main() -> int:
 def _run(args: argparse.Namespace) -> None:
     if args.seeds < 1:
         raise UserError(f"--seeds {args.seeds}; expected at least 1")
+    if args.readme:
+        results = Results.read(args.out / "results.json")
+        write_thesis(args.out / "thesis.md", results)
+        replace_marked(_ROOT / "README.md", "accuracy", headline(results))
+        return
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise UserError("--device numpy would take days; expected an OpenCL device")
@@ -144,10 +151,7 @@ def _run(args: argparse.Namespace) -> None:
             for setting in dict.fromkeys(_first_settings(plan)):
                 print_joints(setting, results.of(setting))
             if args.thesis is not None:
-                write_thesis(args.out / "thesis.md", results, folders[0].name, args.seeds)
-            if args.thesis is not None and args.readme:
-                text = headline(results, folders[0].name, args.seeds)
-                replace_marked(_ROOT / "README.md", "accuracy", text)
+                write_thesis(args.out / "thesis.md", results)
             stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
 
 

@@ -149,13 +149,18 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
     for setting in settings[:2]:
         results.add(a_run(setting, 0, float(setting.particles)))
-    write_thesis(tmp_path / "thesis.md", results, "walk", 10)
+    write_thesis(tmp_path / "thesis.md", Results.read(results.path))
     text = (tmp_path / "thesis.md").read_text()
     assert "abacus, 20" in text and "c0ffee" in text
     assert "| particle filter (PF) | 96.0 ± 0.0 | 204.0 ± 0.0 | - | - |" in text
     assert "| PF | 112.4 ± 42.2 |" in text  # the thesis's own
     assert "| CUDA-OpenGL | 500 | 37.6 ± 7.6 |" in text
-    assert headline(results, "walk", 10).count("|") > 20
+    assert "| PSO, 10 iterations | - |" in headline(results) and "abacus" in headline(results)
+    results.add(a_run(replace(BASE, sequence="run"), 0, 1.0))
+    with pytest.raises(UserError, match="2 sequences; expected one"):
+        headline(results)
+    with pytest.raises(UserError, match="not the results"):
+        Results.read(tmp_path / "absent.json")
 
 
 def test_features_are_made_once(tmp_path: Path) -> None:

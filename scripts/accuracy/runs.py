@@ -151,18 +151,24 @@ class Results:
     made: str = ""
 
     @classmethod
+    def read(cls, path: Path) -> Results:
+        """What the file holds. Raises UserError if it is no such file."""
+        try:
+            data = json.loads(path.read_text())
+            runs = [Run(**{**row, "setting": Setting(**row["setting"])}) for row in data["runs"]]
+            return cls(path, dict(data["conditions"]), runs, data["made"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path}: not the results of accuracy.py ({error})") from None
+
+    @classmethod
     def resumed(cls, path: Path, conditions: dict[str, Any]) -> Results:
         """With what the file holds, if there is one. Raises UserError if it is no such file or
         was made under other conditions."""
         conditions = json.loads(json.dumps(conditions))
         if not path.exists():
             return cls(path, conditions)
-        try:
-            data = json.loads(path.read_text())
-            kept = [Run(**{**row, "setting": Setting(**row["setting"])}) for row in data["runs"]]
-            before, made = data["conditions"], data["made"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path}: not the results of accuracy.py ({error})") from None
+        found = cls.read(path)
+        before = found.conditions
         # Further folders may come in; those that are known must be the same.
         known, given = (of.pop("folders", {}) for of in (before, conditions))
         names = [key for key in conditions if before.get(key) != conditions[key]]
@@ -173,7 +179,7 @@ class Results:
                 "expected another -o, or the same"
             )
         conditions["folders"] = {**known, **given}
-        return cls(path, conditions, kept, made)
+        return replace(found, conditions=conditions)
 
     def lacks(self, setting: Setting, seed: int) -> bool:
         return not any(run.setting == setting and run.seed == seed for run in self.runs)

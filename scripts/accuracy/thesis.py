@@ -12,6 +12,7 @@ from timings.whole_tables import papers
 from accuracy.report import Summary
 from accuracy.runs import Results
 from accuracy.settings import DIMENSIONS, Setting, Table
+from cl import UserError
 from psfs.files import written_whole
 
 #: What the thesis's tables are of: particle swarms of so many particles and iterations over SP.
@@ -47,32 +48,43 @@ def thesis_plan(folder: Path, cameras: int, numbers: list[str]) -> dict[Table, l
     }
 
 
-def write_thesis(path: Path, results: Results, sequence: str, seeds: int) -> None:
+def write_thesis(path: Path, results: Results) -> None:
     """Markdown: what it was made on, and each table after the thesis's own."""
-    conditions, runs = results.conditions, results.runs
-    made_on = (
-        f"{sequence}, {max((run.frames for run in runs), default=0)} frames, "
-        f"{max((run.setting.cameras for run in runs), default=0)} cameras; up to {seeds} seeds, "
-        f"from the true first pose; {conditions['device']}, {results.made}, commit "
-        f"{conditions['commit'] or 'unknown'}. {_NOTE}"
-    )
+    frames = max((run.frames for run in results.runs), default=0)
+    made_on = f"{frames} frames; {_made_on(results)}. {_NOTE}"
     parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], made_on]
     for number in TABLES:
         parts += [f"## Thesis table {number}", _theirs(number).markdown()]
-        parts.append(_ours(number, results, sequence).markdown())
+        parts.append(_ours(number, results).markdown())
     with written_whole(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n")
 
 
-def headline(results: Results, sequence: str, seeds: int) -> str:
+def headline(results: Results) -> str:
     """Markdown for the README: our table 6.4."""
-    grid = _ours("6.4", results, sequence)
     title = (
-        "Particle filter and swarm over image features (SP), equal evaluations per frame: mean "
-        f"error, mm, {sequence}, up to {seeds} seeds, {results.conditions['device']}, "
-        f"{results.made}"
+        "Particle filter and swarm over image features (SP), as many evaluations: mean error, mm"
     )
-    return replace(grid, title=title).markdown()
+    return replace(_ours("6.4", results), title=title, note=f"{_made_on(results)}.").markdown()
+
+
+def _made_on(results: Results) -> str:
+    """Sequence, cameras, seeds, device, day and commit of results of one sequence."""
+    settings = [run.setting for run in results.runs]
+    return (
+        f"{_sequence(results)}, {max((s.cameras for s in settings), default=0)} cameras; up to "
+        f"{len({run.seed for run in results.runs})} seeds, from the true first pose; "
+        f"{results.conditions['device']}, {results.made}, commit "
+        f"{results.conditions['commit'] or 'unknown'}"
+    )
+
+
+def _sequence(results: Results) -> str:
+    """The one that was tracked. Raises UserError for another number of them."""
+    names = sorted({run.setting.sequence for run in results.runs})
+    if len(names) != 1:
+        raise UserError(f"{results.path}: {len(names)} sequences; expected one")
+    return names[0]
 
 
 def _table(number: str) -> Table:
@@ -93,7 +105,8 @@ def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
     return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
 
 
-def _ours(number: str, results: Results, sequence: str) -> Grid:
+def _ours(number: str, results: Results) -> Grid:
+    sequence = _sequence(results)
     table, varied = _table(number), TABLES[number]
     *heads, across = varied
     cameras = {run.setting.cameras for run in results.runs if run.setting.sequence == sequence}
