@@ -10,10 +10,11 @@ import pytest
 
 from apf.reference.scene import body_distance
 from apf.synthetic.body import Flesh
-from apf.synthetic.gait import Gait, Walk
+from apf.synthetic.gait import Gait
 from apf.synthetic.generate import BACKGROUND_FRAMES, generate
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig, make_rig
+from apf.synthetic.walk import Walk
 from cl import Device, NumpyDevice, UserError
 
 SMALL = SceneConfig(cameras=2, frames=12, size=(160, 120), seed=3)

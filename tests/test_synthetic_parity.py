@@ -7,9 +7,10 @@ import pytest
 
 from apf.reference.scene import silhouette
 from apf.synthetic.body import Flesh
-from apf.synthetic.gait import Gait, Walk
+from apf.synthetic.gait import Gait
 from apf.synthetic.render import Renderer
 from apf.synthetic.scene import SceneConfig, make_furniture, make_rig
+from apf.synthetic.walk import Walk
 from cl import Device
 from psfs.camera import Camera, CameraRig
 

@@ -34,13 +34,7 @@ class Renderer:
         self.rig = rig
         self._device = device
         views, height, width = len(rig), rig.height, rig.width
-        defines: dict[str, int | float] = {
-            "PRIMITIVES": primitives, "BALLS": balls, "POSTERS": len(furniture.posters),
-            "BOXES": len(furniture.boxes), "ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2],
-            "SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP, "WIDTH": width,
-            "HEIGHT": height, "VIEWS": views, "TILE": TILE, "TILES_X": -(-width // TILE),
-            "TILES_Y": -(-height // TILE),
-        }  # fmt: skip
+        defines = _defines(rig, furniture, primitives, balls)
         shape = (views, height, width)
         cameras = device.to_device(rig.packed())
         palette = device.to_device(furniture.palette)
@@ -91,6 +85,21 @@ class Renderer:
         for launch, index in ((self._shadow, 1), (self._render, 8), (self._smooth, 8)):
             launch.set_arg(index, centre)
             launch()
+
+
+def _defines(
+    rig: CameraRig, furniture: Furniture, primitives: int, balls: int
+) -> dict[str, int | float]:
+    """The defines of scene.cl."""
+    width, height = rig.width, rig.height
+    return {
+        **{"PRIMITIVES": primitives, "BALLS": balls},
+        **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
+        **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
+        **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},
+        **{"WIDTH": width, "HEIGHT": height, "VIEWS": len(rig)},
+        **{"TILE": TILE, "TILES_X": -(-width // TILE), "TILES_Y": -(-height // TILE)},
+    }
 
 
 def _centred(motion: Motion) -> Motion:

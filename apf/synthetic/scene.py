@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from apf.synthetic.gait import Walk
+from apf.synthetic.walk import Walk
 from psfs.camera import Camera, CameraRig
 from psfs.ranges import check_range
 

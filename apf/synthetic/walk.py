@@ -1,0 +1,84 @@
+"""How the synthetic person walks, and along which curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Walk:
+    """How a person walks. Lengths in m, angles in degrees, `stride` = two steps."""
+
+    height: float = 1.76
+    speed: float = 1.2
+    stride: float = 1.25
+    step_width: float = 0.10
+    path_radius: float = 1.2
+    path_wobble: float = 0.15
+    path_turn: float = 0.0
+    clockwise: bool = False
+    start_phase: float = 0.0
+    arm_swing: float = 22.0
+    elbow_bend: float = 20.0
+    trunk_twist: float = 7.0
+    pelvis_twist: float = 5.0
+    toe_out: float = 6.0
+    head_turn: float = 16.0
+
+    @classmethod
+    def varied(cls, seed: int, height: float) -> Walk:
+        """A person of the given stature who walks in a way of his own."""
+        rng = np.random.default_rng([seed, 1])
+        pace = (height / 1.76) ** 0.5 * rng.uniform(0.95, 1.05)
+        return cls(
+            height=height,
+            speed=1.2 * pace,
+            stride=1.25 * height / 1.76 * rng.uniform(0.97, 1.02),
+            step_width=rng.uniform(0.08, 0.12),
+            path_wobble=rng.uniform(0.08, 0.18),
+            path_turn=rng.uniform(0.0, 2 * np.pi),
+            clockwise=bool(rng.integers(2)),
+            start_phase=rng.uniform(0.0, 1.0),
+            arm_swing=rng.uniform(19.0, 25.0),
+            elbow_bend=rng.uniform(15.0, 24.0),
+            trunk_twist=rng.uniform(6.0, 9.0),
+            toe_out=rng.uniform(4.0, 9.0),
+            head_turn=rng.uniform(12.0, 20.0),
+        )
+
+
+class Path:
+    """A closed smooth curve on the floor around the origin, by arc length."""
+
+    def __init__(self, walk: Walk) -> None:
+        angle = np.linspace(0.0, 2 * np.pi, 4001)
+        radius = walk.path_radius * (
+            1
+            + walk.path_wobble * np.cos(2 * angle + 1.0)
+            + 0.3 * walk.path_wobble * np.cos(3 * angle)
+        )
+        direction = -1.0 if walk.clockwise else 1.0
+        bearing = direction * angle + walk.path_turn
+        self._xy = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], -1)
+        steps = np.diff(self._xy, axis=0)
+        self._s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+        middle = 0.5 * (self._s[1:] + self._s[:-1])
+        heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        lap = direction * 2 * np.pi
+        # The heading goes on over the seam of the closed curve.
+        before, after = middle[-1] - self.length, middle[0] + self.length
+        self._heading_s = np.concatenate([[before], middle, [after]])
+        self._heading = np.concatenate([[heading[-1] - lap], heading, [heading[0] + lap]])
+        self._lap = lap
+
+    @property
+    def length(self) -> float:
+        return float(self._s[-1])
+
+    def __call__(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (..., 2) m and unwrapped headings (...) rad at arc lengths s (...) m."""
+        laps, rest = np.divmod(s, self.length)
+        xy = np.stack([np.interp(rest, self._s, self._xy[:, k]) for k in (0, 1)], -1)
+        return xy, np.interp(rest, self._heading_s, self._heading) + laps * self._lap
