@@ -168,6 +168,13 @@ def sideless(name: str) -> str:
     return name.removeprefix("l_").removeprefix("r_")
 
 
+def side_of(name: str) -> str:
+    """left, right or middle, as the name of a bone, cone or joint begins."""
+    lower = name.lower()
+    sides = (side for side in ("left", "right") if lower.startswith((f"{side[0]}_", side)))
+    return next(sides, "middle")
+
+
 def load_body(name_or_path: str | Path) -> BodyModel:
     """A body from a TOML file, or one of those shipped (`song31`) by name.
 

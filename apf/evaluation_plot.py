@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from apf.body import side_of, sideless
 from apf.evaluate import LOST_JOINT, Evaluation
 from psfs.files import written_whole
 
@@ -28,11 +29,6 @@ _STYLE: dict[Any, Any] = {
     "xtick.color": _INK,
     "ytick.color": _INK,
 }
-
-
-def side_of(name: str) -> str:
-    """left, right or middle, from the name's prefix."""
-    return {"l_": "left", "r_": "right"}.get(name[:2], "middle")
 
 
 def write_plot(path: str | Path, evaluation: Evaluation, title: str = "") -> None:
@@ -98,7 +94,7 @@ def _name_lost(axes: Axes, evaluation: Evaluation, top: float) -> None:
 
 def _readable(name: str) -> str:
     prefix = {"left": "L ", "right": "R ", "middle": ""}[side_of(name)]
-    return prefix + (name[2:] if prefix else name).replace("_", " ")
+    return prefix + sideless(name).replace("_", " ")
 
 
 def _legend() -> list[Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from apf.body import BodyModel
+from apf.body import BodyModel, side_of
 from apf.reference.cones import outlines
 from apf.reference.kinematics import posed_cones
 from apf.track import Track
@@ -47,7 +47,7 @@ def draw_overlay(
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (_fixed(corners[i]), _colour(cone_names[i]))
+        (_fixed(corners[i]), COLOURS[side_of(cone_names[i])])
         for i in np.argsort(-distance)  # near ones are drawn over far ones
         if np.isfinite(corners[i]).all()
     ]
@@ -79,14 +79,6 @@ def _draw_skeleton(
 def _fixed(pixels: np.ndarray) -> np.ndarray:
     """Pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
     return np.rint(np.clip(pixels, -_FAR, _FAR) * 2**_BITS).astype(np.int32)
-
-
-def _colour(name: str) -> tuple[int, int, int]:
-    lower = name.lower()
-    for side in ("left", "right"):
-        if lower.startswith((f"{side[0]}_", side)):
-            return COLOURS[side]
-    return COLOURS["middle"]
 
 
 def overlay_picture(

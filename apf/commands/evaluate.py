@@ -12,7 +12,7 @@ from apf.evaluation_plot import write_plot
 from apf.track import Track, spans
 from apf.trc import CONVENTIONS
 from cl import UserError
-from psfs.commandline import add_command, stdout
+from psfs.commandline import add_command, stdout, warn
 
 _FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
 
@@ -103,9 +103,10 @@ def print_evaluation(evaluation: Evaluation) -> None:
             lines.append(f"not compared, of the {side}: {', '.join(names)}")
     if evaluation.n_ignored:
         lines.append(f"ignored for want of truth: {evaluation.n_ignored} joint-frames")
-    lines += [f"warning: {warning}" for warning in evaluation.warnings]
     for line in lines:
         stdout.print(line, soft_wrap=True, markup=False)
+    for warning in evaluation.warnings:
+        warn(warning, stdout)
 
 
 def _number(value: float | None) -> str:

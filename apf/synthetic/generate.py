@@ -14,8 +14,10 @@ import tomli_w
 
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
+from apf.trc import JointSeries, write_trc
 from cl import Device, NumpyDevice, UserError
 from psfs.camera import CameraRig
+from psfs.files import write_picture
 
 BACKGROUND_FRAMES = 30
 #: The true silhouettes of every so many frames are kept.
@@ -50,8 +52,7 @@ def generate(
                 if i % MASK_STEP == 0:
                     for camera, mask in zip(scene.rig, masks, strict=True):
                         name = temporary / "truth_masks" / f"{camera.name}_{i:06d}.png"
-                        if not cv2.imwrite(str(name), mask):
-                            raise UserError(f"{name}: could not be written")
+                        write_picture(name, mask)
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
@@ -76,24 +77,10 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
-    """truth.npz (metres, Z up) and truth.trc (millimetres, Y up: X = x, Y = z, Z = -y)."""
+    """truth.npz (metres, Z up) and truth.trc (see `apf.trc`)."""
     fps, names, joints = scene.config.fps, scene.joint_names, scene.joints
     np.savez(folder / "truth.npz", joint_names=np.array(names), joints=joints, fps=np.float64(fps))
-    frames = len(joints)
-    rate = f"{fps:g}"
-    lines = [
-        "PathFileType\t4\t(X/Y/Z)\ttruth.trc",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
-        "OrigNumFrames",
-        f"{rate}\t{rate}\t{frames}\t{len(names)}\tmm\t{rate}\t1\t{frames}",
-        "Frame#\tTime\t" + "".join(f"{name}\t\t\t" for name in names),
-        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, len(names) + 1)),
-        "",
-    ]
-    y_up = 1000 * np.stack([joints[..., 0], joints[..., 2], -joints[..., 1]], -1)
-    for i, row in enumerate(y_up.reshape(frames, -1)):
-        lines.append(f"{i + 1}\t{i / fps:.6f}\t" + "\t".join(f"{value:.3f}" for value in row))
-    (folder / "truth.trc").write_text("\n".join(lines) + "\n")
+    write_trc(folder / "truth.trc", JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
 
 
 def _write_toml(path: Path, tables: dict[str, object]) -> None:
