@@ -9,7 +9,7 @@ import pytest
 from test_imports import imports
 
 ROOT = Path(__file__).parents[1]
-STAGES = sorted(path.stem for path in (ROOT / "cl" / "kernels").glob("*.cl"))
+KERNELS = {path.stem: path.read_text() for path in (ROOT / "cl" / "kernels").glob("*.cl")}
 SOURCES = {
     path.relative_to(ROOT): path.read_text()
     for package in ("psfs", "apf")
@@ -24,10 +24,11 @@ def imported_by_tests() -> set[str]:
     return {module for path in paths for module, _ in imports(ast.parse(path.read_text()))}
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", sorted(KERNELS))
 def test_every_stage_is_launched_and_compared_with_its_twin(stage: str) -> None:
     assert [p for p, text in LAUNCHERS.items() if f'"{stage}"' in text and "kernel(" in text]
     twins = [p for p, text in TWINS.items() if p.stem == stage or f"{stage}.cl" in text]
     assert twins, f"no NumPy twin names {stage}.cl"
+    assert "twin" in KERNELS[stage].split("#include")[0].lower(), f"{stage}.cl names no twin"
     modules = {".".join(path.with_suffix("").parts) for path in twins}
     assert modules & imported_by_tests(), f"no test imports {', '.join(sorted(modules))}"

@@ -1,6 +1,6 @@
-// The background follows the scene's light where nobody stands (psfs/adaptation.py). PARTS
-// work-items per cell of CELL x CELL pixels, every PERIOD-th row of cells a time.
-// Where it does not know better, a pixel takes on the change that the others of the view have seen.
+// The background follows the scene's light where nobody stands; twin: reference/adaptation.py.
+// PARTS work-items per cell of CELL x CELL pixels, every PERIOD-th row of cells a time. Where it
+// does not know better, a pixel takes on the change that the others of the view have seen.
 // Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of
 // the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
 // WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/config.py); ENOUGH, grey levels seen that tell

@@ -1,7 +1,8 @@
 // Log of the density of a screen of one colour over the foreground's, in counts of 1 / STEPS nats
-// (psfs/chroma.py). Defines: WIDTH, HEIGHT; STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all
-// chromaticities; NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light;
-// LIGHT_WEIGHT (1 / variance of the light beyond it).
+// (psfs/chroma.py); twin: reference/chroma.py.
+// Defines: WIDTH, HEIGHT; STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all chromaticities;
+// NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light; LIGHT_WEIGHT (1 /
+// variance of the light beyond it).
 #include "ratios.h"
 
 // `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along

@@ -1,7 +1,8 @@
-// What the reconstructed person teaches about the next frame (psfs/foreground.py): the colours
-// that he wears, and his place in the pictures. Cells are CELL x CELL pixels.
-// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel;
-// NY NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
+// What the reconstructed person teaches about the next frame (psfs/foreground.py): the colours that
+// he wears, and his place in the pictures; twin: reference/foreground.py. Cells are CELL x CELL
+// pixels.
+// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
+// NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
 #include "camera.h"
 #define N_BINS (BINS * BINS * BINS)
 #define MARKS_X (CELLS_X + 2 * REACH)

@@ -1,4 +1,5 @@
-// Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py).
+// Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py);
+// twin: reference/silhouette.py.
 // Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_LIT,
 // FLOOR_WEIGHT (1 / variance of the light factor), FLOOR_LEFT (squared distance), FLOOR_DEPTH
 // (1 / variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat),
