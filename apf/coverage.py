@@ -11,8 +11,11 @@ from apf.body import BodyModel
 from apf.kinematics import Kinematics
 from cl import Array, Device, Launch
 from psfs.camera import CameraRig
+from psfs.launching import pack_defines
 
-_GROUP = 64
+_GROUP = 256
+#: Most cameras that a GPU's work-group looks at together.
+_VIEWS = 8
 
 
 class Coverage:
@@ -28,11 +31,14 @@ class Coverage:
         self.device, self.body = device, body
         self._n_views, self._n_points = len(rig), points.shape[0]
         self._cameras, self._points = cameras, points
+        self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
+        together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
+        self._defines["VIEWS"] = min(together, self._defines["GROUP"])
         shape = (len(rig), self._n_points, 2)
         self._pixels = device.empty(shape, np.float32, "the projected surface samples")
         self.observe = device.launch(
             self._kernel("project_points"),
-            (self._n_points, self._n_views),
+            (-(-self._n_points // self._defines["PACK"]), self._n_views),
             None,
             np.int32(self._n_points),
             np.int32(self._n_views),
@@ -52,8 +58,8 @@ class Coverage:
             *kinematics.launcher(poses),
             self.device.launch(
                 self._kernel("add_uncovered"),
-                (poses.shape[0] * _GROUP,),
-                (_GROUP,),
+                (poses.shape[0] * self._defines["GROUP"],),
+                (self._defines["GROUP"],),
                 np.int32(self._n_points),
                 np.int32(place[0]),
                 np.int32(place[1]),
@@ -67,4 +73,4 @@ class Coverage:
         ]
 
     def _kernel(self, name: str) -> Any:
-        return self.device.kernel("coverage", name, GROUP=_GROUP, N_CONES=len(self.body.cones))
+        return self.device.kernel("coverage", name, **self._defines)

@@ -69,6 +69,24 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     assert np.isfinite(outlines(rig[0], posed_cones(body, poses))).any()
 
 
+@pytest.mark.parametrize("views", [1, 3, 11])
+def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int) -> None:
+    """GPUs look at several cameras together, CPUs at several samples."""
+    rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), Device(device.handle)
+    other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
+    indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
+    config = replace(only("none"), two_sided_weight=1.5, n_points=301, point_turns=2)
+    found = []
+    for place in (device, other):
+        setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)
+        count = place.to_device(np.array([len(indices)], np.int32))
+        setup.likelihood.observe(cloud(grid, place.to_device(indices), count))
+        found.append(setup.errors(1))
+    # A sample on the very edge of a trapezoid may fall either way.
+    assert np.abs(found[0] - found[1]).max() <= 1.5 * views * 2 / 150
+    assert np.mean(np.isclose(found[0], found[1], rtol=1e-5)) > 0.8
+
+
 def test_it_is_off_by_default_and_chosen_by_name() -> None:
     assert FilterConfig().two_sided_weight == 0
     assert FilterConfig(**likelihood_weights("silhouette,two-sided")).two_sided_weight == 2
