@@ -2,21 +2,15 @@
 // twin: psfs/reference/colour.py. Defines: WIDTH HEIGHT of the stack of pictures, N_CAMERAS, NY NZ
 // of the grid, TOLERANCE in voxels.
 #include "camera.h"
+#include "voxels.h"
 
 // A depth that no voxel has; depths are positive, so their bits are ordered as they are.
 #define FAR 0x7F800000u
 
-inline float3 voxel_centre(__global const float *geometry, int voxel)
-{
-    const int x = voxel / (NY * NZ), y = voxel / NZ % NY, z = voxel % NZ;
-    return (float3)(geometry[0] + (x + 0.5f) * geometry[3], geometry[1] + (y + 0.5f) * geometry[3],
-                    geometry[2] + (z + 0.5f) * geometry[3]);
-}
-
 // Depth of the nearest voxel at every pixel: each covers its bounding box, as in reprojection.cl.
 __kernel void nearest_depth(__global const float *restrict cameras,
                             __global const float2 *restrict extents,
-                            __global const float *restrict geometry, // origin (3), voxel size
+                            __global const float *restrict geometry,
                             __global const int *restrict indices,
                             __global const int *restrict n_surface,
                             volatile __global uint *restrict depths)

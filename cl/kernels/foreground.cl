@@ -4,6 +4,8 @@
 // Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
 // NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
 #include "camera.h"
+#include "voxels.h"
+
 #define N_BINS (BINS * BINS * BINS)
 #define MARKS_X (CELLS_X + 2 * REACH)
 #define MARKS_Y (CELLS_Y + 2 * REACH)
@@ -11,20 +13,16 @@
 // Marks the cells that show a voxel. `extents` holds, per view, half the width and height of a
 // voxel's box times depth, cells m. `marks` has a border of REACH cells.
 __kernel void mark(__global const float *restrict cameras, __global const float2 *restrict extents,
-                   __global const float *restrict geometry, // origin (3), voxel size
-                   __global const int *restrict indices, __global const int *restrict n_surface,
-                   __global uchar *restrict marks)
+                   __global const float *restrict geometry, __global const int *restrict indices,
+                   __global const int *restrict n_surface, __global uchar *restrict marks)
 {
     const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
     __global uchar *map = marks + (view * MARKS_Y + REACH) * MARKS_X + REACH;
     for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
-        const int voxel = indices[i];
-        const int x = voxel / (NY * NZ), y = voxel / NZ % NY, z = voxel % NZ;
+        const float3 centre = voxel_centre(geometry, indices[i]);
         float2 pixel;
-        const float depth = camera_project(camera, geometry[0] + (x + 0.5f) * geometry[3],
-                                           geometry[1] + (y + 0.5f) * geometry[3],
-                                           geometry[2] + (z + 0.5f) * geometry[3], &pixel);
+        const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
         if (depth <= 0.0f) continue;
         const float2 half_size = extents[view] / depth;
         const float2 low = fmax(ceil(pixel - half_size), 0.0f);
