@@ -362,6 +362,7 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
         ["--objective", "best"],
         ["--captures", "absent.mp4"],
         ["--truth", "absent.npz"],
+        ["--height", "178"],
     ],
 )
 def test_bad_flags(more: list[str], filmed: Path, tmp_path: Path, capfd) -> None:

@@ -14,10 +14,42 @@ from apf.initial import fit_to_joints, read_pose
 from apf.joint_names import match_joints
 from apf.start import start_of
 from apf.start.find import Start
+from apf.trc import CONVENTIONS
 from cl import Device, NumpyDevice, UserError
 from psfs.commandline import warn
 from psfs.grid import VoxelGrid
+from psfs.ranges import check_range
 from psfs.sequence import Sequence
+
+
+def add_start_flags(parser: argparse.ArgumentParser) -> None:
+    """--body, --init, --height, --convention and --voxel-size."""
+    parser.add_argument(
+        "--body",
+        metavar="B",
+        help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
+    )
+    parser.add_argument(
+        "--init",
+        type=Path,
+        metavar="P",
+        help="first pose: a text file with a value per degree of freedom (radians, metres), or "
+        "joints (npz or TRC) to whose first frame body and pose are fitted "
+        "(default: the sequence's own, where it has one; else found in the first voxels)",
+    )
+    parser.add_argument(
+        "--height", type=float, metavar="M", help="stature of the person, m, if it is known"
+    )
+    parser.add_argument(
+        "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC (default: y-up)"
+    )
+    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+
+
+def check_height(args: argparse.Namespace) -> None:
+    """Raise UserError for a --height that nobody has."""
+    if args.height is not None:
+        check_range("--height, m,", args.height, 0.5, 2.5, ends=True)
 
 
 def first_pose(

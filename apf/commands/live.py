@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from apf.body import BodyModel
-from apf.commands.first_pose import first_pose, found_start
+from apf.commands.first_pose import add_start_flags, check_height, first_pose, found_start
 from apf.commands.method_flags import add_method_flags, chosen_method
 from apf.commands.track import write_files
 from apf.evaluate import load_truth
@@ -26,7 +26,6 @@ from apf.methods import Method
 from apf.pipeline import track_of
 from apf.reference.kinematics import posed_joints
 from apf.track import Track
-from apf.trc import CONVENTIONS
 from cl import Device, UserError, select_device
 from psfs.commandline import add_command, add_device_flag, stderr, stdout
 from psfs.commands.sequence_flags import (
@@ -74,21 +73,16 @@ def register(commands: argparse._SubParsersAction) -> None:
         "many as frames if that leaves time for a good search, unless --particles or --layers "
         "says a size)",
     )
-    parser.add_argument("--body", metavar="B", help="as for apf track")
-    parser.add_argument("--init", type=Path, metavar="P", help="first pose, as for apf track")
-    parser.add_argument("--height", type=float, metavar="M", help="as for apf track")
-    parser.add_argument(
-        "--convention", choices=CONVENTIONS, default="y-up", help="axes of TRC files"
-    )
+    add_start_flags(parser)
     parser.add_argument(
         "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
     )
-    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
     add_method_flags(parser)
     add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:
+    check_height(args)
     method = chosen_method(args)
     if method.uses_voxels and args.noise is None:
         method = replace(method, filter=replace(method.filter, noise=_NOISE))

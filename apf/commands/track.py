@@ -10,7 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from apf.body import BodyModel, save_body
-from apf.commands.first_pose import first_pose, tell_doubts, template_of
+from apf.commands.first_pose import (
+    add_start_flags,
+    check_height,
+    first_pose,
+    tell_doubts,
+    template_of,
+)
 from apf.commands.method_flags import add_method_flags, chosen_method
 from apf.commands.take_report import TakeLine, TakeReport
 from apf.evaluate import evaluate, load_truth
@@ -20,7 +26,6 @@ from apf.overlay import write_overlay
 from apf.pipeline import seeded
 from apf.takes import AT_ONCE_CPU, AT_ONCE_GPU, Take, at_once, track_take
 from apf.track import Track, spans
-from apf.trc import CONVENTIONS
 from cl import Device, NumpyDevice, UserError, select_device
 from psfs.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
 from psfs.commands.sequence_flags import (
@@ -42,26 +47,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar="OUT",
         help="folder for the results; of several takes each has its own in it, by its name",
     )
-    parser.add_argument(
-        "--body",
-        metavar="B",
-        help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
-    )
-    parser.add_argument(
-        "--init",
-        type=Path,
-        metavar="P",
-        help="first pose: a text file with a value per degree of freedom (radians, metres), or "
-        "joints (npz or TRC) to whose first frame body and pose are fitted "
-        "(default: the sequence's own, where it has one; else found in the first voxels)",
-    )
-    parser.add_argument(
-        "--height", type=float, metavar="M", help="stature of the person, m, if it is known"
-    )
-    parser.add_argument(
-        "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC given to --init"
-    )
-    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    add_start_flags(parser)
     add_all_cameras_flag(parser)
     add_method_flags(parser)
     parser.add_argument(
@@ -85,8 +71,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     method = chosen_method(args)
     seeds = chosen_seeds(args, method)
-    if args.height is not None and not 0.5 <= args.height <= 2.5:
-        raise UserError(f"--height is {args.height}; expected 0.5 to 2.5 metres")
+    check_height(args)
     if args.at_once is not None and args.at_once < 1:
         raise UserError(f"--at-once is {args.at_once}; expected at least 1")
     if len(args.folders) == 1:
