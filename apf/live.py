@@ -13,6 +13,7 @@ import numpy as np
 from apf.body import BodyModel
 from apf.config import SIGMA_FPS
 from apf.live_budget import Governor
+from apf.live_pictures import Smaller
 from apf.live_sources import ACQUISITION, Newest, Shot, Source
 from apf.live_timeline import Timeline
 from apf.methods import Method, observer_of, tracker_of
@@ -74,7 +75,7 @@ class Live:
     searches: one method in one size, or in several, ascending, of which the one is used that
     `budget`, frames per second to be reached, leaves the time for; without a budget they are the
     source's, where that is possible, see `Governor`. follow: voxels are looked for in a grid that
-    moves with the person.
+    moves with the person. scale: of the pictures that are looked at.
 
     From frame to frame the pose is searched for where the voxels have moved to. Estimates that do
     not fit are lost, see `Judge`: they hold the last good pose, from which the next frame is
@@ -92,6 +93,7 @@ class Live:
         budget: float | None = None,
         *,
         follow: bool = False,
+        scale: float = 1.0,
     ) -> None:
         self.device, self.source, self.body = device, source, body
         self.timeline = Timeline(STAGES)
@@ -101,6 +103,7 @@ class Live:
         self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
         self._overlaps = device.is_gpu
         self._processor = device.sibling()
+        self._pictures = Smaller(source, scale)
         self._observe = self._observer(follow)
         self._translation = translation(body)
         self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
@@ -109,7 +112,7 @@ class Live:
         self._free.set()
         self._errors: list[BaseException] = []
         self._free_at, self._processing_time = 0.0, 0.0
-        scene = (device, body, source.rig, grid)
+        scene = (device, body, self._pictures.rig, grid)
         self._trackers = [tracker_of(*scene, method) for method in searches]
         self._governor = self._prepared(budget)
         self._tracking_time = float(self._governor.costs[self._governor.place])
@@ -231,16 +234,16 @@ class Live:
 
     def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
         """What makes of a frame that which the trackers observe, and where its voxels are."""
-        method, source, device = self._searches[0], self.source, self._processor
+        method, smaller, device = self._searches[0], self._pictures, self._processor
         if not method.uses_voxels:
-            features = observer_of(device, source, None, method)
-            return lambda frame: (features(frame), None)
+            features = observer_of(device, smaller, None, method)
+            return lambda frame: (features(smaller(frame)), None)
         assert self._grid is not None, "voxels have a grid"
         reconstruct = Reconstructor(
             device,
-            source.rig,
+            smaller.rig,
             self._grid,
-            source.background,
+            smaller.background,
             _RECONSTRUCTION,
             sparse=True,
             follow=follow,
@@ -250,7 +253,7 @@ class Live:
         )
 
         def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
-            voxels, mean = reconstruct(frame), place()
+            voxels, mean = reconstruct(smaller(frame)), place()
             grid = voxels.grid
             return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
 

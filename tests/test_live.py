@@ -21,16 +21,19 @@ from apf.live import Live, Observed, translation
 from apf.live_budget import FEWEST, MOST, Governor, evaluations, sized, sizes
 from apf.live_captures import cameras_of
 from apf.live_error import live_errors
+from apf.live_pictures import Smaller, fitting_factor
 from apf.live_sources import ACQUISITION, Newest, Replay, Shot
 from apf.live_timeline import Span, Timeline
 from apf.methods import Method
 from apf.reference.kinematics import posed_joints
+from apf.synthetic.scene import SceneConfig, make_rig
 from apf.track import Track
 from apf.tracker import Estimate
 from apf.trc import JointSeries
 from cl import Device, UserError
+from psfs.grid import VoxelGrid
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid
+from psfs.volume import automatic_grid, finest_pixel
 
 STAGES = (ACQUISITION, "processing", "tracking")
 
@@ -179,6 +182,35 @@ def test_replay_keeps_the_recordings_time(tmp_path: Path) -> None:
     stopped = threading.Event()
     stopped.set()
     assert acquired(Replay(sequence, range(12)), stopped)[0] == []
+
+
+def test_smaller_footage(tmp_path: Path) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
+    smaller, frame = Smaller(sequence, 0.5), sequence.read(1)
+    assert smaller.rig[0].size == (32, 24)
+    small = smaller(frame)
+    assert small.images.shape == (3, 24, 32, 3) and small.index == 1
+    blocks = frame.images.reshape(3, 24, 2, 32, 2, 3).mean((2, 4))
+    assert np.abs(small.images - blocks).max() <= 0.5
+    blocks = sequence.background.mean.reshape(3, 24, 2, 32, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(smaller.background.mean, blocks, atol=1e-3)
+    # A point is seen in the middle of the pixels that it is the mean of.
+    point = np.array([[0.1, 0.2, 0.9]])
+    before, after = (rig[1].project(point)[0] for rig in (sequence.rig, smaller.rig))
+    np.testing.assert_allclose(after + 0.5, (before + 0.5) / 2)
+    same = Smaller(sequence, 1.0)
+    assert same(frame) is frame and same.background is sequence.background
+
+
+def test_pictures_as_fine_as_voxels() -> None:
+    rig = make_rig(SceneConfig(cameras=4))
+
+    def grid(voxel_size: float) -> VoxelGrid:
+        return VoxelGrid(np.array([0, 0, 1.0]), voxel_size, (2, 2, 2))
+
+    pixel = finest_pixel(rig, grid(0.02))
+    for voxel, factor in ((0.9, 1), (1.9, 1), (2.1, 0.5), (3.9, 0.5), (4.1, 0.25)):
+        assert fitting_factor(rig, grid(voxel * pixel)) == factor
 
 
 def test_captures_of_files(tmp_path: Path) -> None:
@@ -358,6 +390,7 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     "more",
     [
         ["--fps", "0"],
+        ["--scale", "2"],
         ["--device", "numpy"],
         ["--objective", "best"],
         ["--captures", "absent.mp4"],

@@ -20,6 +20,7 @@ from apf.live import Live, LiveResult
 from apf.live_budget import sizes
 from apf.live_captures import cameras_of
 from apf.live_error import live_errors
+from apf.live_pictures import fitting_factor
 from apf.live_sources import Replay, Source
 from apf.live_timeline import Timeline
 from apf.methods import Method
@@ -77,6 +78,13 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
     )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        metavar="S",
+        help="size of the pictures that are looked at, up to 1 (default: on a CPU as small as "
+        "pixels still are no larger than voxels, else 1)",
+    )
     add_method_flags(parser)
     add_device_flag(parser)
 
@@ -89,6 +97,8 @@ def run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise UserError("--device numpy is no device for live tracking; expected an OpenCL device")
+    if args.scale is not None and not 0.05 <= args.scale <= 1:
+        raise UserError(f"--scale is {args.scale}; expected 0.05 to 1")
     if args.budget is not None and not 0.1 <= args.budget <= 1000:
         raise UserError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
     truth = load_truth(args.truth, args.convention) if args.truth else None
@@ -98,7 +108,10 @@ def run(args: argparse.Namespace) -> None:
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
     searches = [method] if sized_by_hand and args.budget is None else sizes(method)
     follow = bool(args.captures) and args.volume is None
-    live = Live(device, source, grid, body, pose, searches, args.budget, follow=follow)
+    scale = args.scale
+    if scale is None:
+        scale = 1.0 if device.is_gpu or grid is None else fitting_factor(source.rig, grid)
+    live = Live(device, source, grid, body, pose, searches, args.budget, follow=follow, scale=scale)
     status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
     with status as shown:
         result = live.run(lambda now, timeline: _show(shown, now, timeline))
@@ -106,7 +119,12 @@ def run(args: argparse.Namespace) -> None:
         raise UserError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.described(), "device": device.name})
     write_files(args.output, track, body)
-    summary = {**live.timeline.summary(), "sizes": result.sizes, "lost": int(track.lost.sum())}
+    summary = {
+        **live.timeline.summary(),
+        "sizes": result.sizes,
+        "scale": scale,
+        "lost": int(track.lost.sum()),
+    }
     if truth is not None:
         summary |= live_errors(track, truth, np.array(result.latencies))
     write_json(args.output / "live.json", summary)
