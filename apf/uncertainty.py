@@ -39,8 +39,9 @@ class Calibration:
 
 #: By scripts/calibrate_uncertainty.py on seven walks, 2 seeds each: one of another generator
 #: (MakeHuman body, recorded motion; 4 and 8 cameras) and six of `apf synth` (4 and 6 cameras, 30
-#: and 60 frames/s). Without lost joints they hold 95 % of these, and 93 % of a walk that is left
-#: out of the fit (87 to 98 %); with lost ones, which are arms', 93 % of all and 82 % of wrists.
+#: and 60 frames/s). Without lost joints they hold 95 % of these, 94 % of two further walks of
+#: `apf synth`, and 93 % of a walk that is left out of the fit (87 to 98 %); with lost ones, which
+#: are arms', 93 % of the seven walks (82 % of wrists) and 90 % of the two.
 CALIBRATION = Calibration(
     scale=2.0,
     floor={

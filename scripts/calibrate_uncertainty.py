@@ -3,11 +3,11 @@
 
     scripts/calibrate_uncertainty.py OUT/a=a/truth.npz ... --held-out OUT/b=b/truth.npz ...
 
-takes folders of `apf track` (not smoothed) and prints the scale and the floors with which the
-stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in how many of those held
-out, per joint; also of every walk (all tracks with the same truth) by a fit to the other walks.
-Joints that were lost (as `apf evaluate` says of limbs) do not count for the fit: a limb taken for
-another is not a matter of millimetres; the last columns count them.
+takes folders of `apf track` (not smoothed, made with the constants in use) and prints the scale and
+the floors with which the stated 95 % ellipsoids hold the truth in 95 % of the joint-frames, and in
+how many of those held out, per joint; also of every walk (all tracks with the same truth) by a fit
+to the other walks. Joints that were lost (as `apf evaluate` says of limbs) do not count for the
+fit: a limb taken for another is not a matter of millimetres; the last columns count them.
 """
 
 from __future__ import annotations
