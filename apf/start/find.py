@@ -87,55 +87,26 @@ def find_start(
     the next, see `FilterConfig`. height: known stature, m. keep_shape: the template is the person's
     own body. progress: called every now and then. Raises UserError if no frame shows a person.
     """
-    tell = progress or (lambda: None)
     clouds = [Cloud(points) for points in _people(voxels)]
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
     search = PoseSearch(device, rig, grid, template, height, keep_shape, seed, way)
     config = FilterConfig(noise=noise, seed=seed)
-
-    def follow(body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
-        """Poses (M, D) from the one in frame `anchor` to both ends."""
-        poses = np.tile(pose, (len(voxels), 1))
-        for order in (range(anchor, len(voxels)), range(anchor, -1, -1)):
-            tracker = tracker_for(device, body, rig, grid, config)
-            tracker.start(pose)
-            for k in order:
-                tell()
-                poses[k] = tracker.step(voxels[k]).pose
-        return poses
-
-    def shaped(shape: np.ndarray, pose: np.ndarray, anchor: int) -> _Fit:
-        poses = follow(search.model.body(shape), pose, anchor)
-        tell()
-        shape, poses = fit_shape(
-            template, clouds, shape, poses, height, free=() if keep_shape else None
-        )
-        body = search.model.body(shape)
-        misfits = [misfit(body, pose, cloud) for pose, cloud in zip(poses, clouds, strict=True)]
-        score = float(np.mean(misfits)) * sideways(body, poses, search.way)
-        return _Fit(body, shape, poses, np.array(misfits), score)
-
+    fitting = _Fitting(search, voxels, clouds, config, progress or (lambda: None))
     anchor, hypotheses = _best_frame(search, voxels, clouds)
-    fits = []
-    for hypothesis in hypotheses:
-        found = search.with_limbs(voxels[anchor], clouds[anchor], hypothesis)
-        fits.append(shaped(found.shape, found.pose, anchor))
-    fits.sort(key=lambda fit: fit.score)
+    fits = sorted((fitting(found, anchor) for found in hypotheses), key=lambda fit: fit.score)
     best = int(np.argmin(fits[0].misfits))
     known = Hypothesis(fits[0].shape, fits[0].poses[best], float(fits[0].misfits[best]))
-    known = search.with_limbs(voxels[best], clouds[best], known)  # the body is known better now
-    final = shaped(known.shape, known.pose, best)
-    if final.score > fits[0].score:
-        final = fits[0]
-    if final.misfits.mean() > _HOPELESS:
+    again = fitting(known, best)  # the body is known better now
+    final = min(again, fits[0], key=lambda fit: fit.score)
+    misfits = float(final.misfits.mean())
+    if misfits > _HOPELESS:
         raise UserError(
-            f"no standing or walking person was found in the first frames (misfit "
-            f"{final.misfits.mean():.2f}; expected less than {_HOPELESS}); give --init"
+            f"no standing or walking person was found in the first frames (misfit {misfits:.2f}; "
+            f"expected less than {_HOPELESS}); give --init"
         )
     rival = fits[1].score / fits[0].score if len(fits) > 1 else np.inf
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
     girth = float(np.exp(final.shape[:2].sum())) * stature(template) / seen
-    misfits = float(final.misfits.mean())
     return Start(final.body, final.poses[0], final.poses, misfits, rival, seen, girth)
 
 
@@ -149,6 +120,47 @@ class _Fit:
     poses: np.ndarray
     misfits: np.ndarray
     score: float
+
+
+class _Fitting:
+    """`fitting(hypothesis, anchor)`: what becomes of a hypothesis in frame `anchor` when its limbs
+    are searched for, the body is tracked to both ends and its shape fitted to all frames."""
+
+    def __init__(
+        self,
+        search: PoseSearch,
+        voxels: Sequence[Any],
+        clouds: Sequence[Cloud],
+        config: FilterConfig,
+        tell: Callable[[], object],
+    ) -> None:
+        self._search, self._config, self._tell = search, config, tell
+        self._voxels, self._clouds = voxels, clouds
+
+    def __call__(self, hypothesis: Hypothesis, anchor: int) -> _Fit:
+        search, clouds = self._search, self._clouds
+        found = search.with_limbs(self._voxels[anchor], clouds[anchor], hypothesis)
+        poses = self._followed(search.model.body(found.shape), found.pose, anchor)
+        self._tell()
+        free = None if search.free else ()
+        shape, poses = fit_shape(
+            search.template, clouds, found.shape, poses, search.height, free=free
+        )
+        body = search.model.body(shape)
+        misfits = [misfit(body, pose, cloud) for pose, cloud in zip(poses, clouds, strict=True)]
+        score = float(np.mean(misfits)) * sideways(body, poses, search.way)
+        return _Fit(body, shape, poses, np.array(misfits), score)
+
+    def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
+        """Poses (M, D) from the one in frame `anchor` to both ends."""
+        search, poses = self._search, np.tile(pose, (len(self._voxels), 1))
+        for order in (range(anchor, len(poses)), range(anchor, -1, -1)):
+            tracker = tracker_for(search.device, body, search.rig, search.grid, self._config)
+            tracker.start(pose)
+            for k in order:
+                self._tell()
+                poses[k] = tracker.step(self._voxels[k]).pose
+        return poses
 
 
 def _people(voxels: Sequence[Any]) -> list[np.ndarray]:
