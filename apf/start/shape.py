@@ -240,11 +240,25 @@ def _normal_equations(
     """J'J (D + S, D + S) and J'r (D + S,) of the gaps r along the normals, in deviations."""
     here = placed(found.place, cones[found.cone])
     gap = np.sum(found.normal * (here - found.target), 1)
-    grown = placed(found.place, by_shape[:, found.cone]) - here
     by_pose = motions(body, pose, found.cone, here, found.normal)
-    rows = np.concatenate([by_pose, np.einsum("kc,pkc->pk", found.normal, grown) / _STEP])
+    rows = np.concatenate([by_pose, _growths(cones, by_shape, found, here)])
     weighted = rows * (found.weight * _COUNT / n_frames / _NOISE**2)
     return weighted @ rows.T, weighted @ gap
+
+
+def _growths(
+    cones: np.ndarray, by_shape: np.ndarray, found: Contacts, here: np.ndarray
+) -> np.ndarray:
+    """(S, K) how far each scale moves the contacts, at `here` (K, 3), along their normals: the
+    ends and radii of cones (S, C, 16) change, not their directions."""
+    ends = cones[found.cone]
+    t, n = found.place[:, 0:1], found.normal
+    outward = here - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
+    radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
+    along = np.concatenate([n, np.sum(n * outward, 1, keepdims=True) / radius], 1)
+    per_end = np.concatenate([(1 - t) * along, t * along], 1)
+    change: np.ndarray = (by_shape - cones)[..., :8] / _STEP
+    return np.einsum("skj,kj->sk", change[:, found.cone], per_end)
 
 
 def _eliminated(
