@@ -17,7 +17,7 @@ from apf.live_pictures import Smaller
 from apf.live_sources import ACQUISITION, Newest, Shot, Source
 from apf.live_timeline import Timeline
 from apf.methods import Method, observer_of, tracker_of
-from apf.recovery import Judge
+from apf.recovery import Judge, RecoveryConfig
 from apf.tracker import Estimate
 from cl import Device
 from psfs.config import ReconstructionConfig, SilhouetteConfig
@@ -39,6 +39,8 @@ _PROBES = 2
 _EARLY = 0.25
 #: Weight of the newest in the running means of durations.
 _SMOOTH = 0.2
+#: Far from the frame before, few particles find no better than this; only beyond it nothing fits.
+_RECOVERY = RecoveryConfig(ratio=3.0, least=0.6, unknown=0.6)
 #: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
 _RECONSTRUCTION = ReconstructionConfig(SilhouetteConfig(look_again=False))
 
@@ -78,8 +80,8 @@ class Live:
     moves with the person. scale: of the pictures that are looked at.
 
     From frame to frame the pose is searched for where the voxels have moved to. Estimates that do
-    not fit are lost, see `Judge`: they hold the last good pose, from which the next frame is
-    searched the more widely.
+    not fit are lost, see `Judge`: they hold the last good pose, moved with the voxels, around which
+    the next frame is searched the more widely.
     """
 
     def __init__(
@@ -99,13 +101,13 @@ class Live:
         self.timeline = Timeline(STAGES)
         self.result = LiveResult()
         self._grid, self._searches, self._pose = grid, searches, pose
-        self._judge = Judge()
+        self._judge = Judge(_RECOVERY)
         self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
         self._overlaps = device.is_gpu
         self._processor = device.sibling()
         self._pictures = Smaller(source, scale)
         self._observe = self._observer(follow)
-        self._translation = translation(body)
+        self._translation, self._moved = translation(body), np.zeros(body.n_dof)
         self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
         self._free, self._stop = threading.Event(), threading.Event()
@@ -210,8 +212,10 @@ class Live:
         when, where = self._seen
         gap = max(observed.shot.time - when, 1 / self.source.fps)
         self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
+        self._moved = np.zeros(self.body.n_dof)
         if where is not None and observed.place is not None:
-            self._tracker.push(self._translation @ (observed.place - where))
+            self._moved = self._translation @ (observed.place - where)
+            self._tracker.push(self._moved)
 
     def _keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost one goes back to the last good pose, instead of
@@ -221,7 +225,8 @@ class Live:
             estimate = replace(estimate, lost=True)
         if estimate.lost:
             self._tracker.start(self._pose)
-            estimate = replace(estimate, pose=self._pose)
+            moved = np.clip(self._pose + self._moved, self.body.lower, self.body.upper)
+            estimate = replace(estimate, pose=moved)
         else:
             self._judge.accept(estimate)
             self._pose = estimate.pose

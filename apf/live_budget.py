@@ -22,7 +22,7 @@ _TRUNK_SHARE = 1 / 3
 #: Share of a frame's time that is planned with.
 _SHARE = 0.85
 #: The size is chosen anew when the median of so many frames is this far from what is allowed.
-_WINDOW, _TOO_LONG, _WITH_ROOM = 8, 1.15, 0.85
+_WINDOW, _TOO_LONG, _WITH_ROOM = 8, 1.2, 0.7
 
 
 def sized(method: Method, evaluations: float) -> Method:
