@@ -55,7 +55,7 @@ class Alternatives:
         self.scorer = scorer
         self.n_dof = n = body.n_dof
         limbs = limbs_of(body)
-        self._n_limbs = len(limbs) if config.limb_spread > 0 and config.refine_steps > 0 else 0
+        self._n_limbs = len(limbs) if config.looks_for_limbs else 0
         self._per_run = 1 + 2 * self._n_limbs
         seeds = tuple(seeds or [config.seed])
         self._n_runs = n_runs = len(seeds)

@@ -54,8 +54,7 @@ class ParticleSet:
         self.motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
         self.frame = device.zeros((n_runs,), np.uint32)
         self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
-        limits = np.stack([body.lower, body.upper], -1).astype(np.float32)
-        self._limits = device.to_device(limits)
+        self._limits = device.to_device(body.limits)
         self._diffusions: list[tuple[int, Launch]] = []
         self._seeds = device.to_device(seed_words(self.seeds))
 

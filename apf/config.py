@@ -140,9 +140,14 @@ class FilterConfig:
         )
 
     @property
+    def looks_for_limbs(self) -> bool:
+        """Whether limbs are looked for elsewhere before an estimate is settled."""
+        return self.limb_spread > 0 and self.refine_steps > 0
+
+    @property
     def settling_two_sided(self) -> float:
         """Weight of the two-sided term where an estimate is settled."""
-        return max(self.two_sided_weight, self.limb_two_sided if self.limb_spread > 0 else 0.0)
+        return max(self.two_sided_weight, self.limb_two_sided if self.looks_for_limbs else 0.0)
 
     @property
     def remembers(self) -> bool:

@@ -139,8 +139,8 @@ def default_at_once(device: Device | NumpyDevice) -> int:
     """How many takes at a time pay.
 
     Measured with takes of 172 frames: on an H200 with 16 cores four at once took 58 s, in processes
-    one after the other 150 s; six gain no more, for they wait for each other's Python, that of the
-    starts above all. On 2 cores two at once save an eighth.
+    one after the other about 150 s; six took as long a take as four, for they wait for each other's
+    Python, that of the starts above all. On 2 cores two at once saved an eighth.
     """
     return AT_ONCE_GPU if isinstance(device, Device) and device.is_gpu else AT_ONCE_CPU
 

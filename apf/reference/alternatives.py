@@ -44,7 +44,7 @@ def settled(
     scorer: `scorer.rescore(poses, stride)` gives errors (N,) by every `stride`-th of its `points`.
     """
     candidates = [mean]
-    n_limbs = len(limbs_of(body)) if config.limb_spread > 0 and config.refine_steps > 0 else 0
+    n_limbs = len(limbs_of(body)) if config.looks_for_limbs else 0
     if n_limbs:
         poses, which = proposals(body, mean, config, frame)
         errors = scorer.rescore(poses, config.point_turns)
@@ -55,10 +55,7 @@ def settled(
     best = 0
     if n_limbs:
         errors = scorer.rescore(np.stack([pose for pose, _ in found]), 1)
-        margins = np.repeat(
-            [1.0, config.limb_margin, config.limb_far_margin], [1, n_limbs, n_limbs]
-        )
-        gains = errors[0] * (1 - margins) - errors
-        gains[0] = 0.0
-        best = int(gains.argmax())
+        margins = np.repeat([config.limb_margin, config.limb_far_margin], n_limbs)
+        gains = errors[0] * (1 - margins) - errors[1:]
+        best = int(np.r_[0.0, gains].argmax())
     return found[best]
