@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from apf.body import AXES, BodyModel
@@ -62,9 +64,10 @@ def bone_levels(body: BodyModel) -> list[int]:
     return levels
 
 
+@lru_cache(maxsize=4)  # a tracker asks for it once per layer
 def pack_body(body: BodyModel) -> np.ndarray:
     """The table of kinematics.h, float32: bones (B, 16), free axes (D, 4), cones (C, CONE_FLOATS),
-    one after the other."""
+    one after the other; not to be written to."""
     bones: list[np.ndarray] = []
     axes: list[tuple[int, int, int, int]] = []
     for bone, level in zip(body.bones, bone_levels(body), strict=True):
@@ -80,4 +83,6 @@ def pack_body(body: BodyModel) -> np.ndarray:
         row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
         row[_BONE_PLACE] = cone.bone
     tables = (np.array(bones), np.array(axes), cones)
-    return np.concatenate([table.ravel() for table in tables]).astype(np.float32)
+    packed = np.concatenate([table.ravel() for table in tables]).astype(np.float32)
+    packed.flags.writeable = False
+    return packed

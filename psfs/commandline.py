@@ -7,6 +7,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
@@ -21,9 +22,18 @@ from rich.progress import (
 
 from cl import UserError
 
+#: Columns of a file or a pipe, which has no width of its own: room for the widest table.
+_UNLIMITED = 160
+
+
+def _console(stream: TextIO, **options: Any) -> Console:
+    own = stream.isatty() or "COLUMNS" in os.environ
+    return Console(highlight=False, width=None if own else _UNLIMITED, **options)
+
+
 #: Results go to standard output, progress and messages to standard error.
-stdout = Console(highlight=False)
-stderr = Console(stderr=True, highlight=False)
+stdout = _console(sys.stdout)
+stderr = _console(sys.stderr, stderr=True)
 
 
 def warn(text: str, console: Console = stderr) -> None:

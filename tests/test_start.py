@@ -111,8 +111,8 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
         return Hypothesis(np.zeros(1), pose, badly)
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
-    assert [h.misfit for h in distinct(SONG, every, 3)] == [1, 2, 5]
-    assert [h.misfit for h in distinct(SONG, every, 2)] == [1, 2]
+    assert [h.cost for h in distinct(SONG, every, 3)] == [1, 2, 5]
+    assert [h.cost for h in distinct(SONG, every, 2)] == [1, 2]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
 
 

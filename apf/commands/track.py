@@ -130,7 +130,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
     finally:
         report.show()
     if report.errors:
-        failed = ", ".join(report.errors)
+        failed = ", ".join(name for name in names if name in report.errors)
         raise UserError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 

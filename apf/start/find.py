@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.start.search import Hypothesis, PoseSearch, misfit, sideways
+from apf.start.search import LIKELIHOOD, Hypothesis, PoseSearch, close, misfit, sideways
 from apf.start.shape import GIRTH, Cloud, fit_shape, stature
 from apf.start.stored import person_points
 from apf.tracker import tracker_for
@@ -32,8 +32,8 @@ _RIVALS, _STOUT = 1.1, 3.0
 @dataclass(frozen=True, eq=False)
 class Start:
     """body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
-    frames used. misfit: of `pose`, 0 is perfect. rival: how much worse the best hypothesis that
-    looks elsewhere is, as a factor of the misfit; infinite where there is none. seen: m, how high
+    frames fitted. misfit: of these, 0 is perfect. rival: how much worse the best hypothesis that
+    looks elsewhere is, as a factor of the error; infinite where there is none. seen: m, how high
     what is seen of the person is. girth: how thick the body is for that height, the template
     standing upright being 1."""
 
@@ -78,89 +78,108 @@ def find_start(
     keep_shape: bool = False,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
+    every: int = 1,
 ) -> Start:
-    """Find a person in the `voxels` (see `stored`) of the first frames, some time apart.
+    """Find a person in the `voxels` (see `stored`) of the first frames.
 
-    In the first, the last and frames in between a search over all headings; from the frame where it
-    fits best the body is tracked to both ends, and its shape fitted to all frames. Then once more
-    from the frame that fits best, with that shape. noise: of a tracker from one of the frames to
-    the next, see `FilterConfig`. height: known stature, m. keep_shape: the template is the person's
-    own body. progress: called every now and then. Raises UserError if no frame shows a person.
+    Every `every`-th frame is fitted; those between only lead from one to the next. In the first of
+    these, the last and some in between a search over all headings; from the frame where it fits
+    best the body is tracked to both ends, and its shape fitted to all. Then once more from the
+    frame that fits best, with that shape. noise: of a tracker from one of `voxels` to the next, see
+    `FilterConfig`. height: known stature, m. keep_shape: the template is the person's own body.
+    progress: called every now and then. Raises UserError if no frame shows a person.
     """
-    clouds = [Cloud(points) for points in _people(voxels)]
+    clouds = [Cloud(points) for points in _people(voxels[::every])]
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
     search = PoseSearch(device, rig, grid, template, height, keep_shape, seed, way)
-    config = FilterConfig(noise=noise, seed=seed)
-    fitting = _Fitting(search, voxels, clouds, config, progress or (lambda: None))
-    anchor, hypotheses = _best_frame(search, voxels, clouds)
-    fits = sorted((fitting(found, anchor) for found in hypotheses), key=lambda fit: fit.score)
-    best = int(np.argmin(fits[0].misfits))
-    known = Hypothesis(fits[0].shape, fits[0].poses[best], float(fits[0].misfits[best]))
-    again = fitting(known, best)  # the body is known better now
+    config = replace(LIKELIHOOD, noise=noise, seed=seed)
+    fitting = _Fitting(search, voxels, every, clouds, config, progress or (lambda: None))
+    anchor, hypotheses = _best_frame(search, voxels[::every], clouds)
+    found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
+    fits = sorted((fitting(h, anchor) for h in close(found)), key=lambda fit: fit.score)
+    best = int(np.argmin(fits[0].costs))
+    known = Hypothesis(fits[0].shape, fits[0].poses[best], float(fits[0].costs[best]))
+    again = fitting(fitting.limbs(known, best), best)  # the body is known better now
     final = min(again, fits[0], key=lambda fit: fit.score)
-    misfits = float(final.misfits.mean())
-    if misfits > _HOPELESS:
+    body = search.model.body(final.shape)
+    misfits = [misfit(body, pose, cloud) for pose, cloud in zip(final.poses, clouds, strict=True)]
+    mean = float(np.mean(misfits))
+    if mean > _HOPELESS:
         raise UserError(
-            f"no standing or walking person was found in the first frames (misfit {misfits:.2f}; "
+            f"no standing or walking person was found in the first frames (misfit {mean:.2f}; "
             f"expected less than {_HOPELESS}); give --init"
         )
-    rival = fits[1].score / fits[0].score if len(fits) > 1 else np.inf
+    scores = [fit.score for fit in fits] if len(fits) > 1 else [h.cost for h in found]
+    rival = scores[1] / scores[0] if len(scores) > 1 else np.inf
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
     girth = float(np.exp(final.shape[:2].sum())) * stature(template) / seen
-    return Start(final.body, final.poses[0], final.poses, misfits, rival, seen, girth)
+    return Start(body, final.poses[0], final.poses, mean, rival, seen, girth)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A body of scales `shape` (S,), poses (M, D) and misfits (M,) in all frames; score: their
-    mean, more if the person does not look where he goes."""
+    """Scales `shape` (S,), poses (M, D) and costs (M,) in all frames fitted; score: their mean,
+    more if the person does not look where he goes."""
 
-    body: BodyModel
     shape: np.ndarray
     poses: np.ndarray
-    misfits: np.ndarray
+    costs: np.ndarray
     score: float
 
 
 class _Fitting:
-    """`fitting(hypothesis, anchor)`: what becomes of a hypothesis in frame `anchor` when its limbs
-    are searched for, the body is tracked to both ends and its shape fitted to all frames."""
+    """`fitting(hypothesis, anchor)`: what becomes of a hypothesis in frame `anchor` of those fitted
+    when the body is tracked to both ends and its shape fitted to all frames."""
 
     def __init__(
         self,
         search: PoseSearch,
         voxels: Sequence[Any],
+        every: int,
         clouds: Sequence[Cloud],
         config: FilterConfig,
         tell: Callable[[], object],
     ) -> None:
         self._search, self._config, self._tell = search, config, tell
-        self._voxels, self._clouds = voxels, clouds
+        self._voxels, self._every, self._clouds = voxels, every, clouds
+        self._fitted = voxels[::every]
 
-    def __call__(self, hypothesis: Hypothesis, anchor: int) -> _Fit:
-        search, clouds = self._search, self._clouds
-        found = search.with_limbs(self._voxels[anchor], clouds[anchor], hypothesis)
-        poses = self._followed(search.model.body(found.shape), found.pose, anchor)
+    def limbs(self, hypothesis: Hypothesis, anchor: int) -> Hypothesis:
+        """Its limbs searched for in frame `anchor`."""
         self._tell()
-        free = None if search.free else ()
-        shape, poses = fit_shape(
-            search.template, clouds, found.shape, poses, search.height, free=free
-        )
-        body = search.model.body(shape)
-        misfits = [misfit(body, pose, cloud) for pose, cloud in zip(poses, clouds, strict=True)]
-        score = float(np.mean(misfits)) * sideways(body, poses, search.way)
-        return _Fit(body, shape, poses, np.array(misfits), score)
+        return self._search.with_limbs(self._fitted[anchor], self._clouds[anchor], hypothesis)
+
+    def __call__(self, found: Hypothesis, anchor: int) -> _Fit:
+        search = self._search
+        poses = self._followed(search.model.body(found.shape), found.pose, anchor)
+        fitted = fit_shape(
+            search.template, self._clouds, found.shape, poses, search.height,
+            free=None if search.free else (),
+        )  # fmt: skip
+        tried = [self._judged(found.shape, poses), self._judged(*fitted)]
+        return min(tried, key=lambda fit: fit.score)
+
+    def _judged(self, shape: np.ndarray, poses: np.ndarray) -> _Fit:
+        """Poses near these, and what they cost: hulls, that shapes are fitted to, are too thick."""
+        search, found = self._search, []
+        for pose, voxels, cloud in zip(poses, self._fitted, self._clouds, strict=True):
+            self._tell()
+            found.append(search.near(voxels, cloud, shape, pose))
+        poses, costs = np.array([h.pose for h in found]), np.array([h.cost for h in found])
+        score = float(costs.mean()) * sideways(search.model.body(shape), poses, search.way)
+        return _Fit(shape, poses, costs, score)
 
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""
-        search, poses = self._search, np.tile(pose, (len(self._voxels), 1))
-        for order in (range(anchor, len(poses)), range(anchor, -1, -1)):
+        search, every = self._search, self._every
+        poses = np.tile(pose, (len(self._voxels), 1))
+        for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
             tracker = tracker_for(search.device, body, search.rig, search.grid, self._config)
             tracker.start(pose)
             for k in order:
                 self._tell()
                 poses[k] = tracker.step(self._voxels[k]).pose
-        return poses
+        return poses[::every]
 
 
 def _people(voxels: Sequence[Any]) -> list[np.ndarray]:
@@ -179,5 +198,5 @@ def _best_frame(
     """The frame in which the search fits best, and its hypotheses."""
     tried = sorted({round(k) for k in np.linspace(0, len(clouds) - 1, _SEARCHED)})
     found = {k: search(voxels[k], clouds[k]) for k in tried}
-    best = min(tried, key=lambda k: found[k][0].misfit)
+    best = min(tried, key=lambda k: found[k][0].cost)
     return best, found[best]

@@ -27,25 +27,35 @@ _ROOT = {"tx": 0.08, "ty": 0.08, "tz": 0.06, "rx": 0.15, "ry": 0.15, "rz": 0.35}
 _SPAN, _WIDEST = {"body": 0.2, "limb": 0.25}, {"body": 0.6, "limb": 0.8}
 #: Bones that a limb hangs on.
 _LIMBS = ("l_upper_arm", "r_upper_arm", "l_thigh", "r_thigh")
+#: Hypotheses go on whose cost is at most so many times the least one.
+_CLOSE = 1.2
 #: Starts from which a limb is searched for.
 _LIMB_STARTS = 4
-#: Distance, m, at which a point is half unexplained when hypotheses are compared.
+#: Particles of the search for a whole body, for a limb, and near a pose.
+_PARTICLES = {"body": 300, "limb": 150, "near": 100}
+#: What a start goes by: hulls of few cameras are thicker than the person, and a body turned or bent
+#: wrongly fills them as well; what it covers in the pictures, and their edges, tell more.
+LIKELIHOOD = FilterConfig(surface_weight=1.0, two_sided_weight=2.0)
+#: What 1 % of misfit counts as, as a share of 1 % of error.
+_VOXELS = 0.3
+#: Distance, m, at which a point is half unexplained in a misfit.
 _SCALE = 0.04
 #: Unexplained share that counts as much as bending a joint by a quarter of its range, and as
 #: parts wholly in each other.
 _BEND, _OVERLAP = 0.003, 0.1
-#: People look where they go: share that a misfit grows by when they go backwards, and the way, m,
+#: People look where they go: share that a cost grows by when they go backwards, and the way, m,
 #: from which on that counts.
 _BACKWARDS, _WAY = 0.25, 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose (D,) of the template scaled by `shape` (S,), and how badly it fits (0 is perfect)."""
+    """A pose (D,) of the template scaled by `shape` (S,). cost: its error by the likelihood, times
+    its `misfit` to the power of `_VOXELS`."""
 
     shape: np.ndarray
     pose: np.ndarray
-    misfit: float
+    cost: float
 
 
 class PoseSearch:
@@ -64,16 +74,15 @@ class PoseSearch:
         keep_shape: bool,
         seed: int,
         way: np.ndarray,
-        n_particles: int = 300,
     ) -> None:
         self.device, self.rig, self.grid = device, rig, grid
         self.template, self.height, self.way = template, height, way
         self.model = Shape(template)
         self.free = () if keep_shape else (0, 1)
+        self.seed = seed
         self.random = np.random.default_rng(seed)
-        self.config = FilterConfig(
-            n_particles=n_particles, noise=1.0, noise_decay=0.75, trunk_layers=0, seed=seed
-        )
+        self._near: Any = None
+        self._near_shape = np.zeros(0)
 
     def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
         """The best hypotheses that look in different directions, best first.
@@ -85,47 +94,61 @@ class PoseSearch:
         if self.free:
             shape[0] = np.log((self.height or high - low) / stature(self.template))
         body = self.model.body(shape)
-        tracker = self._tracker(search_body(body))
+        tracker = self._searcher(search_body(body), "body")
         found = []
         for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
-            tracker.start(standing_pose(body, cloud, heading))
-            estimate = tracker.step(voxels)
-            found.append(Hypothesis(shape, estimate.pose, float(estimate.least_error[-1])))
-        kept = distinct(self.template, found, _KEPT + 1)
-        polished = [self.polished(cloud, shape, h.pose) for h in kept]
+            pose, error = _searched(tracker, standing_pose(body, cloud, heading), voxels)
+            found.append(Hypothesis(shape, pose, error * misfit(body, pose, cloud) ** _VOXELS))
+        kept = [
+            self._sized(voxels, cloud, hypothesis)
+            for hypothesis in close(distinct(self.template, found, _KEPT + 1))
+        ]
         ahead = [
-            replace(h, misfit=h.misfit * sideways(self.template, h.pose[None], self.way))
-            for h in polished
+            replace(h, cost=h.cost * sideways(self.template, h.pose[None], self.way)) for h in kept
         ]
         return distinct(self.template, ahead, _KEPT)
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """One limb after the other searched for again, anywhere within its limits."""
         body = self.model.body(hypothesis.shape)
+        best = self.near(voxels, cloud, hypothesis.shape, hypothesis.pose)
         for limb in (bone.name for bone in body.bones if bone.name in _LIMBS):
             loose = search_body(body, limb)
-            moving = loose.sigma > 0
-            tracker = self._tracker(loose)
-            found = []
-            for start in self._limb_starts(hypothesis.pose, moving):
-                tracker.start(start)
-                pose = tracker.step(voxels).pose
-                found.append((misfit(body, pose, cloud), pose))
-            pose = min(found, key=lambda entry: entry[0])[1]
-            other = self.polished(cloud, hypothesis.shape, pose)
-            if other.misfit < hypothesis.misfit:
-                hypothesis = other
-        return hypothesis
+            tracker = self._searcher(loose, "limb")
+            found = [
+                self.near(voxels, cloud, best.shape, _searched(tracker, start, voxels)[0])
+                for start in self._limb_starts(best.pose, loose.sigma > 0)
+            ]
+            best = min([best, *found], key=lambda h: h.cost)
+        return self._sized(voxels, cloud, best)
 
-    def polished(self, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
-        """The pose and the size and girth of the body brought onto the cloud."""
+    def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
+        """The best hypothesis of that shape near that pose."""
+        if self._near is None or np.any(self._near_shape != shape):  # takes longer than a step
+            config = replace(
+                LIKELIHOOD, n_particles=_PARTICLES["near"], noise=0.1, trunk_layers=0,
+                limb_spread=0.0, seed=self.seed,
+            )  # fmt: skip
+            self._near_shape, self._near_body = shape, self.model.body(shape)
+            self._near = tracker_for(self.device, self._near_body, self.rig, self.grid, config)
+        pose, error = _searched(self._near, pose, voxels)
+        return Hypothesis(shape, pose, error * misfit(self._near_body, pose, cloud) ** _VOXELS)
+
+    def _sized(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
+        """With the size and girth that bring the body onto the cloud, if that lowers the cost."""
         shape, poses = fit_shape(
-            self.template, [cloud], shape, pose[None], self.height, steps=6, free=self.free
-        )
-        return Hypothesis(shape, poses[0], misfit(self.model.body(shape), poses[0], cloud))
+            self.template, [cloud], hypothesis.shape, hypothesis.pose[None], self.height,
+            steps=6, free=self.free,
+        )  # fmt: skip
+        other = self.near(voxels, cloud, shape, poses[0])
+        return min(hypothesis, other, key=lambda h: h.cost)
 
-    def _tracker(self, body: BodyModel) -> Any:
-        return tracker_for(self.device, body, self.rig, self.grid, self.config)
+    def _searcher(self, body: BodyModel, kind: str) -> Any:
+        config = replace(
+            LIKELIHOOD, n_particles=_PARTICLES[kind], noise=1.0, noise_decay=0.75, trunk_layers=0,
+            seed=self.seed,
+        )  # fmt: skip
+        return tracker_for(self.device, body, self.rig, self.grid, config)
 
     def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
         """Poses whose `moving` part is as it was, at rest, and anywhere else."""
@@ -137,6 +160,13 @@ class PoseSearch:
             start[moving] = (rest[moving] + anywhere) / 2
             starts.append(start)
         return starts
+
+
+def _searched(tracker: Any, start: np.ndarray, voxels: Any) -> tuple[np.ndarray, float]:
+    """The pose (D,) that `tracker` finds from `start`, and the error of its best particle."""
+    tracker.start(start)
+    estimate = tracker.step(voxels)
+    return estimate.pose, float(estimate.least_error[-1])
 
 
 def search_body(body: BodyModel, limb: str | None = None) -> BodyModel:
@@ -189,11 +219,17 @@ def misfit(body: BodyModel, pose: np.ndarray, cloud: Cloud) -> float:
 def distinct(template: BodyModel, hypotheses: Sequence[Hypothesis], n: int) -> list[Hypothesis]:
     """The best `n` hypotheses, best first, that look more than `_APART` away from each other."""
     kept: list[Hypothesis] = []
-    for hypothesis in sorted(hypotheses, key=lambda h: h.misfit):
+    for hypothesis in sorted(hypotheses, key=lambda h: h.cost):
         ahead = forward(template, hypothesis.pose)
         if all(ahead @ forward(template, other.pose) < np.cos(_APART) for other in kept):
             kept.append(hypothesis)
     return kept[:n]
+
+
+def close(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Those whose cost is at most `_CLOSE` times the least one."""
+    least = min(h.cost for h in hypotheses)
+    return [h for h in hypotheses if h.cost <= _CLOSE * least]
 
 
 def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
@@ -203,7 +239,7 @@ def forward(body: BodyModel, pose: np.ndarray) -> np.ndarray:
 
 
 def sideways(body: BodyModel, poses: np.ndarray, way: np.ndarray) -> float:
-    """Factor of the misfit of poses (M, D) of a person who moves by `way` (2,) m: people look where
+    """Factor of the cost of poses (M, D) of a person who moves by `way` (2,) m: people look where
     they go; 1 where they do or hardly move, up to 1 + `_BACKWARDS` where they go backwards."""
     length = float(np.linalg.norm(way))
     if length < _WAY:

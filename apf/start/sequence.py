@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from apf.body import BodyModel
@@ -15,8 +16,9 @@ from psfs.grid import VoxelGrid
 from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Sequence
 
-#: Frames that a start looks at, and the time, s, that they are spread over.
-_FRAMES, _TIME = 10, 0.8
+#: Frames that a start fits, the time, s, that they are spread over, and the most frames between two
+#: of them that only lead from one to the next.
+_FRAMES, _TIME, _BETWEEN = 10, 0.8, 2
 
 
 def start_of(
@@ -33,8 +35,10 @@ def start_of(
 ) -> Start:
     """Find the person in the first of the selected frames of `sequence`; see `find_start`."""
     chosen = range(len(sequence))[selection or slice(None)]
-    skip = max(1, round(_TIME / _FRAMES * sequence.fps / abs(chosen.step)))
-    frames = chosen[: skip * _FRAMES : skip]
+    apart = _TIME / _FRAMES * sequence.fps / abs(chosen.step)
+    skip = max(1, round(apart / (1 + _BETWEEN)))
+    every = math.ceil(apart / skip)
+    frames = chosen[: skip * ((_FRAMES - 1) * every + 1) : skip]
     reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
     voxels = [
         stored(device, reconstruct(frame))
@@ -42,5 +46,6 @@ def start_of(
     ]
     noise = at_rate(FilterConfig(), sequence.fps / frames.step).noise
     return find_start(
-        device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed, progress
-    )
+        device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed, progress,
+        every,
+    )  # fmt: skip
