@@ -97,7 +97,7 @@ class FilterConfig:
     refine_width: float = 4.0
     limb_spread: float = 16.0
     limb_margin: float = 0.01
-    limb_far_margin: float = 0.03
+    limb_far_margin: float = 0.05
     limb_two_sided: float = 2.0
     seed: int = 0
 

@@ -119,7 +119,8 @@ class PoseSearch:
                 self.near(voxels, cloud, best.shape, _searched(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
-            best = min([best, *found], key=lambda h: h.cost)
+            # Limbs in the air cost pictures little: where they are voxels know better.
+            best = min([best, *found], key=lambda h: h.cost * misfit(body, h.pose, cloud))
         return self._sized(voxels, cloud, best)
 
     def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
