@@ -21,7 +21,7 @@ def print_report(results: Results) -> None:
 def frames_table(section: Any, title: str, settings: Any) -> Grid:
     rows = [
         [_search(row, settings), f"{row['particles']:,}", str(row["frames"]),
-         f"{1e3 / row['frames'].median:,.3g}", number(row["error_mm"])]
+         number(1e3 / row["frames"].median), number(row["error_mm"])]
         for row in section["rows"]
     ]  # fmt: skip
     return Grid(

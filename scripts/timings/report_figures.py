@@ -82,7 +82,7 @@ def headline(machines: Sequence[Machine]) -> Any:
             axes.text(left, y, label, va="center", weight="bold", fontsize=10)
             continue
         axes.barh(y, ms - left, left=left, color=_KIND[kind], height=0.72)
-        text = f" {number(ms)} ms" + (f"  ({1e3 / ms:,.3g} frames/s)" if ms < 1e4 else "")
+        text = f" {number(ms)} ms" + (f"  ({number(1e3 / ms)} frames/s)" if ms < 1e4 else "")
         axes.text(ms, y, text, va="center", fontsize=9.5)
     shown = [y for y, row in enumerate(rows) if row and row[1]]
     axes.set_yticks(shown, [rows[y][0].split(", NVIDIA")[0] for y in shown])  # type: ignore[index]

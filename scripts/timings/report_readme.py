@@ -47,11 +47,11 @@ def headline(machines: Sequence[Machine]) -> str:
         shown += [(title, run["frames"].median) for title, run in streams(machine.results["whole"])]
         for title, ms in shown:
             against = ratio(slowest / ms)
-            rows.append([machine.title, title, number(ms), f"{1e3 / ms:,.3g}", against])
+            rows.append([machine.title, title, number(ms), number(1e3 / ms), against])
     song = papers()["song2012"]["tables"]["2"]["rows"]
     for name, *_, ms in song:
         against = ratio(song[0][-1] / ms)
-        rows.append(["_Song et al. 2012_", f"_{name}_", quoted(ms), f"{1e3 / ms:,.3g}", against])
+        rows.append(["_Song et al. 2012_", f"_{name}_", quoted(ms), number(1e3 / ms), against])
     results = machines[-1].results["whole"]
     nx, ny, nz = results.settings["shape"]
     config = results.settings["filter"]

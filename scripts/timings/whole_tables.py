@@ -64,10 +64,10 @@ def table_2(results: Results, where: str = "Song table 2") -> Grid:
         frames = sorted({len(run["frames"].samples) for run in column["runs"]})
         error = float(np.mean([run["error_mm"] for run in column["runs"]]))
         rows.append([title, *shown, number(average(column)), " to ".join(map(str, frames)),
-                     f"{1e3 / average(column):,.3g}", number(error)])  # fmt: skip
+                     number(1e3 / average(column)), number(error)])  # fmt: skip
     for name, *values in song["rows"]:
         rows.append(
-            [f"_Song: {name}_", *map(quoted, values), "200", f"{1e3 / values[-1]:,.3g}", NONE]
+            [f"_Song: {name}_", *map(quoted, values), "200", number(1e3 / values[-1]), NONE]
         )
     heads = [f"run {k + 1}, ms" for k in range(n_runs)]
     return Grid(
@@ -91,7 +91,7 @@ def stream_table(results: Results, where: str = "Streamed") -> Grid:
     for title, run in streams(results):
         ms = run["frames"]
         rows.append([title, *map(number, (ms.median, ms.low, ms.high)), str(len(ms.samples)),
-                     f"{1e3 / ms.median:,.3g}", number(run["error_mm"])])  # fmt: skip
+                     number(1e3 / ms.median), number(run["error_mm"])])  # fmt: skip
     return Grid(
         f"{where}: pictures in page-locked memory to poses",
         ["program", "median, ms", "lower quartile", "upper quartile", "frames", "frames/s",
