@@ -13,6 +13,7 @@ from apf.reference.kinematics import posed_cones, posed_joints
 from apf.start.find import Start, find_start
 from apf.start.search import (
     Hypothesis,
+    close,
     distinct,
     forward,
     misfit,
@@ -113,6 +114,8 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
     assert [h.cost for h in distinct(SONG, every, 3)] == [1, 2, 5]
     assert [h.cost for h in distinct(SONG, every, 2)] == [1, 2]
+    near = [looking(0, 10), looking(90, 11.9), looking(180, 12.1)]
+    assert [h.cost for h in close(near)] == [10, 11.9]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
 
 
