@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,14 +25,3 @@ def device(request: pytest.FixtureRequest) -> Device:
     chosen = select_device(request.param)
     assert isinstance(chosen, Device)
     return chosen
-
-
-@pytest.fixture
-def as_gpu(device: Device) -> Device:
-    """`device` taken for a GPU: GPUs take a work-group per particle, CPUs an item per pack of them.
-    The CPUs' way needs more local memory than GPUs have."""
-    if device.is_gpu:
-        pytest.skip("works as a GPU already")
-    other = Device(device.handle)
-    other.info = replace(device.info, kind="gpu")
-    return other

@@ -8,6 +8,7 @@ import bodies
 import numpy as np
 import pytest
 import scenes
+from kinds import other_kind
 from test_likelihood import Setup, cloud, only, scattered_poses, smooth_maps
 
 from apf.body import load_body
@@ -72,8 +73,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
 @pytest.mark.parametrize("views", [1, 3, 11])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int) -> None:
     """GPUs look at several cameras together, CPUs at several samples."""
-    rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), Device(device.handle)
-    other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
+    rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), other_kind(device)
     indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
     config = replace(only("none"), two_sided_weight=1.5, n_points=301, point_turns=2)
     found = []

@@ -10,6 +10,7 @@ import bodies
 import numpy as np
 import pytest
 import scenes
+from kinds import other_kind
 from test_annealing import World
 from test_likelihood import Setup, only, scattered_poses, smooth_maps
 
@@ -115,13 +116,6 @@ def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.n
         count=device.to_device(np.array([len(indices)], np.int32)),
         colours=lambda: on_device,
     )
-
-
-def other_kind(device: Device) -> Device:
-    """The same device, with the work-groups of the other kind."""
-    other = Device(device.handle)
-    other.info = replace(device.info, kind="cpu" if device.is_gpu else "gpu")
-    return other
 
 
 CASES = [(name, n, "own") for name in ("song31", "stick") for n in (0, 1, 900)]
