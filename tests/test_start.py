@@ -109,7 +109,7 @@ def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     def looking(degrees: float, badly: float) -> Hypothesis:
         pose = SONG.rest_pose.copy()
         pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
-        return Hypothesis(np.zeros(1), pose, badly)
+        return Hypothesis(np.zeros(1), pose, badly, 1.0)
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
     assert [h.cost for h in distinct(SONG, every, 3)] == [1, 2, 5]

@@ -10,7 +10,7 @@ import numpy as np
 
 from apf.body import BodyModel
 from apf.config import FilterConfig
-from apf.start.search import LIKELIHOOD, Hypothesis, PoseSearch, close, misfit, sideways
+from apf.start.search import LIKELIHOOD, Hypothesis, PoseSearch, close, sideways
 from apf.start.shape import GIRTH, Cloud, fit_shape, stature
 from apf.start.stored import person_points
 from apf.tracker import tracker_for
@@ -97,13 +97,11 @@ def find_start(
     anchor, hypotheses = _best_frame(search, voxels[::every], clouds)
     found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
     fits = sorted((fitting(h, anchor) for h in close(found)), key=lambda fit: fit.score)
-    best = int(np.argmin(fits[0].costs))
-    known = Hypothesis(fits[0].shape, fits[0].poses[best], float(fits[0].costs[best]))
-    again = fitting(fitting.limbs(known, best), best)  # the body is known better now
+    costs = [h.cost for h in fits[0].found]
+    best = int(np.argmin(costs))
+    again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
     final = min(again, fits[0], key=lambda fit: fit.score)
-    body = search.model.body(final.shape)
-    misfits = [misfit(body, pose, cloud) for pose, cloud in zip(final.poses, clouds, strict=True)]
-    mean = float(np.mean(misfits))
+    mean = float(np.mean([h.misfit for h in final.found]))
     if mean > _HOPELESS:
         raise UserError(
             f"no standing or walking person was found in the first frames (misfit {mean:.2f}; "
@@ -112,19 +110,23 @@ def find_start(
     scores = [fit.score for fit in fits] if len(fits) > 1 else [h.cost for h in found]
     rival = scores[1] / scores[0] if len(scores) > 1 else np.inf
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
-    girth = float(np.exp(final.shape[:2].sum())) * stature(template) / seen
-    return Start(body, final.poses[0], final.poses, mean, rival, seen, girth)
+    shape, poses = final.found[0].shape, final.poses
+    girth = float(np.exp(shape[:2].sum())) * stature(template) / seen
+    return Start(search.model.body(shape), poses[0], poses, mean, rival, seen, girth)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Scales `shape` (S,), poses (M, D) and costs (M,) in all frames fitted; score: their mean,
-    more if the person does not look where he goes."""
+    """Hypotheses of one shape in all frames fitted; score: their mean cost, more if the person does
+    not look where he goes."""
 
-    shape: np.ndarray
-    poses: np.ndarray
-    costs: np.ndarray
+    found: list[Hypothesis]
     score: float
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(M, D)"""
+        return np.array([h.pose for h in self.found])
 
 
 class _Fitting:
@@ -165,9 +167,8 @@ class _Fitting:
         for pose, voxels, cloud in zip(poses, self._fitted, self._clouds, strict=True):
             self._tell()
             found.append(search.near(voxels, cloud, shape, pose))
-        poses, costs = np.array([h.pose for h in found]), np.array([h.cost for h in found])
-        score = float(costs.mean()) * sideways(search.model.body(shape), poses, search.way)
-        return _Fit(shape, poses, costs, score)
+        ahead = sideways(search.model.body(shape), np.array([h.pose for h in found]), search.way)
+        return _Fit(found, float(np.mean([h.cost for h in found])) * ahead)
 
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""

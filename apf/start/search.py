@@ -50,12 +50,18 @@ _BACKWARDS, _WAY = 0.25, 0.25
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose (D,) of the template scaled by `shape` (S,). cost: its error by the likelihood, times
-    its `misfit` to the power of `_VOXELS`."""
+    """A pose (D,) of the template scaled by `shape` (S,), its error by the likelihood, and its
+    `misfit`."""
 
     shape: np.ndarray
     pose: np.ndarray
-    cost: float
+    error: float
+    misfit: float
+
+    @property
+    def cost(self) -> float:
+        """What hypotheses are compared by, the less the better."""
+        return self.error * self.misfit**_VOXELS
 
 
 class PoseSearch:
@@ -81,8 +87,7 @@ class PoseSearch:
         self.free = () if keep_shape else (0, 1)
         self.seed = seed
         self.random = np.random.default_rng(seed)
-        self._near: Any = None
-        self._near_shape = np.zeros(0)
+        self._near: tuple[np.ndarray, Any] | None = None  # a shape and its tracker
 
     def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
         """The best hypotheses that look in different directions, best first.
@@ -98,13 +103,14 @@ class PoseSearch:
         found = []
         for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
             pose, error = _searched(tracker, standing_pose(body, cloud, heading), voxels)
-            found.append(Hypothesis(shape, pose, error * misfit(body, pose, cloud) ** _VOXELS))
+            found.append(Hypothesis(shape, pose, error, misfit(body, pose, cloud)))
         kept = [
             self._sized(voxels, cloud, hypothesis)
             for hypothesis in close(distinct(self.template, found, _KEPT + 1))
         ]
         ahead = [
-            replace(h, cost=h.cost * sideways(self.template, h.pose[None], self.way)) for h in kept
+            replace(h, error=h.error * sideways(self.template, h.pose[None], self.way))
+            for h in kept
         ]
         return distinct(self.template, ahead, _KEPT)
 
@@ -120,20 +126,21 @@ class PoseSearch:
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
             ]
             # Limbs in the air cost pictures little: where they are voxels know better.
-            best = min([best, *found], key=lambda h: h.cost * misfit(body, h.pose, cloud))
+            best = min([best, *found], key=lambda h: h.cost * h.misfit)
         return self._sized(voxels, cloud, best)
 
     def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
         """The best hypothesis of that shape near that pose."""
-        if self._near is None or np.any(self._near_shape != shape):  # takes longer than a step
+        if self._near is None or np.any(self._near[0] != shape):  # takes longer than a step
             config = replace(
                 LIKELIHOOD, n_particles=_PARTICLES["near"], noise=0.1, trunk_layers=0,
                 limb_spread=0.0, seed=self.seed,
             )  # fmt: skip
-            self._near_shape, self._near_body = shape, self.model.body(shape)
-            self._near = tracker_for(self.device, self._near_body, self.rig, self.grid, config)
-        pose, error = _searched(self._near, pose, voxels)
-        return Hypothesis(shape, pose, error * misfit(self._near_body, pose, cloud) ** _VOXELS)
+            body = self.model.body(shape)
+            self._near = shape, tracker_for(self.device, body, self.rig, self.grid, config)
+        tracker = self._near[1]
+        pose, error = _searched(tracker, pose, voxels)
+        return Hypothesis(shape, pose, error, misfit(tracker.body, pose, cloud))
 
     def _sized(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """With the size and girth that bring the body onto the cloud, if that lowers the cost."""

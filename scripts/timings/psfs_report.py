@@ -10,6 +10,7 @@ from psfs.commandline import stdout
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import STAGES
+from timings.tables import number
 
 #: What the comparison with carving alone is about.
 SHAPE_STAGES = ("silhouette", "occupancy", "smoothing", "surface")
@@ -66,14 +67,14 @@ def _print_comparison(results: Results) -> None:
         table.add_column(heading, justify="right")
     for label, timing in compared(results):
         ratios = (median / timing.median for median in medians.values())
-        table.add_row(label, str(timing), *(f"{x:.3g}" for x in (timing.least, *ratios)))
+        table.add_row(label, str(timing), *map(number, (timing.least, *ratios)))
     stdout.print(table)
     for device in results.starting("device "):
         for mode in MODES:
             timings = device[mode]["stages"]
             ms = sum(timings[stage].median for stage in SHAPE_STAGES if stage in timings)
-            beside = "".join(f", {v / ms:.3g} {k}" for k, v in medians.items())
-            line = f"{device['label']}, {mode}: silhouette maps to surface {ms:.3g} ms{beside}"
+            beside = "".join(f", {number(v / ms)} {k}" for k, v in medians.items())
+            line = f"{device['label']}, {mode}: silhouette maps to surface {number(ms)} ms{beside}"
             stdout.print(line, soft_wrap=True)
     if "open3d" in results.sections:
         counts = results.sections["open3d"]
