@@ -22,6 +22,12 @@ def row_group(device: Device, n: int) -> tuple[int, int, int]:
     return (-(-n // parts), 1, 1)
 
 
+def pixel_pack(device: Device, width: int) -> int:
+    """PACK of pack.h for kernels of pictures, `width` pixels wide: neighbours in a row that a
+    work-item works on at once."""
+    return 1 if device.is_gpu or width < 2 * _CPU_PACK else _CPU_PACK
+
+
 def pack_defines(device: Device, group: int) -> dict[str, int]:
     """PACK and GROUP of pack.h: GPUs take `group` items for a piece of work (a particle, a tile)
     where CPUs take one item, which works on PACK numbers at once."""

@@ -13,7 +13,7 @@ from psfs.chroma import ChromaKey, key_launch
 from psfs.config import SilhouetteConfig
 from psfs.floor import CELL, cells, floor_points
 from psfs.foreground import BINS, Foreground
-from psfs.launching import row_group
+from psfs.launching import pixel_pack, row_group
 
 if TYPE_CHECKING:
     from psfs.background import Background
@@ -72,7 +72,7 @@ class Silhouette:
 
     def _from_pictures(self, background: Background) -> list[Launch]:
         device, rig, config = self._device, self.rig, self._config
-        bordered, whole = (len(rig), rig.height + 2, rig.width + 2), (rig.width, rig.height)
+        bordered = (len(rig), rig.height + 2, rig.width + 2)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         mixed: tuple[Array, ...] = ()
         if isinstance(background, ChromaKey):
@@ -81,7 +81,7 @@ class Silhouette:
             before, mixed = self._before_scene(background, ratios)
         table = device.to_device(config.ratio_counts(), "the evidence table")
         outputs = (ratios, self._sizes, table, self.evidence)
-        launches = [*before, self._launch("silhouette", whole, *outputs)]
+        launches = [*before, self._launch("silhouette", self._packs(), *outputs)]
         return [*launches, *self._rims(mixed, ratios, outputs)] if mixed else launches
 
     def _before_scene(
@@ -107,8 +107,8 @@ class Silhouette:
         on_floor = (cameras, floor, self.input, planes, light)
         inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
         launches = [
-            self._launch("floor_light", (columns + 2, rows + 2), *on_floor),
-            self._launch("log_ratio", (rig.width, rig.height), *inputs),
+            self._launch("floor_light", (columns + 2, rows + 2), *on_floor, stage="floor_light"),
+            self._launch("log_ratio", self._packs(), *inputs),
         ]
         return launches, (planes, colours, place)
 
@@ -116,14 +116,19 @@ class Silhouette:
         self, mixed: tuple[Array, ...], ratios: Array, outputs: tuple[Array, ...]
     ) -> list[Launch]:
         """New ratios for the pixels of the rim, and the evidence around them once more."""
-        rows, columns = cells(self.rig)
+        rows, _ = cells(self.rig)
+        columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
         shape = (len(self.rig), rows + 2, columns + 2)
-        changed = self._device.zeros(shape, np.uint8, "the rim's cells")
+        changed = self._device.zeros(shape, np.uint8, "the rim's blocks")
         inputs = (self.input, *mixed, self.evidence, ratios, changed)
         return [
             self._launch("rim", (columns, rows), *inputs),
             self._launch("silhouette_again", (columns, rows), changed, *outputs),
         ]
+
+    def _packs(self) -> tuple[int, int]:
+        """Packs of pixels along a row, and rows."""
+        return -(-self.rig.width // pixel_pack(self._device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:
         config, (rows, columns) = self._config, cells(self.rig)
@@ -149,9 +154,13 @@ class Silhouette:
             "CELLS_X": columns,
         }
 
-    def _launch(self, name: str, size: tuple[int, int], *args: Array) -> Launch:
-        device = self._device
-        kernel = device.kernel("silhouette", name, **self._defines())
+    def _launch(
+        self, name: str, size: tuple[int, int], *args: Array, stage: str = "silhouette"
+    ) -> Launch:
+        device, defines = self._device, self._defines()
+        if stage == "silhouette":
+            defines["PACK"] = pixel_pack(device, self.rig.width)
+        kernel = device.kernel(stage, name, **defines)
         return device.launch(kernel, (*size, len(self.rig)), row_group(device, size[0]), *args)
 
 

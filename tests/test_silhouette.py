@@ -39,6 +39,24 @@ def test_pictures_agree_with_the_twin(device: Device, views: int, config: Silhou
     assert (difference > 0).mean() < 0.03  # the table's resolution
 
 
+@pytest.mark.parametrize("size", [(161, 121), (50, 37), (17, 40), (13, 12)])
+def test_pictures_of_any_width(device: Device, size: tuple[int, int]) -> None:
+    rig, random = scenes.ring(2, size=size), np.random.default_rng(0)
+    shape = (2, rig.height, rig.width)
+    coarse = [random.random((-(-shape[1] // 9), -(-shape[2] // 9))) < 0.5 for _ in range(2)]
+    person = np.stack([np.kron(c, np.ones((9, 9)))[: shape[1], : shape[2]] for c in coarse])
+    share = np.stack([cv2.blur(view, (5, 5)) for view in person])[..., None]
+    plate = Background(np.full((*shape, 3), 90, np.float32), np.full((*shape, 3), 3, np.float32))
+    colours = share * [30, 160, 60] + (1 - share) * 90 + random.normal(0, 2, (*shape, 3))
+    images, config = colours.astype(np.uint8), SilhouetteConfig()
+    counts = Silhouette(device, rig, plate, config)(images).get()
+    expected = silhouette_evidence(images, rig, plate, config)
+    assert (expected > 0).mean() > 0.1 and (expected < 0).mean() > 0.1
+    assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
+    plain = silhouette_evidence(images, rig, plate, replace(config, rim_cost=100.0))
+    assert (plain != expected).mean() > 0.02  # mixed pixels there are
+
+
 def test_black_and_noiseless_backgrounds(device: Device) -> None:
     rig = scenes.ring(2)
     shape = (2, rig.height, rig.width, 3)

@@ -1,7 +1,7 @@
 // Numbers that a work-item works on at once, PACK of them: vectors on a CPU, single numbers on a
 // GPU. A work-group of GROUP items works on one pack of particles: on a GPU many items on one
 // particle, on a CPU one item on PACK particles. The text of the kernels is the same for both.
-// Define: PACK, 1 (also where it is not defined), 8 or 16.
+// Define: PACK, 1 (also where it is not defined) or 8.
 #ifndef PACK
 #define PACK 1
 #endif
@@ -10,42 +10,46 @@
 typedef float vfloat;
 typedef int vint;
 typedef uint vuint;
+typedef char vchar;
 #define TO_INT convert_int // towards zero
 #define TO_FLOAT convert_float
 #define TO_UINT convert_uint
-// Lane l (0 to F) of a pack, and a pack of what the macro `each` says for every lane.
+#define TO_CHAR convert_char
+// Lane l (0 to 7) of a pack, and a pack of what the macro `each` says for every lane.
 #define LANE_OF(pack, l) (pack)
 #define PACK_OF(type, each) ((type)(each(0)))
+#define LOAD_PACK(place) (*(place))
+#define LOAD_CHARS LOAD_PACK
 #define STORE_PACK(pack, place) (*(place) = (pack))
 #define PACK_SUM(pack) (pack)
-#elif PACK == 8
+#define PACK_ANY(truth) (truth)
+#else
 typedef float8 vfloat;
 typedef int8 vint;
 typedef uint8 vuint;
+typedef char8 vchar;
 #define TO_INT convert_int8
 #define TO_FLOAT convert_float8
 #define TO_UINT convert_uint8
+#define TO_CHAR convert_char8
 #define LANE_OF(pack, l) ((pack).s##l)
 #define PACK_OF(type, each) \
     ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7)))
+#define LOAD_PACK(place) vload8(0, place)
+// Of chars: PoCL's vload8 loads them one by one.
+typedef char8 char8_anywhere __attribute__((aligned(1)));
+#define LOAD_CHARS(place) (*(__global const char8_anywhere *)(place))
 #define STORE_PACK(pack, place) vstore8(pack, 0, place)
 #define PACK_SUM(pack) pack_sum4((pack).lo + (pack).hi)
-#else
-typedef float16 vfloat;
-typedef int16 vint;
-typedef uint16 vuint;
-#define TO_INT convert_int16
-#define TO_FLOAT convert_float16
-#define TO_UINT convert_uint16
-#define LANE_OF(pack, l) ((pack).s##l)
-#define PACK_OF(type, each) \
-    ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7), \
-            each(8), each(9), each(A), each(B), each(C), each(D), each(E), each(F)))
-#define STORE_PACK(pack, place) vstore16(pack, 0, place)
-#define PACK_SUM(pack) pack_sum4((pack).lo.lo + (pack).lo.hi + (pack).hi.lo + (pack).hi.hi)
+#define PACK_ANY(truth) pack_any4((truth).lo | (truth).hi)
 #endif
 
+// The number of every lane.
+#define LANE_NUMBER(l) l
+#define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
+
 inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
+inline int pack_any4(int4 v) { return v.x | v.y | v.z | v.w; }
 
 // Operators instead of min, fmin, clamp and the like: PoCL does not inline those.
 

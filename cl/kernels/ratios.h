@@ -1,16 +1,11 @@
 // Log ratios of single pixels, background over foreground, in counts of 1 / STEPS nats.
-// Defines: WIDTH, HEIGHT; LOWEST and HIGHEST (counts).
-
-// clamp(), which PoCL does not inline into vector code.
-inline float limit(float x, float low, float high)
-{
-    return x < low ? low : (x > high ? high : x);
-}
+// Defines: WIDTH, HEIGHT; LOWEST and HIGHEST (counts); that of pack.h.
+#include "pack.h"
 
 // Whole counts of a log ratio, within the limits of a single pixel.
-inline char in_counts(float ratio)
+inline vchar in_counts(vfloat ratio)
 {
-    return LOWEST + (int)(limit(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f);
+    return TO_CHAR(LOWEST + TO_INT(within(ratio, LOWEST, HIGHEST) - LOWEST + 0.5f));
 }
 
 // Where the ratio of a pixel lies in the maps of all views, which have a border of one pixel. So

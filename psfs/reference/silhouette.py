@@ -136,7 +136,7 @@ def floor_light(
     images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
 ) -> np.ndarray:
     """(V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN where
-    there is no floor.
+    there is no floor; twin of floor_light.cl.
 
     For the middle of every cell of CELL x CELL pixels it is the brightest light factor, at most
     1, that any other camera sees there; a camera whose pixel cannot be floor, shaded or not, has

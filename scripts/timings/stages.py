@@ -24,6 +24,7 @@ PARTS = {
 STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
 #: By kernel file, where the names differ; by command where it belongs elsewhere than its file.
 _OF_FILE = {
+    "floor_light": "silhouette",
     "foreground": "learning",
     "adaptation": "learning",
     "coverage": "likelihood",
