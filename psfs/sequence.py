@@ -185,12 +185,12 @@ class Sequence:
         """
         decoders = [media.open() for media in self._views]
         workers = min(len(decoders), os.cpu_count() or 1)
-        with ThreadPoolExecutor(workers, thread_name_prefix="psfs-decode") as pool:
-            try:
+        try:
+            with ThreadPoolExecutor(workers, thread_name_prefix="psfs-decode") as pool:
                 yield lambda index: self._frame(index, decoders, pool)
-            finally:
-                for decoder in decoders:
-                    decoder.close()
+        finally:  # not before the pool has ended: when one view fails, others may still be read
+            for decoder in decoders:
+                decoder.close()
 
     def _decoded(self, indices: range) -> Generator[Frame, None, None]:
         """Frames in order."""

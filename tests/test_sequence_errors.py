@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -153,6 +154,36 @@ def test_a_file_that_breaks_while_it_is_read(walk: Path) -> None:
         for frame in sequence:
             seen.append(frame.index)
     assert seen == list(range(10))
+
+
+class SlowDecoder:
+    """One of two views: the first is still being read when the second fails."""
+
+    reading = closed_while_reading = False
+
+    def __init__(self, fails: bool) -> None:
+        self.fails = fails
+
+    def read(self, index: int) -> np.ndarray:
+        if self.fails:
+            raise UserError("broken")
+        SlowDecoder.reading = True
+        time.sleep(0.2)
+        SlowDecoder.reading = False
+        return np.zeros((48, 64, 3), np.uint8)
+
+    def close(self) -> None:
+        SlowDecoder.closed_while_reading |= SlowDecoder.reading
+
+
+def test_no_view_is_closed_while_it_is_read(walk: Path, monkeypatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    sequence = Sequence.open(walk)
+    views = iter([True, *[False] * 7])
+    monkeypatch.setattr("psfs.media.Media.open", lambda media: SlowDecoder(next(views)))
+    with pytest.raises(UserError, match="broken"):
+        list(sequence)
+    assert not SlowDecoder.closed_while_reading
 
 
 def test_images_that_change_size_or_are_no_images(tmp_path: Path) -> None:
