@@ -131,7 +131,7 @@ class VoxelLikelihood:
         """
         config, turn = self.config, self._n_launchers
         self._n_launchers += 1
-        place = (turn % config.point_turns, config.point_turns)
+        place = (turn % config.point_turns % config.n_points, config.point_turns)
         return self._every_term(poses, place, self.errors, config.two_sided_weight)
 
     def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:

@@ -9,7 +9,7 @@ from psfs.camera import CameraRig
 from psfs.config import SilhouetteConfig
 from psfs.floor import CELL, cells
 from psfs.foreground import REACH
-from psfs.launching import row_group
+from psfs.launching import pixel_pack, row_group
 
 #: Every pixel is looked at once in so many frames, a part of the picture in each.
 PERIOD = 8
@@ -43,21 +43,22 @@ class Adaptation:
         sizes: Array,
         planes: Array,
     ) -> None:
-        rows, columns = cells(rig)
+        (rows, columns), pack = cells(rig), pixel_pack(device, rig.width)
+        blocks = -(-rig.width // max(CELL, pack))
         mean_rate, variance_rate = rates(config)
         # A GPU needs more work-items to hide that they wait for memory.
         parts = CELL if device.is_gpu else 1
         defines: dict[str, int | float] = dict(
             **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
             **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": REACH},
-            PARTS=parts,
+            **{"PARTS": parts, "PACK": pack},
             **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
             **{"VIEWS": len(rig), "ENOUGH": ENOUGH},
             LEAST_VARIANCE=float(config.sigma_floor**2),
             WIDTH_GREY=float(config.shadow_width_grey),
             WIDTH_COLOUR=float(config.shadow_width_colour),
         )
-        size = (columns, parts * -(-rows // PERIOD), len(rig))
+        size = (blocks, parts * -(-rows // PERIOD), len(rig))
         defines |= {"LOOKED_AT": size[0] * size[1], "GROUP": _GROUP}
         phase = np.int32(0)
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
@@ -67,7 +68,7 @@ class Adaptation:
         adapt, view_drift = (
             device.kernel("adaptation", name, **defines) for name in ("adapt", "view_drift")
         )
-        self._adapt = device.launch(adapt, size, row_group(device, columns), *arrays)
+        self._adapt = device.launch(adapt, size, row_group(device, blocks), *arrays)
         groups = (_GROUP * len(rig),)
         self._view_drift = device.launch(view_drift, groups, (_GROUP,), changes, drift)
         self._frames = 0

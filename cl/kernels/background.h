@@ -1,5 +1,5 @@
-// Packs of neighbouring pixels, in a row, against the background. Defines: WIDTH, HEIGHT; BINS of a
-// colour channel; that of pack.h.
+// Packs of neighbouring pixels, in a row, against the background. Defines: WIDTH, HEIGHT; that of
+// pack.h.
 #include "pack.h"
 
 #define PIXELS (WIDTH * HEIGHT)
@@ -11,10 +11,8 @@ inline Colour colour_of(__global const uchar *pixel)
 #if PACK == 1
     return (Colour){pixel[0], pixel[1], pixel[2]};
 #else // 24 bytes as they lie, spread to the channels
-    typedef uchar8 uchar8_anywhere __attribute__((aligned(1)));
-    __global const uchar8_anywhere *lots = (__global const uchar8_anywhere *)pixel;
-    const uchar16 first = (uchar16)(lots[0], lots[1]);
-    const uchar8 last = lots[2];
+    const uchar16 first = (uchar16)(LOAD_BYTES(pixel), LOAD_BYTES(pixel + 8));
+    const uchar8 last = LOAD_BYTES(pixel + 16);
     return (Colour){TO_FLOAT((uchar8)(first.s0369, first.sCF, last.s25)),
                     TO_FLOAT((uchar8)(first.s147A, first.sD, last.s036)),
                     TO_FLOAT((uchar8)(first.s258B, first.sE, last.s147))};
@@ -49,14 +47,4 @@ inline vfloat distance_left(Colour w, Colour x, vfloat factor, Colour y)
 {
     const Colour rest = less(x, factor, y);
     return weighed(w, rest, rest);
-}
-
-// What a table has for the pixels' colours.
-inline vint by_colour(__global const char *table, __global const uchar *pixel)
-{
-#define BIN(value) ((value) * BINS >> 8)
-#define ENTRY(l) \
-    table[(BIN(pixel[3 * l]) * BINS + BIN(pixel[3 * l + 1])) * BINS + BIN(pixel[3 * l + 2])]
-    return PACK_OF(vint, ENTRY);
-#undef ENTRY
 }

@@ -68,14 +68,14 @@ inline void cone_edges(__global const float *cone, __global const float *camera,
     edges[2] = seen ? -(a * x + b * y) : (float4)(0.0f);
 }
 
-// Which pixels lie within a trapezoid, whichever way round its corners go.
-inline vint within_edges(__local const float4 *edges, vfloat x, vfloat y)
+// Positive for the pixels that lie within a trapezoid, whichever way round its corners go.
+inline vfloat within_edges(__local const float4 *edges, vfloat x, vfloat y)
 {
     const float4 a = edges[0], b = edges[1], c = edges[2];
-    const vfloat first = a.x * x + b.x * y + c.x, second = a.y * x + b.y * y + c.y;
-    const vfloat third = a.z * x + b.z * y + c.z, fourth = a.w * x + b.w * y + c.w;
-    return (least(least(first, second), least(third, fourth)) > 0.0f) |
-           (most(most(first, second), most(third, fourth)) < 0.0f);
+    const vfloat first = a.x * x + (b.x * y + c.x), second = a.y * x + (b.y * y + c.y);
+    const vfloat third = a.z * x + (b.z * y + c.z), fourth = a.w * x + (b.w * y + c.w);
+    return most(least(least(first, second), least(third, fourth)),
+                -most(most(first, second), most(third, fourth)));
 }
 
 // Adds to the errors, once per camera, `weight` times the mean over the cameras of the share of
@@ -102,17 +102,18 @@ void add_uncovered(int n_points, int first, int stride, int n_views, float weigh
         vint n_seen = 0, n_uncovered = 0;
         __global const float2 *samples = pixels + (begin + view) * n_points;
         for (int k = place * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
-#define SAMPLE(l) samples[(first + lane_index(k, 0x##l, n) * stride) % n_points]
+#define PLACE(l) (first + lane_index(k, 0x##l, n) * stride)
+#define SAMPLE(l) samples[PLACE(l) < n_points ? PLACE(l) : PLACE(l) - n_points]
 #define X(l) SAMPLE(l).x
 #define Y(l) SAMPLE(l).y
 #define THERE(l) (k + 0x##l < n)
             const vfloat x = PACK_OF(vfloat, X), y = PACK_OF(vfloat, Y);
             const vint there = PACK_OF(vint, THERE) & (x > NOWHERE_SEEN);
-            vint covered = 0;
+            vfloat covered = 0.0f;
             for (int c = 0; c < N_CONES; ++c)
-                covered |= within_edges(edges + 3 * (view * N_CONES + c), x, y);
+                covered = most(covered, within_edges(edges + 3 * (view * N_CONES + c), x, y));
             n_seen += there;
-            n_uncovered += covered ? 0 : there;
+            n_uncovered += covered > 0.0f ? 0 : there;
         }
         seen[lane] = PACK_SUM(TO_FLOAT(n_seen));
         uncovered[lane] = PACK_SUM(TO_FLOAT(n_uncovered));

@@ -113,21 +113,23 @@ inline void score_views(int first_view, int n_views, int width, int height,
         }
 }
 
-// Sum over this item's share of `n` surface voxels, every `stride`-th from `first` on, of
-// d^2 / (d^2 + scale^2), d the distance to the nearest cone's surface (Geman & McClure 1987).
+// Sum over this item's share of `n` surface voxels, every `stride`-th from `first` on, after the
+// last the first again, of d^2 / (d^2 + scale^2), d the distance to the nearest cone's surface
+// (Geman & McClure 1987).
 inline vfloat unexplained(int n_points, int first, int stride, int n, float scale,
                           __global const float4 *points, __local const vfloat *cones,
                           __local const vfloat *spans)
 {
     vfloat sum = 0.0f;
     for (int k = get_local_id(0); k < n; k += GROUP) {
-        const float4 point = points[(first + k * stride) % n_points];
+        const int at = first + k * stride;
+        const float4 point = points[at < n_points ? at : at - n_points];
         const vpoint here = {point.x, point.y, point.z};
         vfloat nearest = 1e6f;
         for (int c = 0; c < N_CONES; ++c) {
             const vfloat d =
                 packed_distance(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
-            nearest = least(nearest, d < 0.0f ? -d : d);
+            nearest = least(nearest, most(d, -d));
         }
         const vfloat ratio = nearest * (1.0f / scale);
         sum += point.w > 0.0f ? ratio * ratio / (1.0f + ratio * ratio) : (vfloat)1.0f;

@@ -56,7 +56,8 @@ void add_miscoloured(int n_particles, __global const float *poses, __global cons
     vfloat sum = 0.0f;
     float number = 0.0f;
     for (int i = lane; i < n; i += GROUP) {
-        const int k = (first_point + i * stride) % n_points;
+        const int place = first_point + i * stride;
+        const int k = place < n_points ? place : place - n_points;
         if (samples[k].z == 0.0f) continue;
         const float4 point = points[k];
         const vpoint here = {point.x, point.y, point.z};

@@ -1,7 +1,7 @@
 // Numbers that a work-item works on at once, PACK of them: vectors on a CPU, single numbers on a
 // GPU. A work-group of GROUP items works on one pack of particles: on a GPU many items on one
 // particle, on a CPU one item on PACK particles. The text of the kernels is the same for both.
-// Define: PACK, 1 (also where it is not defined) or 8.
+// Define: PACK, 1 (also where it is not defined), 8 or 16.
 #ifndef PACK
 #define PACK 1
 #endif
@@ -15,37 +15,50 @@ typedef char vchar;
 #define TO_FLOAT convert_float
 #define TO_UINT convert_uint
 #define TO_CHAR convert_char
-// Lane l (0 to 7) of a pack, and a pack of what the macro `each` says for every lane.
+// Lane l (0 to F) of a pack, and a pack of what the macro `each` says for every lane.
 #define LANE_OF(pack, l) (pack)
 #define PACK_OF(type, each) ((type)(each(0)))
 #define LOAD_PACK(place) (*(place))
 #define LOAD_CHARS LOAD_PACK
+#define LOAD_BYTES LOAD_PACK
 #define STORE_PACK(pack, place) (*(place) = (pack))
 #define PACK_SUM(pack) (pack)
 #define PACK_ANY(truth) (truth)
 #else
-typedef float8 vfloat;
-typedef int8 vint;
-typedef uint8 vuint;
-typedef char8 vchar;
-#define TO_INT convert_int8
-#define TO_FLOAT convert_float8
-#define TO_UINT convert_uint8
-#define TO_CHAR convert_char8
-#define LANE_OF(pack, l) ((pack).s##l)
+#if PACK == 8
+#define PACKED(name) name##8
 #define PACK_OF(type, each) \
     ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7)))
-#define LOAD_PACK(place) vload8(0, place)
-// Of chars: PoCL's vload8 loads them one by one.
-typedef char8 char8_anywhere __attribute__((aligned(1)));
-#define LOAD_CHARS(place) (*(__global const char8_anywhere *)(place))
-#define STORE_PACK(pack, place) vstore8(pack, 0, place)
 #define PACK_SUM(pack) pack_sum4((pack).lo + (pack).hi)
 #define PACK_ANY(truth) pack_any4((truth).lo | (truth).hi)
+#else
+#define PACKED(name) name##16
+#define PACK_OF(type, each) \
+    ((type)(each(0), each(1), each(2), each(3), each(4), each(5), each(6), each(7), \
+            each(8), each(9), each(A), each(B), each(C), each(D), each(E), each(F)))
+#define PACK_SUM(pack) pack_sum4((pack).lo.lo + (pack).lo.hi + (pack).hi.lo + (pack).hi.hi)
+#define PACK_ANY(truth) pack_any4((truth).lo.lo | (truth).lo.hi | (truth).hi.lo | (truth).hi.hi)
+#endif
+typedef PACKED(float) vfloat;
+typedef PACKED(int) vint;
+typedef PACKED(uint) vuint;
+typedef PACKED(char) vchar;
+#define TO_INT PACKED(convert_int)
+#define TO_FLOAT PACKED(convert_float)
+#define TO_UINT PACKED(convert_uint)
+#define TO_CHAR PACKED(convert_char)
+#define LANE_OF(pack, l) ((pack).s##l)
+#define LOAD_PACK(place) PACKED(vload)(0, place)
+#define STORE_PACK(pack, place) PACKED(vstore)(pack, 0, place)
+// Of chars or bytes: PoCL's vload loads them one by one.
+typedef PACKED(char) chars_anywhere __attribute__((aligned(1)));
+typedef PACKED(uchar) bytes_anywhere __attribute__((aligned(1)));
+#define LOAD_CHARS(place) (*(__global const chars_anywhere *)(place))
+#define LOAD_BYTES(place) (*(__global const bytes_anywhere *)(place))
 #endif
 
 // The number of every lane.
-#define LANE_NUMBER(l) l
+#define LANE_NUMBER(l) 0x##l
 #define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
 
 inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
@@ -67,6 +80,12 @@ inline vfloat within(vfloat a, vfloat low, vfloat high) { return least(most(a, l
 typedef struct { vfloat x, y, z; } vpoint;
 
 inline vfloat inner(vpoint a, vpoint b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+// a . b + c, in as few steps as can be.
+inline vfloat inner_plus(vpoint a, vpoint b, vfloat c)
+{
+    return a.x * b.x + (a.y * b.y + (a.z * b.z + c));
+}
 
 inline vpoint load_point(__local const vfloat *place)
 {

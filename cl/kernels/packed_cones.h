@@ -40,10 +40,10 @@ inline void take_cones(__global const float *table, __global const float *poses,
 inline vfloat packed_distance(__local const vfloat *cone, __local const vfloat *span,
                               vpoint point)
 {
-    const vfloat along = inner(load_point(span), point) + span[3];
+    const vfloat along = inner_plus(load_point(span), point, span[3]);
     const vfloat t = within(along, 0.0f, 1.0f), beyond = along - t;
-    const vfloat u = inner(load_point(cone + 8), point) + span[6];
-    const vfloat v = inner(load_point(cone + 12), point) + span[7];
+    const vfloat u = inner_plus(load_point(cone + 8), point, span[6]);
+    const vfloat v = inner_plus(load_point(cone + 12), point, span[7]);
     return sqrt(u * u + v * v + beyond * beyond * span[4]) - (cone[3] + t * span[5]);
 }
 

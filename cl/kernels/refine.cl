@@ -147,6 +147,7 @@ inline void add_up(int n_points, float scale, float reach, __global const float4
         const int k = item / ROW_PACKS, j = item % ROW_PACKS;
         __local const float *voxel = w->voxels + k * VOXEL_FLOATS;
         vfloat by = 0.0f;
+#pragma unroll
         for (int i = 0; i < 6; ++i) by += voxel[(3 + i) % 6] * w->twists[i * ROW_PACKS + j];
         w->rows[item] = -voxel[7] * moves[(int)voxel[8] * ROW_PACKS + j] * by;
         if (j == N_DOF / PACK) numbers[k * ROW + N_DOF] = voxel[7] * voxel[6];
@@ -159,6 +160,7 @@ inline void add_up(int n_points, float scale, float reach, __global const float4
         for (int r = 0; r < LINES; ++r) sums[r] = 0.0f;
         for (int k = 0; k < n; ++k) {
             const vfloat right = w->rows[k * ROW_PACKS + j];
+#pragma unroll
             for (int r = 0; r < LINES; ++r) sums[r] += numbers[k * ROW + i + r] * right;
         }
         for (int r = 0; r < LINES && i + r < N_DOF; ++r) part[(i + r) * ROW_PACKS + j] = sums[r];

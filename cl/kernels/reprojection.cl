@@ -19,6 +19,18 @@
 #define STRIP 8
 // Strips of rows above or below a tile that its pixels can see.
 #define STRIPS_BEYOND ((RADIUS + STRIP - 1) / STRIP)
+// Neighbours in a row whose distances a CPU finds at once.
+#if PACK == 1
+#define LOT 1
+typedef ushort lot;
+typedef ushort lot_anywhere;
+#define STORE_LOT(values, place) (*(place) = (values))
+#else
+#define LOT 16
+typedef ushort16 lot;
+typedef ushort16 lot_anywhere __attribute__((aligned(2)));
+#define STORE_LOT(values, place) vstore16(values, 0, place)
+#endif
 
 // Whole numbers at or below; operators only, see pack.h.
 inline vfloat whole_below(vfloat value)
@@ -127,6 +139,7 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
     __local uchar gap[TILE * SPAN], distance[SPAN];
+    __local ushort squares[TILE * SPAN + LOT];
     const int lane = get_local_id(0), view = get_global_id(1);
     const int tile_x = get_group_id(0) % TILES_X, tile_y = get_group_id(0) / TILES_X;
     const int left = tile_x * TILE, top = tile_y * TILE;
@@ -155,20 +168,28 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
         pass_strip(map, size, x0, x1, top + TILE - 1 - strip * STRIP, -1, distance,
                    strip < 0 ? 0 : seen + (TILE - 1 - strip * STRIP) * SPAN);
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int y = lane / TILE; y < n_rows; y += row_step) {
-        __global const uchar *row = map + (top + y) * WIDTH + left;
-        for (int x = lane % TILE; x < (near ? n_columns : 0); x += column_step) {
-            __local const uchar *here = gap + y * SPAN + x;
-            ushort squared = RADIUS * RADIUS + 1;
+    for (int c = lane; c < (near ? TILE * SPAN : 0); c += GROUP)
+        squares[c] = (ushort)gap[c] * gap[c];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int y = lane / TILE; y < n_rows; y += row_step)
+        for (int x = lane % TILE * LOT; x < n_columns; x += column_step * LOT) {
+            const int n = n_columns - x < LOT ? n_columns - x : LOT;
+            __global uchar2 *place = out + y * WIDTH + x;
+            if (!near) {
+                for (int l = 0; l < n; ++l) place[l] = (uchar2)(0);
+                continue;
+            }
+            // Beyond the tile's end a lot looks at another row's gaps, and says nothing.
+            lot squared = RADIUS * RADIUS + 1;
 #pragma unroll
             for (int dx = -RADIUS; dx <= RADIUS; ++dx) {
-                const ushort g = here[dx + RADIUS];
-                const ushort there = g * g + dx * dx;
+                __local const ushort *here = squares + y * SPAN + x + dx + RADIUS;
+                const lot there = *(__local const lot_anywhere *)here + (ushort)(dx * dx);
                 squared = there < squared ? there : squared;
             }
-            out[y * WIDTH + x] = (uchar2)(row[x], proximity[squared]);
+            ushort found[LOT];
+            STORE_LOT(squared, found);
+            __global const uchar *row = map + (top + y) * WIDTH + left + x;
+            for (int l = 0; l < n; ++l) place[l] = (uchar2)(row[l], proximity[found[l]]);
         }
-        for (int x = lane % TILE; x < (near ? 0 : n_columns); x += column_step)
-            out[y * WIDTH + x] = (uchar2)(0);
-    }
 }

@@ -55,6 +55,17 @@ inline vint between_cells(__global const uchar *cells, int x, int y)
     return sum;
 }
 
+// What a table has for the pixels' colours.
+inline vint by_colour(__global const char *table, __global const uchar *pixel)
+{
+#define BIN(value) ((value) * BINS >> 8)
+#define ENTRY(l) \
+    table[(BIN(pixel[3 * 0x##l]) * BINS + BIN(pixel[3 * 0x##l + 1])) * BINS + \
+          BIN(pixel[3 * 0x##l + 2])]
+    return PACK_OF(vint, ENTRY);
+#undef ENTRY
+}
+
 // Log of the background's density over the foreground's, in counts of 1 / STEPS nats.
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
 // channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
