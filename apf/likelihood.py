@@ -199,6 +199,8 @@ class VoxelLikelihood:
         """
         defines = body_defines(body) | pack_defines(self.device, _GROUP)
         defines["N_ROWS"] = self._rows.shape[0]
+        if not self.rig.distorted:
+            defines["NO_DISTORTION"] = 1
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         fixed = pack * (2 * body.n_dof + 12 * n_bones + 24 * n_cones + 5 * defines["GROUP"])
         fixed += self._body.nbytes + self._rows.nbytes

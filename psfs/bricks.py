@@ -48,7 +48,7 @@ class Bricks:
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
         }
-        if not any(camera.distortion.any() for camera in rig):
+        if not rig.distorted:
             self.defines["NO_DISTORTION"] = 1
         self.n_active = device.zeros(1, np.int32, "the number of bricks")
         self.tiles = device.empty((views, fine + columns * rows, 2), np.int8, "the tiles")

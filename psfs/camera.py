@@ -190,6 +190,11 @@ class CameraRig:
         return max(camera.size[1] for camera in self.cameras)
 
     @property
+    def distorted(self) -> bool:
+        """Has any camera's lens a distortion?"""
+        return any(camera.distortion.any() for camera in self)
+
+    @property
     def centres(self) -> np.ndarray:
         """(V, 3) camera positions, m."""
         return np.stack([camera.centre for camera in self.cameras])

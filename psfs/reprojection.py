@@ -11,9 +11,10 @@ from psfs.grid import VoxelGrid
 from psfs.launching import pack_defines
 from psfs.reconstruct import Voxels
 
-#: Items that work on a tile of the maps, and its edge, px, which reprojection.cl knows.
+#: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px, as
+#: reprojection.cl has them.
 _GROUP = 256
-_TILE = 32
+_TILE, _MARK = 32, 8
 
 
 class Reprojection:
@@ -44,8 +45,9 @@ class Reprojection:
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         tiles = -(-height // _TILE) * -(-width // _TILE)
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
-        # One row more before and behind, then a mark for every tile; cleared as words.
-        nbytes = (views * height + 2) * width + views * tiles
+        # One row more before and behind, then the marks; cleared as words.
+        marks = -(-height // _MARK) * -(-width // _MARK)
+        nbytes = (views * height + 2) * width + views * marks
         self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")

@@ -1,6 +1,6 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood.py.
 // Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
-// are in local memory at once, at most GROUP.
+// are in local memory at once, at most GROUP; NO_DISTORTION if no camera has any.
 #include "packed_cones.h"
 
 #define OUTLINE_FLOATS 8

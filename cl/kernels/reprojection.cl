@@ -7,12 +7,12 @@
 
 #define TILE 32
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
-#define TILES_Y ((HEIGHT + TILE - 1) / TILE)
-// Where the marks of the tiles that are touched begin: behind the stack of silhouettes, which has a
-// row more before and behind. Views are dimension 1 of the kernels.
-#define TILES_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
-// Tiles beyond a tile that its pixels can see.
-#define REACH ((RADIUS + TILE - 1) / TILE)
+// A mark says whether the silhouette touches MARK x MARK pixels. The marks lie behind the stack of
+// silhouettes, which has a row more before and behind. Views are dimension 1 of the kernels.
+#define MARK 8
+#define MARKS_X ((WIDTH + MARK - 1) / MARK)
+#define MARKS_Y ((HEIGHT + MARK - 1) / MARK)
+#define MARKS_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
 // Columns that a tile's pixels can see.
 #define SPAN (TILE + 2 * RADIUS)
 // Rows that are looked at together, so that their pixels come together.
@@ -39,13 +39,13 @@ inline vfloat whole_below(vfloat value)
     return whole > value ? whole - 1.0f : whole;
 }
 
-// The box that a voxel covers in a map, and the tiles that it lies on.
-inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *tiles)
+// Covers the box of a voxel in a map, and marks it.
+inline void cover(int x0, int y0, int x1, int y1, __global uchar *map, __global uchar *marks)
 {
     for (int y = y0; y <= y1; ++y)
         for (int x = x0; x <= x1; ++x) map[y * WIDTH + x] = 255;
-    for (int y = y0 / TILE; x0 <= x1 && y <= y1 / TILE && y0 <= y1; ++y)
-        for (int x = x0 / TILE; x <= x1 / TILE; ++x) tiles[y * TILES_X + x] = 1;
+    for (int y = y0 / MARK; x0 <= x1 && y <= y1 / MARK && y0 <= y1; ++y)
+        for (int x = x0 / MARK; x <= x1 / MARK; ++x) marks[y * MARKS_X + x] = 1;
 }
 
 // Every voxel covers the bounding box of its projected cube: all pixel centres inside, or the
@@ -58,7 +58,7 @@ __kernel void splat(__global const float *restrict cameras, __global const float
 {
     const int view = get_global_id(1), n = *n_surface;
     __global const float *camera = cameras + view * CAMERA_FLOATS;
-    __global uchar *tiles = silhouette + TILES_PLACE + view * TILES_X * TILES_Y;
+    __global uchar *marks = silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y;
     __global uchar *map = silhouette + WIDTH + (size_t)view * WIDTH * HEIGHT;
     for (int first = get_global_id(0) * PACK; first < n; first += get_global_size(0) * PACK) {
 #define VOXEL(l) indices[lane_index(first, 0x##l, n)]
@@ -80,17 +80,19 @@ __kernel void splat(__global const float *restrict cameras, __global const float
         STORE_PACK(least(most(whole_below(py + half_y), nearest_y), camera[24] - 1.0f), y1);
         for (int l = 0; l < PACK; ++l)
             if (seen[l] > 0.0f)
-                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map, tiles);
+                cover((int)x0[l], (int)y0[l], (int)x1[l], (int)y1[l], map, marks);
     }
 }
 
-// Does the silhouette touch a tile that this one can see?
-inline bool near_silhouette(int tile_x, int tile_y, __global const uchar *tiles)
+// Does the silhouette touch anything that the pixels of the tile from (left, top) on can see?
+inline bool near_silhouette(int left, int top, __global const uchar *marks)
 {
+    const int x0 = max(left - RADIUS, 0) / MARK, y0 = max(top - RADIUS, 0) / MARK;
+    const int x1 = min(left + TILE - 1 + RADIUS, WIDTH - 1) / MARK;
+    const int y1 = min(top + TILE - 1 + RADIUS, HEIGHT - 1) / MARK;
     int near = 0;
-    for (int y = tile_y - REACH; y <= tile_y + REACH; ++y)
-        for (int x = tile_x - REACH; x <= tile_x + REACH; ++x)
-            if (x >= 0 && y >= 0 && x < TILES_X && y < TILES_Y) near |= tiles[y * TILES_X + x];
+    for (int y = y0; y <= y1; ++y)
+        for (int x = x0; x <= x1; ++x) near |= marks[y * MARKS_X + x];
     return near;
 }
 
@@ -149,8 +151,8 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
     const int column_step = GROUP < TILE ? GROUP : TILE, row_step = GROUP / column_step;
     // A tile from which no silhouette can be seen looks at nothing; it does not return, because
     // PoCL 3 miscompiles that.
-    const bool near = near_silhouette(
-        tile_x, tile_y, silhouette + TILES_PLACE + view * TILES_X * TILES_Y);
+    const bool near =
+        near_silhouette(left, top, silhouette + MARKS_PLACE + view * MARKS_X * MARKS_Y);
     const int2 size = sizes[view];
     const int x0 = max(left - RADIUS, 0);
     const int x1 = near ? min(left + TILE + RADIUS, size.x) : x0;
