@@ -182,7 +182,8 @@ def at_once(
             waiting = {pool.submit(one, number) for number in range(n_takes)}
             while waiting:
                 try:
-                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                    # Not for long: an interrupt just before it waits does not wake it.
+                    done, waiting = wait(waiting, 0.5, FIRST_COMPLETED)
                 except KeyboardInterrupt:
                     interrupted.set()
                     log.warning("interrupted: takes end after the frame in work")
