@@ -24,14 +24,17 @@ class SilhouetteConfig:
     mask_clamp: the same for ready masks, which deserve more trust than a background model.
     occlusion_prior: P(O) of Song et al. eq. (5).
     shadow_low, shadow_high: the background may be seen under a light dimmed or brightened by a
-    factor alpha in this range; shadow_low = shadow_high = 1 switches these shadows off.
+    factor alpha in this range; shadow_low = shadow_high = 1 switches these shadows off. The floor
+    has rules of its own.
     shadow_width_grey, shadow_width_colour: standard deviation of alpha around 1, before a grey
     background and before one of full saturation, linear between: a grey wall under less light
     looks like many clothes, a green carpet under less light like nothing else.
     floor: height of the floor, m. A shadow that falls there is the same for all cameras: it may
     be as dark as floor_shadow_low, but the floor is not darker for one camera than for the one
-    that sees it brightest, but for a standard deviation floor_shadow_width of alpha; and alpha
-    itself has the standard deviation floor_shadow_depth around 1: shoes are darker than shadows.
+    that sees it brightest, but for a standard deviation floor_shadow_width of alpha, and where
+    that one sees it lit, it is lit for all but for floor_lit_width: arms before a floor of their
+    colour are not mistaken for shaded floor. alpha itself has the standard deviation
+    floor_shadow_depth around 1: shoes are darker than shadows.
     key_spread: before a screen of one colour, least standard deviation of its chromaticity.
     foreground_limit, background_limit: nats that a single pixel may say for the foreground or the
     background in the mean over 3x3 pixels. independent: how many independent pixels those 3x3
@@ -63,6 +66,7 @@ class SilhouetteConfig:
     floor: float = 0.0
     floor_shadow_low: float = 0.15
     floor_shadow_width: float = 0.05
+    floor_lit_width: float = 0.025
     floor_shadow_depth: float = 0.45
     rim_share: float = 0.5
     rim_cost: float = 3.0
@@ -90,6 +94,7 @@ class SilhouetteConfig:
             "shadow_width_grey",
             "shadow_width_colour",
             "floor_shadow_width",
+            "floor_lit_width",
             "floor_shadow_depth",
         )
         limits = ("foreground_limit", "background_limit", "rim_cost")

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Squared distance, in standard deviations of the noise, of what may still be the floor in shadow.
 FLOOR_LEFT = 9.0
+#: Light on the floor, told in steps of 1 / 127, above which it is not shaded at all.
+FULLY_LIT = 0.997
 
 
 class Silhouette:
@@ -141,6 +143,8 @@ class Silhouette:
             "FLOOR_LOW": float(config.floor_shadow_low),
             "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
             "FLOOR_DEPTH": float(config.floor_shadow_depth**-2),
+            "LIT_WEIGHT": float(config.floor_lit_width**-2),
+            "FULLY_LIT": FULLY_LIT,
             "FLOOR_LIT": float(config.floor_lit),
             "FLOOR_LEFT": FLOOR_LEFT,
             "RIM_SHARE": float(config.rim_share),

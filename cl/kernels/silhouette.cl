@@ -1,10 +1,10 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py);
 // twin: reference/silhouette.py. A work-item has PACK neighbouring pixels of a row; the last of a
 // row begin earlier where its width is not a multiple.
-// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_WEIGHT (1 / variance of the
-// light factor), FLOOR_DEPTH (1 / variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS
-// (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour channel; CELL (px),
-// CELLS_X, CELLS_Y of the cells; PACK.
+// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_WEIGHT and LIT_WEIGHT (1 /
+// variance of the light factor in shadows and where the light is above FULLY_LIT), FLOOR_DEPTH (1 /
+// variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST
+// and HIGHEST (counts), BINS of a colour channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
 #include "background.h"
 #include "ratios.h"
 
@@ -87,25 +87,25 @@ __kernel void log_ratio(__global const uchar *restrict images,
     __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
     const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
 
-    // Squared distances to the background's colour in plain light, under less light, and, on the
-    // floor, under the light that other cameras see, in between cells linearly.
+    // Squared distances to the background's colour in plain light; under less light; and, on the
+    // floor, instead of that under the light that other cameras see, in between cells linearly.
     const vfloat factor = fitting(w, shown, mean);
-    vfloat nearest = distance_left(w, shown, 1.0f, mean);
+    const vfloat plain = distance_left(w, shown, 1.0f, mean);
 
     const vfloat alpha = within(factor, SHADOW_LOW, SHADOW_HIGH);
     const vfloat shaded = distance_left(w, shown, alpha, mean) +
                           LOAD_PACK(plane + 7 * PIXELS) * (1.0f - alpha) * (1.0f - alpha);
-    nearest = least(nearest, shaded);
 
     __global const uchar *lights = light + view * (CELLS_Y + 2) * (CELLS_X + 2);
     __global const uchar *floors = lights + (y / CELL + 1) * (CELLS_X + 2) + 1;
     const vint on_floor = (by_cell((__global const char *)floors, x) & 1) == 1;
     const vfloat seen = TO_FLOAT(between_cells(lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
     const vfloat dim = within(factor, FLOOR_LOW, SHADOW_HIGH);
-    const vfloat darker = most(seen - dim, 0.0f);
-    const vfloat on_it = distance_left(w, shown, dim, mean) + FLOOR_WEIGHT * darker * darker +
+    const vfloat off = seen - dim, darker = most(off, 0.0f);
+    const vfloat price = seen > FULLY_LIT ? LIT_WEIGHT * off * off : FLOOR_WEIGHT * darker * darker;
+    const vfloat on_it = distance_left(w, shown, dim, mean) + price +
                          FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
-    nearest = (on_floor & (on_it < nearest)) ? on_it : nearest;
+    const vfloat nearest = least(plain, on_floor ? on_it : shaded);
 
     const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - 0.5f * nearest;
     const vint known = by_colour(colours, colour) +

@@ -13,7 +13,7 @@ from psfs.config import SilhouetteConfig
 from psfs.floor import CELL, floor_points
 from psfs.foreground import BINS
 from psfs.reference.chroma import chroma_ratio
-from psfs.silhouette import FLOOR_LEFT
+from psfs.silhouette import FLOOR_LEFT, FULLY_LIT
 
 if TYPE_CHECKING:
     from psfs.background import Background
@@ -216,11 +216,12 @@ def background_ratio(
 ) -> np.ndarray:
     """(H, W) log of the background's density over the uniform foreground's, (1/256)^3.
 
-    The background is N(I; alpha mu, sigma), and the best of three alphas counts: 1; the light
-    factor that fits best within the shadow range, at the price of ((1 - alpha) / width)^2 / 2;
-    and on the floor, where `light` (H, W) is not NaN, the one that fits best, at the price of
-    ((light - alpha) / floor_shadow_width)^2 / 2 if it is darker than `light`, and in any case of
-    ((1 - alpha) / floor_shadow_depth)^2 / 2.
+    The background is N(I; alpha mu, sigma), and the best of two alphas counts: 1, and the light
+    factor that fits best within a range. That is the shadow range, at the price of
+    ((1 - alpha) / width)^2 / 2. On the floor, where `light` (H, W) is not NaN, it may be darker, at
+    the price of ((1 - alpha) / floor_shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
+    with floor_lit_width where the floor is lit, with floor_shadow_width where it is shaded and
+    alpha darker than `light`.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -230,16 +231,16 @@ def background_ratio(
         squared: np.ndarray = (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
         return squared
 
-    least = distance(np.ones(factor.shape))
     alpha = np.clip(factor, config.shadow_low, config.shadow_high)
-    price = ((1 - alpha) / config.shadow_width(mean)) ** 2
-    least = np.minimum(least, distance(alpha) + price)
+    dimmed = distance(alpha) + ((1 - alpha) / config.shadow_width(mean)) ** 2
     if light is not None:
         alpha = np.clip(factor, config.floor_shadow_low, config.shadow_high)
-        darker = np.maximum(light - alpha, 0) / config.floor_shadow_width
-        depth = (1 - alpha) / config.floor_shadow_depth
-        on_floor = distance(alpha) + darker**2 + depth**2
-        least = np.fmin(least, on_floor)
+        lit = ((light - alpha) / config.floor_lit_width) ** 2
+        shaded = (np.maximum(light - alpha, 0) / config.floor_shadow_width) ** 2
+        price = np.where(light > FULLY_LIT, lit, shaded)
+        on_floor = distance(alpha) + price + ((1 - alpha) / config.floor_shadow_depth) ** 2
+        dimmed = np.where(np.isnan(light), dimmed, on_floor)
+    least = np.minimum(distance(np.ones(factor.shape)), dimmed)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
     ratio: np.ndarray = peak - 0.5 * least
     return ratio
