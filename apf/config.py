@@ -78,7 +78,7 @@ class FilterConfig:
     trunk_layers: int = 3
     edge_weight: float = 4.0
     silhouette_weight: float = 1.0
-    surface_weight: float = 4.0
+    surface_weight: float = 6.0
     overlap_weight: float = 1.0
     two_sided_weight: float = 0.0
     colour_weight: float = 0.0
@@ -88,8 +88,8 @@ class FilterConfig:
     smoothness_scale: float = 1.0
     surface_scale: float = 0.05
     n_points: int = 1024
-    point_turns: int = 4
-    sample_spacing: float = 0.04
+    point_turns: int = 8
+    sample_spacing: float = 0.05
     refine_steps: int = 4
     refine_scale: float = 0.03
     refine_reach: float = 0.06
