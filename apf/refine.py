@@ -33,7 +33,7 @@ class Refinement:
         self.config = config
         self.n_poses = n_poses
         n = body.n_dof
-        block = 64 if device.is_gpu else 128
+        block = 64 if device.is_gpu else 256
         self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack

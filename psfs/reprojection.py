@@ -15,6 +15,8 @@ from psfs.reconstruct import Voxels
 #: reprojection.cl has them.
 _GROUP = 256
 _TILE, _MARK = 32, 8
+#: Bytes that a CPU reads together.
+_LOT = 16
 
 
 class Reprojection:
@@ -45,9 +47,9 @@ class Reprojection:
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         tiles = -(-height // _TILE) * -(-width // _TILE)
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
-        # One row more before and behind, then the marks; cleared as words.
+        # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
         marks = -(-height // _MARK) * -(-width // _MARK)
-        nbytes = (views * height + 2) * width + views * marks
+        nbytes = (views * height + 2) * width + views * marks + _LOT
         self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")

@@ -19,18 +19,28 @@
 #define STRIP 8
 // Strips of rows above or below a tile that its pixels can see.
 #define STRIPS_BEYOND ((RADIUS + STRIP - 1) / STRIP)
-// Neighbours in a row whose distances a CPU finds at once.
+// Neighbours in a row whose distances a CPU finds at once: their bytes, 255 where something is true
+// of their columns, and their squared distances.
 #if PACK == 1
 #define LOT 1
+typedef uchar bytes;
 typedef ushort lot;
+typedef uchar bytes_of_lot;
 typedef ushort lot_anywhere;
+#define COLUMNS(x) (x)
+#define IN_BYTES(truth) ((uchar)((truth) ? 255 : 0))
 #define STORE_LOT(values, place) (*(place) = (values))
 #else
 #define LOT 16
+typedef uchar16 bytes;
 typedef ushort16 lot;
+typedef uchar16 bytes_of_lot __attribute__((aligned(1)));
 typedef ushort16 lot_anywhere __attribute__((aligned(2)));
+#define COLUMNS(x) ((x) + (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+#define IN_BYTES(truth) as_uchar16(convert_char16(truth))
 #define STORE_LOT(values, place) vstore16(values, 0, place)
 #endif
+#define MAP_BYTES(place) (*(__global const bytes_of_lot *)(place))
 
 // Whole numbers at or below; operators only, see pack.h.
 inline vfloat whole_below(vfloat value)
@@ -96,41 +106,54 @@ inline bool near_silhouette(int left, int top, __global const uchar *marks)
     return near;
 }
 
-// Is there a boundary at column x, row y (255), inside the picture of a size? The boundary lies
-// inside the silhouette, with a 4-neighbour outside; the border of the picture is no boundary:
-// nothing is known beyond it.
-inline uchar boundary(__global const uchar *map, int2 size, int x, int y)
+// A lot of columns from x on in a picture: which are its first and last, which below `end`.
+typedef struct { int x; bytes first, last, below; } columns;
+
+inline columns columns_from(int x, int width, int end)
 {
-    const int row = y < 0 ? 0 : y < size.y ? y : size.y - 1;
-    __global const uchar *here = map + row * WIDTH + x;
-    const uchar left = x == 0 ? 255 : 0, right = x == size.x - 1 ? 255 : 0;
-    const uchar top = row == 0 ? 255 : 0, bottom = row == size.y - 1 ? 255 : 0;
-    const uchar inside = (here[-1] | left) & (here[1] | right) & (here[-WIDTH] | top) &
-                         (here[WIDTH] | bottom);
-    return row == y ? here[0] & ~inside : 0;
+    const columns found = {x, IN_BYTES(COLUMNS(x) == 0), IN_BYTES(COLUMNS(x) == width - 1),
+                           IN_BYTES(COLUMNS(x) < end)};
+    return found;
+}
+
+// Is there a boundary (255) in these columns of row y, inside a picture of a height? The boundary
+// lies inside the silhouette, with a 4-neighbour outside; the border of the picture is no boundary:
+// nothing is known beyond it.
+inline bytes boundary(__global const uchar *map, int height, columns at, int y)
+{
+    const int row = y < 0 ? 0 : y < height ? y : height - 1;
+    __global const uchar *here = map + row * WIDTH + at.x;
+    const uchar top = row == 0 ? 255 : 0, bottom = row == height - 1 ? 255 : 0;
+    const bytes inside = (MAP_BYTES(here - 1) | at.first) & (MAP_BYTES(here + 1) | at.last) &
+                         (MAP_BYTES(here - WIDTH) | top) & (MAP_BYTES(here + WIDTH) | bottom);
+    return MAP_BYTES(here) & ~inside & at.below & (uchar)(row == y ? 255 : 0);
 }
 
 // STRIP rows from y on, up (step -1) or down (1), along columns x0 to x1: distances to the last
 // boundary pixel met, RADIUS + 1 if it is out of reach. The rows' gaps, from `gap` on, become the
-// less of what they were and these; a null pointer stands for rows outside of the tile.
+// less of what they were and these; a null pointer stands for rows outside of the tile. Beyond x1
+// a lot looks at another row's gaps, and leaves them as they are.
 inline void pass_strip(__global const uchar *map, int2 size, int x0, int x1, int y, int step,
                        __local uchar *distance, __local uchar *gap)
 {
-    for (int c = get_local_id(0); c < x1 - x0; c += GROUP) {
-        uchar edges[STRIP];
+    for (int c = get_local_id(0) * LOT; c < x1 - x0; c += GROUP * LOT) {
+        const columns at = columns_from(x0 + c, size.x, x1);
+        bytes edges[STRIP];
 #pragma unroll
-        for (int r = 0; r < STRIP; ++r) edges[r] = boundary(map, size, x0 + c, y + r * step);
-        uchar last = distance[c];
+        for (int r = 0; r < STRIP; ++r) edges[r] = boundary(map, size.y, at, y + r * step);
+        __local bytes_of_lot *reached = (__local bytes_of_lot *)(distance + c);
+        bytes last = *reached;
 #pragma unroll
         for (int r = 0; r < STRIP; ++r) {
-            const uchar next = last <= RADIUS ? last + 1 : last;
-            last = edges[r] ? 0 : next;
+            const bytes next = last <= (uchar)RADIUS ? last + (uchar)1 : last;
+            last = edges[r] > (uchar)0 ? (bytes)0 : next;
             if (gap) {
-                __local uchar *place = gap + r * step * SPAN + c;
-                *place = last < *place ? last : *place;
+                __local bytes_of_lot *place = (__local bytes_of_lot *)(gap + r * step * SPAN + c);
+                const bytes old = *place;
+                *place = last < old ? last : old;
             }
         }
-        distance[c] = last;
+        *reached = last;
     }
 }
 
@@ -140,7 +163,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void edge_proximity(__global const uchar *restrict silhouette, __global const int2 *restrict sizes,
                     __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
-    __local uchar gap[TILE * SPAN], distance[SPAN];
+    __local uchar gap[TILE * SPAN + LOT], distance[SPAN + LOT];
     __local ushort squares[TILE * SPAN + LOT];
     const int lane = get_local_id(0), view = get_global_id(1);
     const int tile_x = get_group_id(0) % TILES_X, tile_y = get_group_id(0) / TILES_X;
@@ -159,12 +182,12 @@ void edge_proximity(__global const uchar *restrict silhouette, __global const in
     __local uchar *seen = gap + x0 - (left - RADIUS);
     // Items keep to their own columns until the whole tile is known.
     for (int c = lane; c < (near ? TILE * SPAN : 0); c += GROUP) gap[c] = RADIUS + 1;
-    for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
+    for (int c = lane; c < SPAN + LOT; c += GROUP) distance[c] = RADIUS + 1;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int strip = -STRIPS_BEYOND; strip < TILE / STRIP; ++strip)
         pass_strip(map, size, x0, x1, top + strip * STRIP, 1, distance,
                    strip < 0 ? 0 : seen + strip * STRIP * SPAN);
-    for (int c = lane; c < SPAN; c += GROUP) distance[c] = RADIUS + 1;
+    for (int c = lane; c < SPAN + LOT; c += GROUP) distance[c] = RADIUS + 1;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int strip = -STRIPS_BEYOND; strip < TILE / STRIP; ++strip)
         pass_strip(map, size, x0, x1, top + TILE - 1 - strip * STRIP, -1, distance,
