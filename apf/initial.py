@@ -17,6 +17,8 @@ from psfs.names import listed
 #: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
 #: an angle's distance from rest, rad. The last two only decide what the joints leave open.
 _JOINT_SIGMA, _SCALE_SIGMA, _ANGLE_SIGMA = 0.01, 0.3, 3.0
+#: Of the differences that tell derivatives, rad, m or log of a scale.
+_STEP = 1e-7
 #: Known joints that are asked for, or all of a body with fewer.
 _LEAST_JOINTS = 8
 
@@ -71,6 +73,19 @@ def fit_to_joints(
             ]
         )
 
+    # Of what does not depend on the joints.
+    n = body.n_dof + len(groups)
+    priors = [np.eye(n)[body.n_dof :] / _SCALE_SIGMA, np.eye(n)[body.angles] / _ANGLE_SIGMA]
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        """By differences, those of the pose all at once."""
+        scaled, pose = unpack(x)
+        reached = posed_joints(scaled, np.vstack([pose, pose + _STEP * np.eye(body.n_dof)]))
+        stretched = [unpack(x + _STEP * unit)[0] for unit in np.eye(n)[body.n_dof :]]
+        reached = np.concatenate([reached, *(posed_joints(s, pose[None]) for s in stretched)])
+        moves = (reached[1:, chosen] - reached[0, chosen]) / _STEP
+        return np.concatenate([moves.reshape(n, -1).T / _JOINT_SIGMA, *priors])
+
     lower = np.concatenate([body.lower, np.full(len(groups), -1.0)])
     upper = np.concatenate([body.upper, np.full(len(groups), 1.0)])
     best = None
@@ -78,7 +93,7 @@ def fit_to_joints(
         pose = _root_at(body, free, target.mean(0), heading)
         start = np.concatenate([pose, np.zeros(len(groups))])
         solution = least_squares(
-            residuals, np.clip(start, lower + 1e-9, upper - 1e-9), bounds=(lower, upper)
+            residuals, np.clip(start, lower + 1e-9, upper - 1e-9), jacobian, bounds=(lower, upper)
         )
         if best is None or solution.cost < best.cost:
             best = solution

@@ -106,11 +106,13 @@ class Camera:
             r2 = x * x + y * y
             seen = (depth > 1e-6) & (r2 < self.max_radius2)
             k1, k2, p1, p2, k3 = self.distortion
-            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-            yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-            u = self.K[0, 0] * xd + self.K[0, 1] * yd + self.K[0, 2]
-            v = self.K[1, 1] * yd + self.K[1, 2]
+            if self.distortion.any():
+                radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+                xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+                yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+                x, y = xd, yd
+            u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
+            v = self.K[1, 1] * y + self.K[1, 2]
         pixels = np.where(seen[..., None], np.stack([u, v], -1), -1e6)
         return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
 
@@ -119,7 +121,8 @@ class Camera:
         nearest to each of these (K,), and their depths (K,) m."""
         pixels, depth = self.project(points)
         nearest = np.floor(pixels + 0.5)
-        inside = (nearest >= 0).all(-1) & (nearest < self.size).all(-1) & (depth > 0)
+        x, y = nearest[..., 0], nearest[..., 1]
+        inside = (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1]) & (depth > 0)
         column, row = nearest[inside].astype(int).T
         return inside, row, column, depth[inside]
 

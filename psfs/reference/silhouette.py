@@ -86,18 +86,15 @@ def mixed_ratio(
     """
     weight = _weight(std, config)
     difference = image - mean.astype(np.float64)
-    rows, columns = np.indices(evidence.shape)
-    away = (rows >= 2) & (columns >= 2)
-    away &= (rows < evidence.shape[0] - 2) & (columns < evidence.shape[1] - 2)
     least = np.full(evidence.shape, np.inf)
-    for step in ((y, x) for y in (-2, 0, 2) for x in (-2, 0, 2)):
-        ahead, behind = (np.roll(evidence, s, (0, 1)) for s in ((-step[0], -step[1]), step))
-        person = np.roll(difference, (-step[0], -step[1]), (0, 1))
-        along = (weight * person**2).sum(-1) + 1e-6
-        share = np.clip((weight * difference * person).sum(-1) / along, 0, config.rim_share)
-        left = (weight * (difference - share[..., None] * person) ** 2).sum(-1)
-        on_rim = away & (evidence > 0) & (ahead > 0) & (behind < 0)
-        least = np.where(on_rim, np.minimum(least, left), least)
+    y, x = 2 + np.array(np.nonzero(evidence[2:-2, 2:-2] > 0))
+    for dy, dx in ((dy, dx) for dy in (-2, 0, 2) for dx in (-2, 0, 2)):
+        on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
+        here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
+        rest, person, w = difference[here], difference[ahead], weight[here]
+        share = _weighed(w, rest, person) / (_weighed(w, person, person) + 1e-6)
+        rest = rest - np.clip(share, 0, config.rim_share)[:, None] * person
+        least[here] = np.minimum(least[here], _weighed(w, rest, rest))
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
     ratio: np.ndarray = peak - config.rim_cost - 0.5 * least
     return ratio
@@ -195,6 +192,12 @@ def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     return np.maximum(std, config.sigma_floor).astype(np.float64) ** -2
 
 
+def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Sum of weight x y over the channels, the last axis."""
+    total: np.ndarray = np.einsum("...c,...c,...c->...", weight, x, y)
+    return total
+
+
 def light_factor(
     image: np.ndarray, mean: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -203,8 +206,9 @@ def light_factor(
     image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
-    alpha = (weight * image * mean).sum(-1) / ((weight * mean**2).sum(-1) + 1e-6)
-    return alpha, (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
+    alpha = _weighed(weight, image, mean) / (_weighed(weight, mean, mean) + 1e-6)
+    rest = image - alpha[..., None] * mean
+    return alpha, _weighed(weight, rest, rest)
 
 
 def background_ratio(
@@ -228,8 +232,8 @@ def background_ratio(
     factor, _ = light_factor(image, mean, weight)
 
     def distance(alpha: np.ndarray) -> np.ndarray:
-        squared: np.ndarray = (weight * (image - alpha[..., None] * mean) ** 2).sum(-1)
-        return squared
+        rest = image - alpha[..., None] * mean
+        return _weighed(weight, rest, rest)
 
     alpha = np.clip(factor, config.shadow_low, config.shadow_high)
     dimmed = distance(alpha) + ((1 - alpha) / config.shadow_width(mean)) ** 2

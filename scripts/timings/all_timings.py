@@ -8,8 +8,6 @@ import time
 from psfs.commandline import add_command, stderr
 from timings.results import add_timing_flags
 
-#: What `--quick` allows itself on an idle machine of 2 cores, s.
-_QUICK_SECONDS = 100.0
 #: Shares of a limited time; 1 for those not named.
 _SHARES = {"whole": 4.0}
 
@@ -22,7 +20,6 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace, others: dict[str, argparse.ArgumentParser]) -> None:
-    seconds = _QUICK_SECONDS if args.seconds is None and args.quick else args.seconds
     began = time.monotonic()
     left = dict(others)
     for name, parser in others.items():
@@ -30,9 +27,9 @@ def _run(args: argparse.Namespace, others: dict[str, argparse.ArgumentParser]) -
         argv = ["--out", str(args.out)]
         argv += [f"--{flag}" for flag in ("quick", "resume", "verbose") if getattr(args, flag)]
         argv += ["--commit", args.commit] if args.commit else []
-        if seconds is not None:
-            mine = max(0.0, seconds - (time.monotonic() - began)) * _SHARES.get(name, 1.0) / shares
-            argv += ["--seconds", f"{mine:.0f}"]
+        if args.seconds is not None:
+            seconds = max(0.0, args.seconds - (time.monotonic() - began))
+            argv += ["--seconds", f"{seconds * _SHARES.get(name, 1.0) / shares:.0f}"]
         stderr.print(f"[bold]{name}[/bold] {' '.join(argv)}", soft_wrap=True)
         parsed = parser.parse_args(argv)
         parsed.run(parsed)

@@ -57,15 +57,15 @@ def _run(args: argparse.Namespace) -> None:
     problem = make_problem(6 if quick else 20)
     settings = {"views": VIEWS, "shape": SHAPE, "scored": SCORED, "filter": asdict(problem.config)}
     results = Results.begin("apf", args, settings)
-    results.section("numpy", partial(by_twin, problem))
+    results.section("numpy", partial(by_twin, problem), quick=False)
     for place in found:
         for cores in fewer_cores(place):
             measure = partial(apart, only_cores(cores), _on_cpu, problem, runs)
-            results.section(f"device {place.label}, {cores} used", measure)
+            results.section(f"device {place.label}, {cores} used", measure, quick=False)
         results.section(f"device {place.label}", partial(on_place, place, problem, runs))
     for place in found:
-        for what, measure in _growths(place, problem, quick).items():
-            results.section(f"{what}, {place.label}", measure)
+        for what, measure in _growths(place, problem).items():
+            results.section(f"{what}, {place.label}", measure, quick=False)
     print_report(results)
 
 
@@ -173,15 +173,12 @@ def kernels(place: Place, problem: Problem, runs: int) -> dict[str, dict[str, Ti
     }
 
 
-def _growths(place: Place, problem: Problem, quick: bool) -> dict[str, Callable[[], Any]]:
-    runs = 4 if quick else 15
+def _growths(place: Place, problem: Problem) -> dict[str, Callable[[], Any]]:
     most = _MOST_ON_CPU if place.cores else max(PARTICLES)
-    counts = {"particles": PARTICLES, "layers": LAYERS, "cameras": CAMERAS}
-    if quick:
-        counts = {what: values[1:6:3] for what, values in counts.items()}
-    counts["particles"] = tuple(n for n in counts["particles"] if n <= most)
+    particles = tuple(n for n in PARTICLES if n <= most)
+    counts = {"particles": particles, "layers": LAYERS, "cameras": CAMERAS}
     return {
-        what: partial(growth, place, problem, what, values, runs) for what, values in counts.items()
+        what: partial(growth, place, problem, what, values, 15) for what, values in counts.items()
     }
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -37,20 +37,8 @@ _EVALUATIONS = (960, 2040, 3040, 5120)
 _VERTICES, _SHAPE_PARTICLES = (4, 8, 18, 34, 66, 130, 258, 514), (96, 304)
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How much is run: what is timed, and over how many frames."""
-
-    swarm: Sequence[int]
-    filter: Sequence[int]
-    evaluations: Sequence[int]
-    vertices: Sequence[int]
-    shape_particles: Sequence[int]
-    frames: int
-
-
-_FULL = Effort(_SWARM, _FILTER, _EVALUATIONS, _VERTICES, _SHAPE_PARTICLES, 40)
-_QUICK = Effort((100, 1000), (1000,), (960,), (4, 18), (96,), 6)
+#: Frames of the walk, and with `--quick`, which times fewer searches, too.
+_FRAMES, _QUICK_FRAMES = 40, 6
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -61,20 +49,22 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
-    found, effort = places(), _QUICK if args.quick else _FULL
+    found, quick = places(), args.quick
+    n_frames = _QUICK_FRAMES if quick else _FRAMES
+    swarm, filters = (_SWARM[::4], _FILTER[:1]) if quick else (_SWARM, _FILTER)
     settings = {"views": VIEWS, "iterations": ITERATIONS, "objective": OBJECTIVE,
-                "frames": effort.frames}  # fmt: skip
+                "frames": n_frames}  # fmt: skip
     results = Results.begin("methods", args, settings)
-    problem = make_problem(effort.frames).smaller(cameras=VIEWS)
+    problem = make_problem(n_frames).smaller(cameras=VIEWS)
     for place in found:
-        efforts = [("pso", n) for n in effort.swarm] + [("sir", n) for n in effort.filter]
+        efforts = [("pso", n) for n in swarm] + [("sir", n) for n in filters]
         results.section(f"frames {place.label}", partial(frames, place, problem, efforts))
     for place in found:
-        measure = partial(shapes, place, problem, effort)
-        results.section(f"shapes {place.label}", measure)
-    accuracy = [("pso", n // ITERATIONS) for n in effort.evaluations]
-    accuracy += [("sir", n) for n in effort.evaluations]
-    results.section("accuracy", partial(frames, found[0], problem, accuracy))
+        measure = partial(shapes, place, problem)
+        results.section(f"shapes {place.label}", measure, quick=False)
+    accuracy = [("pso", n // ITERATIONS) for n in _EVALUATIONS]
+    accuracy += [("sir", n) for n in _EVALUATIONS]
+    results.section("accuracy", partial(frames, found[0], problem, accuracy), quick=False)
     print_report(results)
 
 
@@ -87,11 +77,11 @@ def frames(place: Place, problem: Problem, efforts: Sequence[tuple[str, int]]) -
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
-def shapes(place: Place, problem: Problem, effort: Effort) -> dict[str, Any]:
+def shapes(place: Place, problem: Problem) -> dict[str, Any]:
     """A row for every shape of the body's parts and number of particles, with the swarm."""
     rows = []
-    for vertices in effort.vertices:
-        for n in effort.shape_particles:
+    for vertices in _VERTICES:
+        for n in _SHAPE_PARTICLES:
             image = ObjectiveConfig(kind=OBJECTIVE, vertices_per_part=vertices)
             method = replace(_method("pso", n), image=image)
             run = tracked(place, problem, method)

@@ -71,13 +71,12 @@ def _run(args: argparse.Namespace) -> None:
     settings = {"hypotheses": hypotheses, "views": VIEWS, "runs": runs, "kind": "sp"}
     results = Results.begin("objective", args, settings)
     observed = make_observed(found[0])
-    twin = partial(numpy_twin, observed, 2 if quick else _TWIN_HYPOTHESES)
-    results.section("numpy", twin)
-    results.section("opengl", partial(by_opengl, observed, hypotheses, 1 if quick else 5))
+    results.section("numpy", partial(numpy_twin, observed, _TWIN_HYPOTHESES), quick=False)
+    results.section("opengl", partial(by_opengl, observed, hypotheses, 5), quick=False)
     for place in found:
         for cores in fewer_cores(place):
             measure = partial(apart, only_cores(cores), on_cpu, observed, hypotheses, runs)
-            results.section(f"device {place.label}, {cores} used", measure)
+            results.section(f"device {place.label}, {cores} used", measure, quick=False)
         measure = partial(on_place, place, observed, hypotheses, runs)
         results.section(f"device {place.label}", measure)
     print_report(results)

@@ -46,20 +46,20 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def _run(args: argparse.Namespace) -> None:
     found, quick = places(), args.quick
-    runs, n_frames = (10, 6) if quick else (40, 16)
+    runs, n_frames = (5, 6) if quick else (40, 16)
     results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
     scene = shared_scene(n_frames)
     for place in found:
         results.section(f"device {place.label}", partial(on_place, place, scene, runs))
-    results.section("open3d", lambda: open3d_carving(scene, 3 if quick else 10))
-    results.section("numpy", lambda: numpy_twin(scene, 1 if quick else 3))
+    results.section("open3d", lambda: open3d_carving(scene, 2 if quick else 10))
+    results.section("numpy", lambda: numpy_twin(scene, 3), quick=False)
     for place in found:
         for cores in fewer_cores(place):
             name = f"device {place.label}, {cores} used"
-            results.section(name, partial(on_cores, cores, scene, runs))
+            results.section(name, partial(on_cores, cores, scene, runs), quick=False)
     for place in found:
-        results.section(f"growth {place.label}", partial(growth, place, scene, quick))
-    results.section("memory", lambda: memory(found[0], scene, 200 if quick else 1000))
+        results.section(f"growth {place.label}", partial(growth, place, scene), quick=False)
+    results.section("memory", lambda: memory(found[0], scene, 1000), quick=False)
     print_report(results)
 
 
@@ -198,31 +198,26 @@ def whole(place: Place, scene: Scene, sparse: bool, runs: int) -> dict[str, Any]
         "masks": timed(one(masked), runs, 3),
         "cloud": timed(one(lambda f: reconstructor(f).cloud(colour=True)), runs, 3),
     }
-    stream = timed(streamed, max(3, runs // 4))
+    stream = timed(streamed, max(1, runs // 4))
     result["stream_per_frame"] = Timing(tuple(ms / _STREAM for ms in stream.samples))
     reconstructor(next(frames))
     result["surface_voxels"] = int(reconstructor.voxels.count.get()[0])
     return result
 
 
-def growth(place: Place, scene: Scene, quick: bool) -> list[dict[str, Any]]:
+def growth(place: Place, scene: Scene) -> list[dict[str, Any]]:
     """Whole frames against voxels (dense and sparse) and against cameras, and 512^3 sparse."""
-    runs = 5 if quick else 15
-    shapes = [(75, 75, 50), SHAPE, (300, 300, 200)]
-    if not quick:
-        shapes = [shapes[0], (110, 110, 74), SHAPE, (212, 212, 142), shapes[2]]
+    shapes = [(75, 75, 50), (110, 110, 74), SHAPE, (212, 212, 142), (300, 300, 200)]
     rows = []
     for sparse in (False, True):
         for shape in [*shapes, (512, 512, 512)] if sparse else shapes:
-            rows.append(_grown(place, scene, shape, sparse, runs))
+            rows.append(_grown(place, scene, shape, sparse))
         for views in (2, 4, 6):
-            rows.append(_grown(place, scene.part(views), SHAPE, sparse, runs))
+            rows.append(_grown(place, scene.part(views), SHAPE, sparse))
     return rows
 
 
-def _grown(
-    place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool, runs: int
-) -> dict[str, Any]:
+def _grown(place: Place, scene: Scene, shape: tuple[int, int, int], sparse: bool) -> dict[str, Any]:
     device = place.device()
     grid = grid_of(shape)
     reconstructor = Reconstructor(device, scene.rig, grid, scene.background, sparse=sparse)
@@ -238,7 +233,7 @@ def _grown(
         "voxels": grid.size,
         "shape": shape,
         "views": len(scene.rig),
-        "ms": timed(run, runs, 2),
+        "ms": timed(run, 15, 2),
     }
 
 

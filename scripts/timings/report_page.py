@@ -21,6 +21,7 @@ from timings.tables import Grid, number
 from timings.whole_tables import (
     average,
     columns,
+    later,
     papers,
     stage_table,
     stream_table,
@@ -246,7 +247,7 @@ def _numpy_parts(machines: Sequence[Machine]) -> str:
         if not twin:
             continue
         numpy_ms = {part: float(np.mean([ms for run in twin["runs"]
-                                         for ms in run["parts"][part].samples[1:]]))
+                                         for ms in later(run["parts"][part])]))
                     for part in twin["runs"][0]["parts"]}  # fmt: skip
         sections = results.starting("stages ")
         heads = [device_title(section["label"], machine) for section in sections]

@@ -44,7 +44,9 @@ def add_timing_flags(parser: argparse.ArgumentParser) -> None:
         *("-o", "--out"), type=Path, default=Path("timings"), metavar="OUT",
         help="folder of the results (default: timings)",
     )  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="fewer runs, sizes and frames")
+    parser.add_argument(
+        "--quick", action="store_true", help="what tells most, with fewer runs and frames"
+    )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="start nothing more after so many seconds"
     )
@@ -109,15 +111,18 @@ class Results:
     def seconds_left(self) -> float:
         return self.deadline - time.monotonic()
 
-    def section(self, name: str, measure: Callable[[], Any]) -> Any:
+    def section(self, name: str, measure: Callable[[], Any], quick: bool = True) -> Any:
         """What `measure()` returns, as read back from the file; None if it is left out.
 
-        A UserError, a missing module or a process of its own that died leaves the section out.
+        A UserError, a missing module or a process of its own that died leaves the section out; so
+        does `--quick` those that are not `quick`.
         """
         if name in self.sections:
             return self.sections[name]
         started = time.monotonic()
         try:
+            if self.settings["quick"] and not quick:
+                raise UserError("not with --quick")
             if self.seconds_left <= 0:
                 raise UserError("no time left; --resume measures it")
             stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from timings.measure import Timing
 from timings.results import Results
 from timings.stages import PARTS, STAGES
 from timings.tables import NONE, Grid, number, quoted, ratio
@@ -40,9 +41,14 @@ def _title(column: Any) -> str:
     return f"OpenCL GPU, {column['label']}"
 
 
+def later(timing: Timing) -> tuple[float, ...]:
+    """ms of the frames but for the first, which is reconstructed twice; of a frame alone, its."""
+    return timing.samples[1:] or timing.samples
+
+
 def average(column: Any) -> float:
-    """Mean ms per frame over all runs, first frames (reconstructed twice) left out."""
-    return float(np.mean([np.mean(run["frames"].samples[1:]) for run in column["runs"]]))
+    """Mean ms per frame over all runs, first frames left out."""
+    return float(np.mean([np.mean(later(run["frames"])) for run in column["runs"]]))
 
 
 def print_report(results: Results) -> None:
@@ -59,7 +65,7 @@ def table_2(results: Results, where: str = "Song table 2") -> Grid:
     song = papers()["song2012"]["tables"]["2"]
     rows = []
     for title, column in columns(results):
-        runs = [float(np.mean(run["frames"].samples[1:])) for run in column["runs"]]
+        runs = [float(np.mean(later(run["frames"]))) for run in column["runs"]]
         shown = [*map(number, runs), *[NONE] * (n_runs - len(runs))]
         frames = sorted({len(run["frames"].samples) for run in column["runs"]})
         error = float(np.mean([run["error_mm"] for run in column["runs"]]))

@@ -58,10 +58,6 @@ _SCALED: dict[str, tuple[Any, ...]] = {
     "n_particles": (50, 100, 200, 400, 800),
     "n_layers": (1, 5, 10, 20),
 }
-_QUICK_SCALED: dict[str, tuple[Any, ...]] = {
-    "shape": (*_SCALED["shape"][:1], SHAPE),
-    **{what: (values[0], values[-1]) for what, values in list(_SCALED.items())[1:]},
-}
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -72,7 +68,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     found, quick = places(), args.quick
     problem = make_problem(_QUICK_SCENE_FRAMES if quick else _SCENE_FRAMES)
-    frames = {"opencl": 6 if quick else FRAMES, "numpy": 2 if quick else _NUMPY_FRAMES}
+    frames = {"opencl": 4 if quick else FRAMES, "numpy": 2 if quick else _NUMPY_FRAMES}
     repetitions = {"opencl": REPETITIONS, "numpy": 1 if quick else REPETITIONS}
     settings = {
         "views": VIEWS,
@@ -90,13 +86,14 @@ def run(args: argparse.Namespace) -> None:
     _numpy_column(results, problem)
     for place in found:
         for what in _SCALED:
-            measure = partial(scaling, place, problem, what, quick)
-            results.section(f"scaling {what}, {place.label}", measure)
+            measure = partial(scaling, place, problem, what)
+            results.section(f"scaling {what}, {place.label}", measure, quick=False)
         for cores in fewer_cores(place)[1:]:
             measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
-            results.section(f"cores {cores}", measure)
+            results.section(f"cores {cores}", measure, quick=False)
     for place in found:
-        results.section(f"compilation {place.label}", partial(compilation, place, problem))
+        measure = partial(compilation, place, problem)
+        results.section(f"compilation {place.label}", measure, quick=False)
     print_report(results)
 
 
@@ -116,7 +113,8 @@ def _columns(results: Results, found: list[Place], problem: Problem) -> None:
 
 def _numpy_column(results: Results, problem: Problem) -> None:
     frames, repetitions = (results.settings[k]["numpy"] for k in ("frames", "repetitions"))
-    twins = (problem, frames, repetitions, 0.2 * results.budget / repetitions)
+    begin = 1 if results.settings["quick"] else 0
+    twins = (problem, frames, repetitions, 0.2 * results.budget / repetitions, begin)
     results.section("column NumPy", partial(apart, _ONE_THREAD, on_numpy, *twins))
 
 
@@ -148,11 +146,13 @@ def on_cpu(problem: Problem, frames: int, repetitions: int, seconds: float) -> d
     return column(cpu_place(), problem, frames, repetitions, seconds)
 
 
-def on_numpy(problem: Problem, frames: int, repetitions: int, seconds: float) -> dict[str, Any]:
+def on_numpy(
+    problem: Problem, frames: int, repetitions: int, seconds: float, begin: int
+) -> dict[str, Any]:
     """`column` of the NumPy twins, without a warm-up: there is nothing to compile."""
     cv2.setNumThreads(1)
     whole = WholeFrame(NumpyDevice(), problem)
-    runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
+    runs = [sequence_run(whole, frames, seconds, begin) for _ in range(repetitions)]
     return {"label": "NumPy, 1 thread", "kind": "numpy", "cores": 1, "runs": runs}
 
 
@@ -167,12 +167,12 @@ def roofline(place: Place, problem: Problem, frames: int) -> dict[str, Any]:
     return {"label": place.label, "limits": limits, "stages": stages, "work": work}
 
 
-def scaling(place: Place, problem: Problem, what: str, quick: bool) -> list[dict[str, Any]]:
+def scaling(place: Place, problem: Problem, what: str) -> list[dict[str, Any]]:
     """Whole frames (the first left out) while one setting varies: rows of its value and times."""
     rows = []
-    for value in (_QUICK_SCALED if quick else _SCALED)[what]:
+    for value in _SCALED[what]:
         whole = WholeFrame(place.device(), problem.smaller(**{what: value}))
-        frames = sequence_run(whole, 4 if quick else 9)["frames"].samples[1:]
+        frames = sequence_run(whole, 9)["frames"].samples[1:]
         rows.append({"value": value, "frames": Timing(frames)})
     return rows
 
