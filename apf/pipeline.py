@@ -161,8 +161,9 @@ def watched(
         seen = [stored(device, voxels)]
         try:
             found = find_start(
-                device, seen, rig, grid, body, search.noise, keep_shape=True, seed=search.seed
-            )
+                device, seen, rig, grid, body, search.noise, keep_shape=True, seed=search.seed,
+                attempts=1,
+            )  # fmt: skip
         except UserError:
             return []  # nobody is there
         return [found.pose]

@@ -11,7 +11,7 @@ import numpy as np
 from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.start.search import LIKELIHOOD, Hypothesis, PoseSearch, close, sideways
-from apf.start.shape import GIRTH, Cloud, fit_shape, stature
+from apf.start.shape import GIRTH, Cloud, Shape, fit_shape, stature
 from apf.start.stored import person_points
 from apf.tracker import tracker_for
 from cl import Device, NumpyDevice, UserError
@@ -24,6 +24,9 @@ _FEWEST = 200
 _SEARCHED = 5
 #: Misfit above which no body was found.
 _HOPELESS = 0.55
+#: A start whose misfit is above this is looked for again with other random numbers, so many times
+#: in all: what chance decides, several attempts decide better, and the score tells which.
+_GOOD, _ATTEMPTS = 0.3, 3
 #: Doubtful is a start with a rival that fits but this factor worse, and a body whose girth is so
 #: many deviations of the prior above the template's: hardly anybody who stands has one.
 _RIVALS, _STOUT = 1.1, 3.0
@@ -79,40 +82,37 @@ def find_start(
     seed: int = 0,
     progress: Callable[[], object] | None = None,
     every: int = 1,
+    attempts: int = _ATTEMPTS,
 ) -> Start:
     """Find a person in the `voxels` (see `stored`) of the first frames.
 
     Every `every`-th frame is fitted; those between only lead from one to the next. In the first of
     these, the last and some in between a search over all headings; from the frame where it fits
     best the body is tracked to both ends, and its shape fitted to all. Then once more from the
-    frame that fits best, with that shape. noise: of a tracker from one of `voxels` to the next, see
-    `FilterConfig`. height: known stature, m. keep_shape: the template is the person's own body.
-    progress: called every now and then. Raises UserError if no frame shows a person.
+    frame that fits best, with that shape. All that up to so many `attempts`, while it does not fit
+    well. noise: of a tracker from one of `voxels` to the next, see `FilterConfig`. height: known
+    stature, m. keep_shape: the template is the person's own body. progress: called every now and
+    then. Raises UserError if no frame shows a person.
     """
     clouds = [Cloud(points) for points in _people(voxels[::every])]
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
-    search = PoseSearch(device, rig, grid, template, height, keep_shape, seed, way)
-    config = replace(LIKELIHOOD, noise=noise, seed=seed)
-    fitting = _Fitting(search, voxels, every, clouds, config, progress or (lambda: None))
-    anchor, hypotheses = _best_frame(search, voxels[::every], clouds)
-    found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
-    fits = sorted((fitting(h, anchor) for h in close(found)), key=lambda fit: fit.score)
-    costs = [h.cost for h in fits[0].found]
-    best = int(np.argmin(costs))
-    again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
-    final = min(again, fits[0], key=lambda fit: fit.score)
-    mean = float(np.mean([h.misfit for h in final.found]))
-    if mean > _HOPELESS:
+    found: list[_Attempt] = []
+    while not found or (len(found) < attempts and found[-1].misfit > _GOOD):
+        other = (seed + (len(found) << 32)) % 2**64
+        search = PoseSearch(device, rig, grid, template, height, keep_shape, other, way)
+        config = replace(LIKELIHOOD, noise=noise, seed=other)
+        found.append(_attempt(_Fitting(search, voxels, every, clouds, config, progress)))
+    best = min(found, key=lambda attempt: attempt.fit.score)
+    if best.misfit > _HOPELESS:
         raise UserError(
-            f"no standing or walking person was found in the first frames (misfit {mean:.2f}; "
-            f"expected less than {_HOPELESS}); give --init"
+            f"no standing or walking person was found in the first frames (misfit "
+            f"{best.misfit:.2f}; expected less than {_HOPELESS}); give --init"
         )
-    scores = [fit.score for fit in fits] if len(fits) > 1 else [h.cost for h in found]
-    rival = scores[1] / scores[0] if len(scores) > 1 else np.inf
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
-    shape, poses = final.found[0].shape, final.poses
+    shape, poses = best.fit.found[0].shape, best.fit.poses
     girth = float(np.exp(shape[:2].sum())) * stature(template) / seen
-    return Start(search.model.body(shape), poses[0], poses, mean, rival, seen, girth)
+    body = Shape(template).body(shape)
+    return Start(body, poses[0], poses, best.misfit, best.rival, seen, girth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,22 +140,22 @@ class _Fitting:
         every: int,
         clouds: Sequence[Cloud],
         config: FilterConfig,
-        tell: Callable[[], object],
+        tell: Callable[[], object] | None,
     ) -> None:
-        self._search, self._config, self._tell = search, config, tell
-        self._voxels, self._every, self._clouds = voxels, every, clouds
-        self._fitted = voxels[::every]
+        self.search, self.clouds, self.fitted = search, clouds, voxels[::every]
+        self._voxels, self._every, self._config = voxels, every, config
+        self._tell = tell or (lambda: None)
 
     def limbs(self, hypothesis: Hypothesis, anchor: int) -> Hypothesis:
         """Its limbs searched for in frame `anchor`."""
         self._tell()
-        return self._search.with_limbs(self._fitted[anchor], self._clouds[anchor], hypothesis)
+        return self.search.with_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
 
     def __call__(self, found: Hypothesis, anchor: int) -> _Fit:
-        search = self._search
+        search = self.search
         poses = self._followed(search.model.body(found.shape), found.pose, anchor)
         fitted = fit_shape(
-            search.template, self._clouds, found.shape, poses, search.height,
+            search.template, self.clouds, found.shape, poses, search.height,
             free=None if search.free else (),
         )  # fmt: skip
         tried = [self._judged(found.shape, poses), self._judged(*fitted)]
@@ -163,8 +163,8 @@ class _Fitting:
 
     def _judged(self, shape: np.ndarray, poses: np.ndarray) -> _Fit:
         """Poses near these, and what they cost: hulls, that shapes are fitted to, are too thick."""
-        search, found = self._search, []
-        for pose, voxels, cloud in zip(poses, self._fitted, self._clouds, strict=True):
+        search, found = self.search, []
+        for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
             self._tell()
             found.append(search.near(voxels, cloud, shape, pose))
         ahead = sideways(search.model.body(shape), np.array([h.pose for h in found]), search.way)
@@ -172,7 +172,7 @@ class _Fitting:
 
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""
-        search, every = self._search, self._every
+        search, every = self.search, self._every
         poses = np.tile(pose, (len(self._voxels), 1))
         for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
             tracker = tracker_for(search.device, body, search.rig, search.grid, self._config)
@@ -181,6 +181,30 @@ class _Fitting:
                 self._tell()
                 poses[k] = tracker.step(self._voxels[k]).pose
         return poses[::every]
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """What a search led to; rival: see `Start`."""
+
+    fit: _Fit
+    rival: float
+
+    @property
+    def misfit(self) -> float:
+        return float(np.mean([h.misfit for h in self.fit.found]))
+
+
+def _attempt(fitting: _Fitting) -> _Attempt:
+    anchor, hypotheses = _best_frame(fitting.search, fitting.fitted, fitting.clouds)
+    found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
+    fits = sorted((fitting(h, anchor) for h in close(found)), key=lambda fit: fit.score)
+    costs = [h.cost for h in fits[0].found]
+    best = int(np.argmin(costs))
+    again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
+    scores = [fit.score for fit in fits] if len(fits) > 1 else [h.cost for h in found]
+    rival = scores[1] / scores[0] if len(scores) > 1 else np.inf
+    return _Attempt(min(again, fits[0], key=lambda fit: fit.score), rival)
 
 
 def _people(voxels: Sequence[Any]) -> list[np.ndarray]:

@@ -35,7 +35,9 @@ _LIMB_STARTS = 4
 _PARTICLES = {"body": 300, "limb": 150, "near": 100}
 #: What a start goes by: hulls of few cameras are thicker than the person, and a body turned or bent
 #: wrongly fills them as well; what it covers in the pictures, and their edges, tell more.
-LIKELIHOOD = FilterConfig(surface_weight=1.0, two_sided_weight=2.0)
+LIKELIHOOD = FilterConfig(
+    surface_weight=1.0, two_sided_weight=2.0, sample_spacing=0.04, point_turns=4
+)
 #: What 1 % of misfit counts as, as a share of 1 % of error.
 _VOXELS = 0.3
 #: Distance, m, at which a point is half unexplained in a misfit.
