@@ -78,7 +78,7 @@ class FilterConfig:
     trunk_layers: int = 3
     edge_weight: float = 4.0
     silhouette_weight: float = 1.0
-    surface_weight: float = 6.0
+    surface_weight: float = 4.0
     overlap_weight: float = 1.0
     two_sided_weight: float = 0.0
     colour_weight: float = 0.0
