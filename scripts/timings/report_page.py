@@ -167,7 +167,7 @@ def _machines(machines: Sequence[Machine]) -> str:
         versions = ", ".join(f"{name} {packages.get(name) or 'absent'}" for name in shown)
         rows.append([
             machine.title, about["cpu"], devices, f"Python {about['python']}, {versions}",
-            f"{results.made[:10]}, commit {results.commit}", f"{about['load']:.1f}",
+            _measured(machine), f"{about['load']:.1f}",
             f"`{results.command}`",
         ])  # fmt: skip
     heads = ["machine", "CPU", "OpenCL devices (platform, driver)", "versions", "measured",
@@ -177,6 +177,16 @@ def _machines(machines: Sequence[Machine]) -> str:
     ]
     grid = Grid("What was measured on", ["", *(row[0] for row in rows)], turned)
     return "## Machines\n\n" + grid.markdown()
+
+
+def _measured(machine: Machine) -> str:
+    """When, and at which commit; with the comparisons' names where they differ."""
+    stated: dict[str, list[str]] = {}
+    for name, results in machine.results.items():
+        stated.setdefault(f"{results.made[:10]}, commit {results.commit}", []).append(name)
+    if len(stated) == 1:
+        return next(iter(stated))
+    return "; ".join(f"{', '.join(names)}: {when}" for when, names in stated.items())
 
 
 def _song(machines: Sequence[Machine]) -> str:
