@@ -161,3 +161,15 @@ def test_light_on_the_floor(device: Device, views: int) -> None:
 def test_wrong_parameters_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(UserError, match=next(iter(wrong)).split("_")[0]):
         SilhouetteConfig(**wrong)
+
+
+def test_an_arm_of_the_floors_colour_is_no_shade_where_the_floor_is_lit() -> None:
+    wood = np.array([[[84.0, 119.0, 153.0]]])
+    std, config = np.full_like(wood, 3.0), SilhouetteConfig()
+
+    def lit(share: float, light: float) -> float:
+        """Of a pixel that shows so much of the wood's light."""
+        return float(background_ratio(share * wood, wood, std, config, np.array([[light]]))[0, 0])
+
+    assert lit(0.88, 1.0) < 0 < lit(0.88, 0.88)
+    assert lit(1.0, 1.0) - lit(1.1, 1.0) > 5  # nor brighter

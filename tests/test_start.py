@@ -10,6 +10,7 @@ from scenes import ring
 from apf.body import BodyModel, load_body
 from apf.reference.cones import distances
 from apf.reference.kinematics import posed_cones, posed_joints
+from apf.start import find
 from apf.start.find import Start, find_start
 from apf.start.search import (
     Hypothesis,
@@ -170,3 +171,27 @@ def test_nobody_there() -> None:
     cloud = VoxelCloud(grid, np.arange(3, dtype=np.int32), np.ones(3, np.float32), None, 0.0)
     with pytest.raises(UserError, match="3 surface voxels; expected at least 200"):
         find_start(device, [StoredVoxels(device, cloud)], ring(), grid, SONG, 0.5)
+
+
+def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until one fits, or so many times; the best score counts."""
+    grid = VoxelGrid(np.zeros(3), 0.1, (16, 16, 16))
+    cloud = VoxelCloud(grid, np.arange(400, dtype=np.int32), np.ones(400, np.float32), None, 0.0)
+    shown, shape = [StoredVoxels(Device.best(), cloud)], np.zeros(len(Shape(SONG).deviation))
+
+    def found(*misfits: float, attempts: int = 3) -> tuple[float, int]:
+        left = list(misfits)
+
+        def attempt(_: object) -> object:
+            misfit = left.pop(0)
+            hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, misfit)
+            return find._Attempt(find._Fit([hypothesis], score=-misfit), np.inf)
+
+        monkeypatch.setattr(find, "_attempt", attempt)
+        args = (Device.best(), shown, ring(), grid, SONG, 0.5)
+        return find_start(*args, attempts=attempts).misfit, len(left)
+
+    assert found(0.2, 0.4) == (0.2, 1)
+    assert found(0.35, 0.5, 0.4, 0.3) == (0.5, 1)
+    assert found(0.4, 0.2, 0.3) == (0.4, 1)
+    assert found(0.4, 0.2, attempts=1) == (0.4, 1)

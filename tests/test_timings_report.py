@@ -120,6 +120,8 @@ def test_what_is_missing_is_told_and_measured_when_resumed(tmp_path: Path) -> No
     results = Results.begin("psfs", arguments(tmp_path), {})
     assert results.section("mine", lambda: 1) == 1
     assert results.section("open3d", absent) is None
+    assert results.section("growth", lambda: 5, quick=False) is None
+    assert results.left_out["growth"] == "not with --quick"
     late = Results.begin("psfs", arguments(tmp_path, resume=True, seconds=-1.0), {})
     assert late.section("late", lambda: 2) is None
     assert late.left_out["late"].startswith("no time left")

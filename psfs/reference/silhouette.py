@@ -91,10 +91,9 @@ def mixed_ratio(
     for dy, dx in ((dy, dx) for dy in (-2, 0, 2) for dx in (-2, 0, 2)):
         on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
         here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
-        rest, person, w = difference[here], difference[ahead], weight[here]
-        share = _weighed(w, rest, person) / (_weighed(w, person, person) + 1e-6)
-        rest = rest - np.clip(share, 0, config.rim_share)[:, None] * person
-        least[here] = np.minimum(least[here], _weighed(w, rest, rest))
+        shown, person, w = difference[here], difference[ahead], weight[here]
+        share = np.clip(_fitting(w, shown, person), 0, config.rim_share)
+        least[here] = np.minimum(least[here], _distance_left(w, shown, share, person))
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
     ratio: np.ndarray = peak - config.rim_cost - 0.5 * least
     return ratio
@@ -198,6 +197,20 @@ def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return total
 
 
+def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The factor that takes y nearest to x."""
+    factor: np.ndarray = _weighed(weight, x, y) / (_weighed(weight, y, y) + 1e-6)
+    return factor
+
+
+def _distance_left(
+    weight: np.ndarray, x: np.ndarray, factor: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """The squared distance that a factor leaves."""
+    rest = x - factor[..., None] * y
+    return _weighed(weight, rest, rest)
+
+
 def light_factor(
     image: np.ndarray, mean: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -206,9 +219,8 @@ def light_factor(
     image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
-    alpha = _weighed(weight, image, mean) / (_weighed(weight, mean, mean) + 1e-6)
-    rest = image - alpha[..., None] * mean
-    return alpha, _weighed(weight, rest, rest)
+    alpha = _fitting(weight, image, mean)
+    return alpha, _distance_left(weight, image, alpha, mean)
 
 
 def background_ratio(
@@ -229,11 +241,10 @@ def background_ratio(
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
-    factor, _ = light_factor(image, mean, weight)
+    factor = _fitting(weight, image, mean)
 
     def distance(alpha: np.ndarray) -> np.ndarray:
-        rest = image - alpha[..., None] * mean
-        return _weighed(weight, rest, rest)
+        return _distance_left(weight, image, alpha, mean)
 
     alpha = np.clip(factor, config.shadow_low, config.shadow_high)
     dimmed = distance(alpha) + ((1 - alpha) / config.shadow_width(mean)) ** 2

@@ -40,6 +40,8 @@ SCORED = 2000
 PARTICLES = (50, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 LAYERS = (1, 2, 5, 10, 20)
 CAMERAS = (1, 2, 4, 6, 8)
+#: Frames timed where a setting grows.
+_GROWTH_RUNS = 15
 #: What a CPU grows to: the others take seconds each.
 _MOST_ON_CPU = 5000
 #: The twin takes seconds for these; time grows with their number.
@@ -177,13 +179,11 @@ def _growths(place: Place, problem: Problem) -> dict[str, Callable[[], Any]]:
     most = _MOST_ON_CPU if place.cores else max(PARTICLES)
     particles = tuple(n for n in PARTICLES if n <= most)
     counts = {"particles": particles, "layers": LAYERS, "cameras": CAMERAS}
-    return {
-        what: partial(growth, place, problem, what, values, 15) for what, values in counts.items()
-    }
+    return {what: partial(growth, place, problem, what, values) for what, values in counts.items()}
 
 
 def growth(
-    place: Place, problem: Problem, what: str, values: tuple[int, ...], runs: int
+    place: Place, problem: Problem, what: str, values: tuple[int, ...]
 ) -> list[dict[str, Any]]:
     """A row per value of `what`, all else as it is: scoring, and the halves of a frame."""
     rows = []
@@ -193,6 +193,6 @@ def growth(
         scored = value if what == "particles" else SCORED
         row: dict[str, Any] = {"value": value, "scored": scored, "cameras": len(changed.scene.rig)}
         if what != "layers":
-            row["scoring"] = scoring(place, changed, scored, runs)
-        rows.append(row | halves(place, changed, runs))
+            row["scoring"] = scoring(place, changed, scored, _GROWTH_RUNS)
+        rows.append(row | halves(place, changed, _GROWTH_RUNS))
     return rows
