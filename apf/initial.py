@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,6 +22,8 @@ _JOINT_SIGMA, _SCALE_SIGMA, _ANGLE_SIGMA = 0.01, 0.3, 3.0
 _STEP = 1e-7
 #: Known joints that are asked for, or all of a body with fewer.
 _LEAST_JOINTS = 8
+#: Evaluations after which the best of the headings is gone on with.
+_TRIAL = 8
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:
@@ -48,9 +51,9 @@ def fit_to_joints(
 ) -> tuple[BodyModel, np.ndarray, float]:
     """Body with bone lengths scaled to `joints` (name -> (3,) m), its pose (D,), rms error m.
 
-    Least squares over pose and one scale per bone (left and right share one), from four headings.
-    Radii grow with the mean length. Raises UserError if fewer than 8 known joints, or
-    not all of a body with fewer, are given.
+    Least squares over pose and one scale per bone (left and right share one), from the best of
+    four headings. Radii grow with the mean length. Raises UserError if fewer than 8 known joints,
+    or not all of a body with fewer, are given.
     """
     names = _known(body, joints)
     target = np.stack([joints[name] for name in names])
@@ -88,16 +91,14 @@ def fit_to_joints(
 
     lower = np.concatenate([body.lower, np.full(len(groups), -1.0)])
     upper = np.concatenate([body.upper, np.full(len(groups), 1.0)])
-    best = None
-    for heading in np.arange(4) * np.pi / 2:
-        pose = _root_at(body, free, target.mean(0), heading)
-        start = np.concatenate([pose, np.zeros(len(groups))])
-        solution = least_squares(
-            residuals, np.clip(start, lower + 1e-9, upper - 1e-9), jacobian, bounds=(lower, upper)
-        )
-        if best is None or solution.cost < best.cost:
-            best = solution
-    assert best is not None
+
+    def solved(start: np.ndarray, most: int | None) -> Any:
+        inside = np.clip(start, lower + 1e-9, upper - 1e-9)
+        return least_squares(residuals, inside, jacobian, bounds=(lower, upper), max_nfev=most)
+
+    poses = [_root_at(body, free, target.mean(0), k * np.pi / 2) for k in range(4)]
+    tried = [solved(np.concatenate([pose, np.zeros(len(groups))]), _TRIAL) for pose in poses]
+    best = solved(min(tried, key=lambda solution: solution.cost).x, None)
     scaled, pose = unpack(best.x)
     offset = posed_joints(scaled, pose[None])[0, chosen] - target
     error = float(np.sqrt(np.mean(np.sum(offset**2, -1))))

@@ -78,10 +78,10 @@ def test_a_late_camera_is_left_out_and_named(
     folder = late_walk(tmp_path / "walk")
     assert main(["info", str(folder)]) == 0
     assert "camera c2 disagrees" in capsys.readouterr().out
-    volumes = {}
+    volumes, some = {}, ["--voxel-size", "0.05", "--frames", "::3"]
     for flag in ("--no-colour", "--all-cameras"):
         out = tmp_path / flag
-        assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05", flag]) == 0
+        assert main(["reconstruct", str(folder), "-o", str(out), *some, flag]) == 0
         summary = json.loads((out / "summary.json").read_text())
         volumes[flag] = summary["frames"][0]["volume_m3"]
         assert len(summary["sequence"]["cameras"]) == (8 if flag == "--all-cameras" else 7)
@@ -98,7 +98,7 @@ def test_tracking_leaves_a_late_camera_out(
 ) -> None:
     folder, pose = late_walk(tmp_path / "walk"), tmp_path / "pose.txt"
     np.savetxt(pose, load_body("song31").rest_pose)
-    small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--voxel-size", "0.05"]
+    small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--objective", "sp"]
     command = ["track", str(folder), "-o", str(tmp_path / "out"), "--init", str(pose)]
     assert apf.cli.main([*command, *small, "--no-overlay", *flags]) == 0
     warned = "left out: camera c2 disagrees" in capsys.readouterr().err
