@@ -5,7 +5,8 @@
 
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
-writes OUT/results.json (all runs), runs.csv, tables.csv and accuracy.png, and prints tables.
+writes OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
+and prints tables.
 Without folders it films walks of its own. A second call with the same OUT goes on where the first
 stopped.
 """
@@ -23,13 +24,15 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.recordings import Recording, record
-from accuracy.report import plot, print_joints, print_tables, write_summary
+from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
 from accuracy.thesis import TABLES as THESIS
-from accuracy.thesis import headline, thesis_plan, write_thesis
+from accuracy.thesis import headline as thesis_headline
+from accuracy.thesis import thesis_plan, write_thesis
 from timings.report_readme import replace_marked
 from timings.results import checked_out_commit
+from timings.tables import Grid
 
 from apf.config import TERMS, FilterConfig
 from apf.methods import OBJECTIVES, SEARCHES
@@ -97,7 +100,7 @@ def main() -> int:
     parser.add_argument(
         "--readme",
         action="store_true",
-        help="instead of any run: thesis.md and the README's table from OUT/results.json",
+        help="instead of any run: the Markdown and the README's table from OUT/results.json",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -113,9 +116,7 @@ def _run(args: argparse.Namespace) -> None:
     if args.seeds < 1:
         raise UserError(f"--seeds {args.seeds}; expected at least 1")
     if args.readme:
-        results = Results.read(args.out / "results.json")
-        write_thesis(args.out / "thesis.md", results)
-        replace_marked(_ROOT / "README.md", "accuracy", headline(results))
+        _update_readme(args)
         return
     device = select_device(args.device)
     if not isinstance(device, Device):
@@ -147,12 +148,37 @@ def _run(args: argparse.Namespace) -> None:
             results.write_csv(args.out / "runs.csv")
             write_summary(args.out / "tables.csv", plan, results)
             plot(args.out / "accuracy.png", plan, results)
-            print_tables(plan, results, args.seeds)
-            for setting in dict.fromkeys(_first_settings(plan)):
-                print_joints(setting, results.of(setting))
+            shown = _shown(plan, results)
+            for grid in shown:
+                grid.show()
             if args.thesis is not None:
                 write_thesis(args.out / "thesis.md", results)
+            else:
+                write_tables(args.out / "tables.md", shown, results)
             stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
+
+
+def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
+    """The tables, and of every sequence the joints in its first setting."""
+    firsts = [s for s in dict.fromkeys(_first_settings(plan)) if results.of(s)]
+    return [*grids(plan, results), *(joints(s, results.of(s)) for s in firsts)]
+
+
+def _update_readme(args: argparse.Namespace) -> None:
+    """The Markdown and the README's table, from results of `--thesis` or of other tables."""
+    results = Results.read(args.out / "results.json")
+    if args.thesis is not None:
+        write_thesis(args.out / "thesis.md", results)
+        replace_marked(_ROOT / "README.md", "thesis", thesis_headline(results))
+        return
+    values = {name: getattr(args, name) for name in DIMENSIONS}
+    plan: dict[Table, list[Setting]] = {}
+    for table in map(Table.named, args.tables):
+        names = dict.fromkeys(run.setting.sequence for run in results.runs)
+        settings = [setting for name in names for setting in table.settings(name, values)]
+        plan[table] = [setting for setting in settings if results.of(setting)]
+    write_tables(args.out / "tables.md", _shown(plan, results), results)
+    replace_marked(_ROOT / "README.md", "accuracy", headline(plan, results))
 
 
 def _own_walks(out: Path, device: Device) -> list[Path]:

@@ -22,10 +22,11 @@ from psfs.sequence import Sequence
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
 from accuracy.recordings import Recording, spread_cameras
-from accuracy.report import Summary, print_tables, write_summary
+from accuracy.report import Summary, grids, headline, joints, write_summary, write_tables
 from accuracy.runs import Results, Run, method_of, together
 from accuracy.settings import Setting, Table
-from accuracy.thesis import TABLES, headline, thesis_plan, write_thesis
+from accuracy.thesis import TABLES, thesis_plan, write_thesis
+from accuracy.thesis import headline as thesis_headline
 from timings.report_readme import replace_marked
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "accuracy.py"
@@ -62,7 +63,7 @@ def test_tables_vary_their_dimensions_alone() -> None:
             Table.named(wrong)
 
 
-def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_are_kept_and_resumed(tmp_path: Path) -> None:
     path = tmp_path / "out" / "results.json"
     results = Results.resumed(path, {"filter": {"noise": 0.5}})
     results.add(a_run(BASE, 0, 40.0))
@@ -74,8 +75,6 @@ def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture
     assert summary is not None and str(summary) == f"42.0 ± {np.sqrt(8):.1f}, 1 lost"
     table = Table.named("cameras")
     plan = {table: list(table.settings("walk", VALUES))}
-    print_tables(plan, again, 10)
-    assert "42.0 ± 2.8, 1 lost" in capsys.readouterr().out
     write_summary(tmp_path / "tables.csv", plan, again)
     again.write_csv(tmp_path / "runs.csv")
     assert "cameras,walk,8,1,apf,voxel,200,10,42.00,2.83," in (tmp_path / "tables.csv").read_text()
@@ -91,6 +90,26 @@ def test_runs_are_kept_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture
     path.write_text("[]")
     with pytest.raises(UserError, match=r"not the results of accuracy\.py"):
         Results.resumed(path, {})
+
+
+def test_tables_in_markdown(tmp_path: Path) -> None:
+    results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
+    results.add(a_run(BASE, 0, 40.0))
+    results.add(a_run(BASE, 1, 44.0, "left arm"))
+    results.add(a_run(replace(BASE, objective="surface"), 0, 50.0))
+    tables = [Table.named(name) for name in ("cameras", "particles:objective")]
+    plan = {table: list(table.settings("walk", VALUES)) for table in tables}
+    shown = [*grids(plan, results), joints(BASE, results.of(BASE))]
+    write_tables(tmp_path / "tables.md", shown, results)
+    text = (tmp_path / "tables.md").read_text()
+    assert "abacus, 20" in text and "c0ffee" in text and "up to 2 seeds" in text
+    assert "| sequence | cameras: 4 | cameras: 8 |" in text
+    assert "| walk | - | 42.0 ± 2.8, 1 lost |" in text
+    assert "| sequence | particles | voxel | surface |" in text
+    assert "| walk | 200 | 42.0 ± 2.8, 1 lost | 50.0 ± 0.0 |" in text
+    assert "| walk | 50 | - | - |" in text
+    assert "| pelvis | 42.0 | 1.0 | 2.0 |" in text and "| all | 42.0 | 10.0 | 20.0 |" in text
+    assert "cameras: 8" in headline(plan, results) and "surface" not in headline(plan, results)
 
 
 def test_methods_and_objectives() -> None:
@@ -155,10 +174,11 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     assert "| particle filter (PF) | 96.0 ± 0.0 | 204.0 ± 0.0 | - | - |" in text
     assert "| PF | 112.4 ± 42.2 |" in text  # the thesis's own
     assert "| CUDA-OpenGL | 500 | 37.6 ± 7.6 |" in text
-    assert "| PSO, 10 iterations | - |" in headline(results) and "abacus" in headline(results)
+    assert "| PSO, 10 iterations | - |" in thesis_headline(results)
+    assert "abacus" in thesis_headline(results)
     results.add(a_run(replace(BASE, sequence="run"), 0, 1.0))
     with pytest.raises(UserError, match="2 sequences; expected one"):
-        headline(results)
+        thesis_headline(results)
     with pytest.raises(UserError, match="not the results"):
         Results.read(tmp_path / "absent.json")
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from rich.table import Table as RichTable
+from timings.tables import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
-from psfs.commandline import stdout
 from psfs.files import written_whole
+
+_LOST = "lost: runs in which a limb's end was lost, as `apf evaluate` says."
+_CONSTANT = "constant: the offset that a joint keeps in the body's own frame; rest: without"
 
 
 @dataclass(frozen=True)
@@ -50,47 +53,61 @@ class Summary:
         return f"{self.mean:.1f} ± {self.std:.1f}{lost}"
 
 
-def print_tables(tables: dict[Table, list[Setting]], results: Results, seeds: int) -> None:
-    """A table per dimension varied, last dimension in columns."""
-    for table, settings in tables.items():
-        columns = table.columns(settings)
-        by_place = {(table.row_of(s), table.column_of(s)): s for s in settings}
-        title = f"Mean error, mm ± deviation over up to {seeds} seeds, by {table.title}"
-        shown = RichTable(title=title, title_justify="left")
-        for heading in ("sequence", *(DIMENSIONS[name] for name in table.dimensions[:-1])):
-            shown.add_column(heading)
-        for column in columns:
-            shown.add_column(f"{column}", justify="right")
-        for row in table.rows(settings):
-            cells = []
-            for column in columns:
-                setting = by_place.get((row, column))
-                summary = Summary.of(results.of(setting)) if setting else None
-                cells.append(str(summary) if summary else "-")
-            shown.add_row(*map(str, row), *cells)
-        stdout.print(shown)
-    stdout.print("lost: runs in which the end of a limb was lost, as `apf evaluate` says")
+def grids(tables: dict[Table, list[Setting]], results: Results) -> list[Grid]:
+    """A grid per table, its last dimension in columns; settings without runs show none."""
+    return [_grid(table, settings, results) for table, settings in tables.items()]
 
 
-def print_joints(setting: Setting, runs: list[Run]) -> None:
+def _grid(table: Table, settings: list[Setting], results: Results) -> Grid:
+    *heads, across = (DIMENSIONS[name] for name in table.dimensions)
+    columns = table.columns(settings)
+    cells: dict[tuple[Any, ...], dict[Any, str]] = {row: {} for row in table.rows(settings)}
+    for setting in settings:
+        summary = Summary.of(results.of(setting))
+        cells[table.row_of(setting)][table.column_of(setting)] = str(summary) if summary else NONE
+    rows = [[*map(str, row), *(of.get(c, NONE) for c in columns)] for row, of in cells.items()]
+    shown = [f"{across}: {c}" if isinstance(c, int) else str(c) for c in columns]
+    return Grid(f"Mean error, mm, by {table.title}", ["sequence", *heads, *shown], rows)
+
+
+def joints(setting: Setting, runs: list[Run]) -> Grid:
     """Per joint the mean error over all seeds, the part that is constant, and the rest."""
-    if not runs:
-        return
-    title = f"Joints of {setting.sequence}, {setting.cameras} cameras, {setting.method}, mm"
-    table = RichTable(title=title, title_justify="left")
-    table.add_column("joint")
-    for heading in ("mean", "constant", "rest"):
-        table.add_column(heading, justify="right")
-    for name in runs[0].joints:
-        values = np.mean([run.joints[name] for run in runs], axis=0)
-        table.add_row(name, *(f"{value:.1f}" for value in values))
+    rows = [
+        [name, *(f"{np.mean([run.joints[name][k] for run in runs]):.1f}" for k in range(3))]
+        for name in runs[0].joints
+    ]
     summary = Summary.of(runs)
     assert summary is not None
-    table.add_section()
-    shown = (summary.mean, summary.constant, summary.rest)
-    table.add_row("all", *(f"{value:.1f}" for value in shown), style="bold")
-    stdout.print(table)
-    stdout.print("constant: the offset that a joint keeps in the body's own frame; rest: without")
+    rows.append(["all", *(f"{of:.1f}" for of in (summary.mean, summary.constant, summary.rest))])
+    title = (
+        f"Joints of {setting.sequence}, {setting.cameras} cameras, {setting.method}, "
+        f"{setting.particles} x {setting.layers}, mm"
+    )
+    return Grid(title, ["joint", "mean", "constant", "rest"], rows, _CONSTANT)
+
+
+def made_on(results: Results) -> str:
+    """Sequences, seeds, device, day and commit of results."""
+    names = sorted({run.setting.sequence for run in results.runs})
+    return (
+        f"{', '.join(names)}; up to {len({run.seed for run in results.runs})} seeds, from the true "
+        f"first pose; {results.conditions['device']}, {results.made}, commit "
+        f"{results.conditions['commit'] or 'unknown'}"
+    )
+
+
+def headline(tables: dict[Table, list[Setting]], results: Results) -> str:
+    """Markdown for the README: the first table."""
+    first = grids(tables, results)[0]
+    return replace(first, note=f"{made_on(results)}. {_LOST}").markdown()
+
+
+def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
+    """Markdown: what it was made on, and every grid."""
+    about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means. {_LOST}"
+    texts = ["# Errors of tracking", about, *(grid.markdown() for grid in parts)]
+    with written_whole(path) as temporary:
+        temporary.write_text("\n\n".join(texts) + "\n")
 
 
 def write_summary(path: Path, tables: dict[Table, list[Setting]], results: Results) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from timings.tables import NONE, Grid, quoted
 from timings.whole_tables import papers
 
-from accuracy.report import Summary
+from accuracy.report import Summary, made_on
 from accuracy.runs import Results
 from accuracy.settings import DIMENSIONS, Setting, Table
 from cl import UserError
@@ -51,8 +51,8 @@ def thesis_plan(folder: Path, cameras: int, numbers: list[str]) -> dict[Table, l
 def write_thesis(path: Path, results: Results) -> None:
     """Markdown: what it was made on, and each table after the thesis's own."""
     frames = max((run.frames for run in results.runs), default=0)
-    made_on = f"{frames} frames; {_made_on(results)}. {_NOTE}"
-    parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], made_on]
+    about = f"{frames} frames; {_made_on(results)}. {_NOTE}"
+    parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], about]
     for number in TABLES:
         parts += [f"## Thesis table {number}", _theirs(number).markdown()]
         parts.append(_ours(number, results).markdown())
@@ -69,14 +69,8 @@ def headline(results: Results) -> str:
 
 
 def _made_on(results: Results) -> str:
-    """Sequence, cameras, seeds, device, day and commit of results of one sequence."""
-    settings = [run.setting for run in results.runs]
-    return (
-        f"{_sequence(results)}, {max((s.cameras for s in settings), default=0)} cameras; up to "
-        f"{len({run.seed for run in results.runs})} seeds, from the true first pose; "
-        f"{results.conditions['device']}, {results.made}, commit "
-        f"{results.conditions['commit'] or 'unknown'}"
-    )
+    cameras = max((run.setting.cameras for run in results.runs), default=0)
+    return f"{cameras} cameras, {made_on(results)}"
 
 
 def _sequence(results: Results) -> str:
