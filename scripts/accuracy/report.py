@@ -19,6 +19,8 @@ from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
 from psfs.files import written_whole
 
+#: Of the rows of a sequence.
+_MARKS = "osv^Dx"
 _LOST = "lost: runs in which a limb's end was lost, as `apf evaluate` says."
 _CONSTANT = "constant: the offset that a joint keeps in the body's own frame; rest: without"
 
@@ -141,8 +143,11 @@ def plot(path: Path, tables: dict[Table, list[Setting]], results: Results) -> No
 
 
 def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -> None:
+    """A sequence keeps its colour; its rows differ by their marks."""
     columns = table.columns(settings)
     rows = table.rows(settings)
+    sequences = list(dict.fromkeys(row[0] for row in rows))
+    others = list(dict.fromkeys(row[1:] for row in rows))
     for number, row in enumerate(rows):
         points = [
             (columns.index(table.column_of(s)), summary)
@@ -155,18 +160,22 @@ def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -
         shift = 0.3 * ((number + 0.5) / len(rows) - 0.5)
         places = [place + shift for place, _ in points]
         means, stds = [p.mean for _, p in points], [p.std for _, p in points]
-        label = ", ".join(str(value) for value in row)
-        axes.errorbar(places, means, stds, marker="o", ms=4, capsize=3, lw=1.2, label=label)
+        axes.errorbar(
+            places, means, stds, marker=_MARKS[others.index(row[1:]) % len(_MARKS)], ms=4,
+            capsize=3, lw=1.2, color=f"C{sequences.index(row[0]) % 10}",
+            label=", ".join(str(value) for value in row),
+        )  # fmt: skip
         for place, summary in zip(places, (p for _, p in points), strict=True):
             if summary.lost:
                 axes.annotate(
-                    f"{summary.lost} lost", (place, summary.mean), xytext=(5, 5),
-                    textcoords="offset points", fontsize=8, color="#B22222",
+                    f"{summary.lost} lost", (place, summary.mean), fontsize=8,
+                    color=f"C{sequences.index(row[0]) % 10}", textcoords="offset points",
+                    xytext=(5, 14 - 9 * sequences.index(row[0])),
                 )  # fmt: skip
-    axes.set_xticks(range(len(columns)), [str(column) for column in columns])
+    axes.set_xticks(range(len(columns)), [str(column).replace("+", "+\n") for column in columns])
     axes.set_xlabel(DIMENSIONS[table.dimensions[-1]])
     axes.set_ylabel("mean error, mm")
     axes.set_ylim(bottom=0)
     axes.grid(axis="y", color="#DDDDDD", lw=0.6)
     axes.set_title(f"by {table.title}", loc="left", fontsize=10)
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=8, frameon=False, ncols=1 + (len(rows) > 5))

@@ -69,8 +69,13 @@ class Table:
             yield replace(base, **dict(zip(self.dimensions, combination, strict=True)))
 
     def rows(self, settings: Iterable[Setting]) -> list[tuple[Any, ...]]:
-        """The different rows: sequence, then values of all dimensions but the last."""
-        return list(dict.fromkeys(self.row_of(setting) for setting in settings))
+        """The different rows: sequence, then values of all dimensions but the last; of a sequence,
+        numbers ascending."""
+        found = list(dict.fromkeys(self.row_of(setting) for setting in settings))
+        if not all(isinstance(value, int) for row in found for value in row[1:]):
+            return found
+        sequences = list(dict.fromkeys(row[0] for row in found))
+        return sorted(found, key=lambda row: (sequences.index(row[0]), row[1:]))
 
     def columns(self, settings: Iterable[Setting]) -> list[Any]:
         """The different columns, numbers ascending."""
