@@ -87,6 +87,7 @@ class BodyModel:
 
     dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard
     deviation of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
+    ease: (D,) how far from rest is easy, infinite where no value is easier than another.
     edges: joint pairs to draw. apart: pairs of cones that must not lie in each other.
     """
 
@@ -99,6 +100,7 @@ class BodyModel:
     upper: np.ndarray
     sigma: np.ndarray
     rest_pose: np.ndarray
+    ease: np.ndarray
     edges: tuple[tuple[int, int], ...]
     apart: tuple[tuple[int, int], ...] = ()
 
@@ -216,6 +218,9 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     sigma = np.array([dof["sigma"] for dof in dofs], float)
     if not np.all(sigma >= 0):
         raise ValueError("a sigma is not a number from 0 on")
+    ease = np.array([dof.get("ease", np.inf) for dof in dofs], float)
+    if not np.all(ease > 0):
+        raise ValueError("an ease is not a positive number")
     return BodyModel(
         name=data["name"],
         bones=bones,
@@ -226,6 +231,7 @@ def _parse(data: dict[str, Any]) -> BodyModel:
         upper=limits[:, 1],
         sigma=sigma,
         rest_pose=np.array([dof.get("rest", 0.0) for dof in dofs], float),
+        ease=ease,
         edges=_pairs(data["edges"], joint_names, "joint"),
         apart=_pairs(data.get("apart", []), cone_names, "cone"),
     )
@@ -368,5 +374,6 @@ def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:
         "name": body.dof_names[axis.dof],
         "sigma": float(body.sigma[axis.dof]),
         "rest": float(body.rest_pose[axis.dof]),
+        "ease": float(body.ease[axis.dof]),
         "limits": [lower, upper],
     }

@@ -14,7 +14,9 @@ SIGMA_FPS = 60.0
 
 
 #: Terms of the voxels' likelihood, and the weights of those that are off by default.
-TERMS = ("edge", "silhouette", "surface", "overlap", "two-sided", "colour", "smoothness")
+TERMS = (
+    "edge", "silhouette", "surface", "overlap", "posture", "two-sided", "colour", "smoothness",
+)  # fmt: skip
 _WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.01}
 
 
@@ -43,28 +45,28 @@ def _weight_name(term: str) -> str:
 class FilterConfig:
     """Settings of the annealed particle filter; the defaults are Song et al.'s where they say.
 
-    n_particles, n_layers: size of the search. first_survival, last_survival: effective sample
-    size over number of particles that the exponent beta of the first and the last layer reaches,
-    linear in between. noise: scale of the body's sigma in the first layer; noise_decay: its
-    factor from layer to layer; spread: where positive, noise after the first layer is at most this
-    times the set's own deviation; velocity: share of the last change that is expected again, 0 for
-    Song et al. eq. (13), 1 for constant velocity; trunk_layers: so many first layers move the trunk
-    alone. edge_weight, silhouette_weight: of Song et al.
-    eq. (14) and (15); surface_weight: of the share of surface voxels that the cones leave
-    unexplained, counted once per camera; overlap_weight: of the depth to which parts that must
-    stay apart meet, likewise; two_sided_weight: of the share of the silhouettes that the body
-    leaves uncovered; colour_weight: of the share of surface voxels whose colour is not that of the
-    part nearest to them, see `LimbColours`, whose colours agree by half at colour_scale and move by
-    the share colour_rate after each frame; smoothness_weight: of the mean squared change since the
-    last frame, in smoothness_scale times the body's sigmas (at 60 frames/s), see `Smoothness`; all
-    five are 0 for Song's likelihood alone. surface_scale: distance, m,
-    at which a voxel is half unexplained; n_points: surface voxels that are looked at, by the
-    refinement at all of them, by each layer at every `point_turns`-th, in turn.
-    sample_spacing: distance, m, between samples on a cone. limb_spread: up to how many sigma (at
-    60 frames/s) limbs are looked for elsewhere before an estimate is settled, besides anywhere
-    within their limits; 0 for not at all. limb_margin, limb_far_margin: share by which the error
-    must fall for a limb to be moved there, and anywhere; limb_two_sided: least weight of the
-    two-sided term in that error.
+    n_particles, n_layers: size of the search. first_survival, last_survival: effective sample size
+    over number of particles that the exponent beta of the first and the last layer reaches, linear
+    in between. noise: scale of the body's sigma in the first layer; noise_decay: its factor from
+    layer to layer; spread: where positive, noise after the first layer is at most this times the
+    set's own deviation; velocity: share of the last change that is expected again, 0 for Song et
+    al. eq. (13), 1 for constant velocity; trunk_layers: so many first layers move the trunk alone.
+    edge_weight, silhouette_weight: of Song et al. eq. (14) and (15); surface_weight: of the share
+    of surface voxels that the cones leave unexplained, counted once per camera; overlap_weight: of
+    the depth to which parts that must stay apart meet, likewise; two_sided_weight: of the share of
+    the silhouettes that the body leaves uncovered; posture_weight: of the squared distance from
+    rest, in the body's eases, which settles where an arm is that the voxels do not show;
+    colour_weight: of the share of surface voxels whose colour is not that of the part nearest to
+    them, see `LimbColours`, whose colours agree by half at colour_scale and move by the share
+    colour_rate after each frame; smoothness_weight: of the mean squared change since the last
+    frame, in smoothness_scale times the body's sigmas (at 60 frames/s), see `Smoothness`; all six
+    are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is half
+    unexplained; n_points: surface voxels that are looked at, by the refinement at all of them, by
+    each layer at every `point_turns`-th, in turn. sample_spacing: distance, m, between samples on a
+    cone. limb_spread: up to how many sigma (at 60 frames/s) limbs are looked for elsewhere before
+    an estimate is settled, besides anywhere within their limits; 0 for not at all. limb_margin,
+    limb_far_margin: share by which the error must fall for a limb to be moved there, and anywhere;
+    limb_two_sided: least weight of the two-sided term in that error.
     """
 
     n_particles: int = 200
@@ -74,13 +76,14 @@ class FilterConfig:
     noise: float = 0.35
     noise_decay: float = 0.8
     spread: float = 0.0
-    velocity: float = 0.0
+    velocity: float = 0.5
     trunk_layers: int = 3
     edge_weight: float = 4.0
     silhouette_weight: float = 1.0
     surface_weight: float = 4.0
     overlap_weight: float = 1.0
     two_sided_weight: float = 0.0
+    posture_weight: float = 0.04
     colour_weight: float = 0.0
     colour_scale: float = 0.1
     colour_rate: float = 0.1
@@ -122,9 +125,9 @@ class FilterConfig:
         )  # fmt: skip
         others = (
             "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
-            "overlap_weight", "two_sided_weight", "colour_weight", "smoothness_weight",
-            "limb_spread", "limb_margin", "limb_far_margin", "limb_two_sided", "trunk_layers",
-            "refine_steps",
+            "overlap_weight", "two_sided_weight", "posture_weight", "colour_weight",
+            "smoothness_weight", "limb_spread", "limb_margin", "limb_far_margin", "limb_two_sided",
+            "trunk_layers", "refine_steps",
         )  # fmt: skip
         for name in positive:
             check_range(name, getattr(self, name), 0)

@@ -82,6 +82,8 @@ class VoxelLikelihood:
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
+        habits = np.stack([body.rest_pose, 1 / body.ease], -1)
+        self._habits = device.to_device(habits.astype(np.float32))
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
@@ -144,7 +146,8 @@ class VoxelLikelihood:
         self, poses: Array, place: tuple[int, int], errors: Array, two_sided: float
     ) -> list[Launch]:
         config = self.config
-        launches = [self._launch(poses.shape[0], poses, place, config.weights, errors)]
+        weights = config.weights, config.posture_weight
+        launches = [self._launch(poses.shape[0], poses, place, *weights, errors)]
         if self._coverage is not None and two_sided > 0:
             launches += self._coverage.launcher(poses, place, two_sided, errors)
         n_views = len(self.rig)
@@ -161,10 +164,16 @@ class VoxelLikelihood:
         fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
         surface voxels that it leaves unexplained."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        return [self._launch(self.misfit.size, poses, (0, 1), weights, self.misfit)]
+        return [self._launch(self.misfit.size, poses, (0, 1), weights, 0.0, self.misfit)]
 
     def _launch(
-        self, n: int, poses: Array, place: tuple[int, int], weights: np.ndarray, errors: Array
+        self,
+        n: int,
+        poses: Array,
+        place: tuple[int, int],
+        weights: np.ndarray,
+        posture: float,
+        errors: Array,
     ) -> Launch:
         """Score the first `n` of `poses`; place: first surface sample looked at, and stride."""
         config = self.config
@@ -188,7 +197,9 @@ class VoxelLikelihood:
             self.points,
             np.int32(self._n_pairs),
             self._pairs,
+            self._habits,
             weights,
+            np.float32(posture),
             errors,
         )
 

@@ -30,9 +30,15 @@ OBJECTIVES = ("voxel", *KINDS)
 #: What a search changes in the defaults of FilterConfig.
 SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
     "apf": {},
-    "pso": {"n_particles": 300, "point_turns": 1, "noise": 0.5},
+    "pso": {"n_particles": 300, "point_turns": 1, "noise": 0.5, "velocity": 0.0},
     # Its one layer must reach as far as the others' layers together.
-    "sir": {"n_particles": 3000, "n_layers": 1, "first_survival": 0.02, "noise": 1.0},
+    "sir": {
+        "n_particles": 3000,
+        "n_layers": 1,
+        "first_survival": 0.02,
+        "noise": 1.0,
+        "velocity": 0.0,
+    },
 }
 
 

@@ -92,8 +92,9 @@ def test_terms_of_the_likelihood_by_name() -> None:
     default = FilterConfig()
     song = FilterConfig(**likelihood_weights("edge,silhouette"))
     assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
+    assert song.posture_weight == 0
     assert FilterConfig(**likelihood_weights("surface=2.5")).weights.tolist() == [0, 0, 2.5, 0]
-    every = FilterConfig(**likelihood_weights("edge,silhouette,surface,overlap"))
+    every = FilterConfig(**likelihood_weights("edge,silhouette,surface,overlap,posture"))
     assert every == dataclasses.replace(default, limb_two_sided=0.0)
 
 

@@ -22,6 +22,7 @@ from apf.reference.likelihood import (
     overlap_errors,
     sampled_surface,
     share,
+    strain_errors,
     surface_errors,
     total_errors,
 )
@@ -92,14 +93,16 @@ class Setup:
         cones = posed_cones(self.body, self.poses)
         sampling = cone_sampling(self.body, self.config.sample_spacing)
         seen = share(points, turn, self.config.point_turns)
-        return total_errors(
+        errors = total_errors(
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
         )
+        strain = strain_errors(self.body, self.poses.astype(float))
+        return errors + len(self.rig) * self.config.posture_weight * strain
 
 
 def only(name: str, **settings: Any) -> FilterConfig:
     """Settings by which one term alone counts, once."""
-    terms = ("edge", "silhouette", "surface", "overlap")
+    terms = ("edge", "silhouette", "surface", "overlap", "posture")
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
     return replace(CONFIG, **weights, **settings)
 
@@ -457,3 +460,26 @@ def test_bodies_without_pairs_have_no_overlap(device: Device) -> None:
     rig = scenes.ring(1)
     poses = bodies.random_poses(body, 37)
     assert not Setup(device, body, rig, poses, smooth_maps(rig), only("overlap")).errors().any()
+
+
+def test_strain_counts_eases_from_rest() -> None:
+    body = bodies.named("song31")
+    eased = np.flatnonzero(np.isfinite(body.ease))
+    poses = np.tile(body.rest_pose, (3, 1))
+    poses[1, eased[0]] += 2 * body.ease[eased[0]]
+    poses[2, eased[:2]] -= body.ease[eased[:2]]
+    poses[:, np.isinf(body.ease)] += 5.0  # not easier anywhere
+    np.testing.assert_allclose(strain_errors(body, poses), [0, 4, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n", [2, 37, 129])
+def test_strain_kernel_agrees(device: Device, name: str, n: int) -> None:
+    body, rig = bodies.named(name), scenes.ring(3)
+    setup = Setup(
+        device, body, rig, bodies.random_poses(body, n, wild=True), smooth_maps(rig),
+        only("posture"),
+    )  # fmt: skip
+    expected = setup.expected(NO_POINTS)
+    assert (expected > 1).any() == (name == "song31")  # the stick has no habits
+    np.testing.assert_allclose(setup.errors(), expected, rtol=1e-4, atol=1e-6)

@@ -92,6 +92,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     check_height(args)
     method = chosen_method(args)
+    # Frames are not equally far apart, and `Live` itself expects what moves to move on.
+    method = replace(method, filter=replace(method.filter, velocity=0.0))
     if method.uses_voxels and args.noise is None:
         method = replace(method, filter=replace(method.filter, noise=_NOISE))
     device = select_device(args.device)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from apf.body import BodyModel
 from apf.config import FilterConfig
 from apf.reference.cones import distances, outlines
 from apf.reference.coverage import uncovered_errors
@@ -79,6 +80,12 @@ def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.nd
                 distance = distances(point[None], cone[None])[0, 0]
                 errors[i] += np.clip(1 - distance / radius[i], 0, 1) ** 2
     return errors / max(1, 3 * len(pairs))
+
+
+def strain_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """(N,) sum over the degrees of freedom of the squared distance of poses (N, D) from rest, in
+    the body's eases."""
+    return np.sum(((poses - body.rest_pose) / body.ease) ** 2, 1)
 
 
 def total_errors(

@@ -14,7 +14,7 @@ from apf.likelihood import cone_sampling
 from apf.proposal import layer_sigmas
 from apf.reference.alternatives import settled
 from apf.reference.kinematics import posed_cones
-from apf.reference.likelihood import sampled_surface, share, total_errors
+from apf.reference.likelihood import sampled_surface, share, strain_errors, total_errors
 from apf.reference.limb_colours import chromaticities, colour_errors, learnt
 from apf.reference.noise import normals
 from apf.reference.smoothness import expectation, jump_errors
@@ -85,6 +85,7 @@ class NumpyVoxelLikelihood:
         body, rig = self.body, self.rig
         cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
+        errors = errors + len(rig) * config.posture_weight * strain_errors(body, poses)
         if config.colour_weight > 0:
             samples = share(self._colours, turn, turns)
             found = colour_errors(seen, samples, self.parts, cones, config.colour_scale)

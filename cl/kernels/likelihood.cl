@@ -159,9 +159,24 @@ inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfl
     return sum;
 }
 
+// Sum over this item's share of the degrees of freedom of the squared distance from rest, in eases:
+// habits has (rest, 1 / ease), the latter 0 where no value is easier than another.
+inline vfloat strain(__global const float2 *habits, __global const float *poses, int first,
+                     int n_particles)
+{
+    vfloat sum = 0.0f;
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
+#define VALUE(l) poses[lane_index(first, 0x##l, n_particles) * N_DOF + dof]
+        const vfloat bent = habits[dof].y * (PACK_OF(vfloat, VALUE) - habits[dof].x);
+#undef VALUE
+        sum += bent * bent;
+    }
+    return sum;
+}
+
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
-// silhouette error, to which surface and overlap error are added once per camera. Cameras that
-// see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
+// silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
+// that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
 // weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses, __global const float *table,
@@ -169,7 +184,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  __global const uchar *maps, __global const float4 *row_table,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
-                 float4 weights, __global float *errors)
+                 __global const float2 *habits, float4 weights, float posture,
+                 __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -194,6 +210,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                unexplained(n_points, first_point, stride, n, scale, points, cones, spans);
     if (weights.w > 0.0f && n_pairs > 0)
         sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
+    if (posture > 0.0f) sum += posture * strain(habits, poses, first, n_particles);
     sums[lane] = sum;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
