@@ -92,7 +92,7 @@ class FilterConfig:
     surface_scale: float = 0.05
     n_points: int = 1024
     point_turns: int = 8
-    sample_spacing: float = 0.05
+    sample_spacing: float = 0.06
     refine_steps: int = 4
     refine_scale: float = 0.03
     refine_reach: float = 0.06
