@@ -13,11 +13,10 @@ from psfs.ranges import check_range
 SIGMA_FPS = 60.0
 
 
-#: Terms of the voxels' likelihood, and the weights of those that are off by default.
-TERMS = (
-    "edge", "silhouette", "surface", "overlap", "posture", "two-sided", "colour", "smoothness",
-)  # fmt: skip
+#: Terms of the voxels' likelihood: the usual ones, and the weights of those off by default.
+USUAL_TERMS = ("edge", "silhouette", "surface", "overlap", "posture")
 _WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.01}
+TERMS = (*USUAL_TERMS, *_WEIGHTS_OF_OTHERS)
 
 
 def likelihood_weights(text: str) -> dict[str, float]:

@@ -28,8 +28,7 @@ from accuracy.report import grids, headline, joints, plot, write_summary, write_
 from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
 from accuracy.thesis import TABLES as THESIS
-from accuracy.thesis import headline as thesis_headline
-from accuracy.thesis import thesis_plan, write_thesis
+from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
 from timings.report_readme import replace_marked
 from timings.results import checked_out_commit
 from timings.tables import Grid
@@ -160,7 +159,7 @@ def _run(args: argparse.Namespace) -> None:
 
 def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
     """The tables, and of every sequence the joints in its first setting."""
-    firsts = [s for s in dict.fromkeys(_first_settings(plan)) if results.of(s)]
+    firsts = [s for s in _first_settings(plan) if results.of(s)]
     return [*grids(plan, results), *(joints(s, results.of(s)) for s in firsts)]
 
 

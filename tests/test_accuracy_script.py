@@ -25,8 +25,7 @@ from accuracy.recordings import Recording, spread_cameras
 from accuracy.report import Summary, grids, headline, joints, write_summary, write_tables
 from accuracy.runs import Results, Run, method_of, together
 from accuracy.settings import Setting, Table
-from accuracy.thesis import TABLES, thesis_plan, write_thesis
-from accuracy.thesis import headline as thesis_headline
+from accuracy.thesis import TABLES, thesis_headline, thesis_plan, write_thesis
 from timings.report_readme import replace_marked
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "accuracy.py"

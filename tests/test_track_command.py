@@ -61,8 +61,8 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
+    few = ["--frames", "0:3", "--no-overlay"]
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        few = ["--frames", "0:3", "--no-overlay"]
         assert track(walk, tmp_path / name, "--seed", seed, *few) == 0
     a, b, c = (Track.load(tmp_path / name).poses for name in "abc")
     np.testing.assert_array_equal(a, b)

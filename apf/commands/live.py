@@ -93,9 +93,8 @@ def run(args: argparse.Namespace) -> None:
     check_height(args)
     method = chosen_method(args)
     # Frames are not equally far apart, and `Live` itself expects what moves to move on.
-    method = replace(method, filter=replace(method.filter, velocity=0.0))
-    if method.uses_voxels and args.noise is None:
-        method = replace(method, filter=replace(method.filter, noise=_NOISE))
+    noise = _NOISE if method.uses_voxels and args.noise is None else method.filter.noise
+    method = replace(method, filter=replace(method.filter, velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise UserError("--device numpy is no device for live tracking; expected an OpenCL device")

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any
 
-from apf.config import TERMS, FilterConfig, likelihood_weights
+from apf.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weights
 from apf.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
 from apf.methods import OBJECTIVES, SEARCH_DEFAULTS, Method
 from apf.objective import ObjectiveConfig
@@ -77,7 +77,7 @@ def add_method_flags(
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
         "it is not the usual one; Song et al.'s is edge,silhouette; colour needs pictures "
-        f"(default: {','.join(TERMS[:5])}, and two-sided where limbs are looked for)",
+        f"(default: {','.join(USUAL_TERMS)}, and two-sided where limbs are looked for)",
     )
     group = parser.add_argument_group("search")
     rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]

@@ -69,7 +69,7 @@ def _grid(table: Table, settings: list[Setting], results: Results) -> Grid:
         cells[table.row_of(setting)][table.column_of(setting)] = str(summary) if summary else NONE
     rows = [[*map(str, row), *(of.get(c, NONE) for c in columns)] for row, of in cells.items()]
     shown = [f"{across}: {c}" if isinstance(c, int) else str(c) for c in columns]
-    return Grid(f"Mean error, mm, by {table.title}", ["sequence", *heads, *shown], rows)
+    return Grid(f"Mean error, mm, by {table.title}", ["sequence", *heads, *shown], rows, _LOST)
 
 
 def joints(setting: Setting, runs: list[Run]) -> Grid:
@@ -101,12 +101,12 @@ def made_on(results: Results) -> str:
 def headline(tables: dict[Table, list[Setting]], results: Results) -> str:
     """Markdown for the README: the first table."""
     first = grids(tables, results)[0]
-    return replace(first, note=f"{made_on(results)}. {_LOST}").markdown()
+    return replace(first, note=f"{made_on(results)}. {first.note}").markdown()
 
 
 def write_tables(path: Path, parts: Sequence[Grid], results: Results) -> None:
     """Markdown: what it was made on, and every grid."""
-    about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means. {_LOST}"
+    about = f"{made_on(results)}. mm, mean ± standard deviation of the runs' means."
     texts = ["# Errors of tracking", about, *(grid.markdown() for grid in parts)]
     with written_whole(path) as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")
@@ -157,20 +157,21 @@ def _panel(axes: Any, table: Table, settings: list[Setting], results: Results) -
         points.sort(key=lambda point: point[0])
         if not points:
             continue
+        nth = sequences.index(row[0])
+        colour = f"C{nth % 10}"
         shift = 0.3 * ((number + 0.5) / len(rows) - 0.5)
         places = [place + shift for place, _ in points]
         means, stds = [p.mean for _, p in points], [p.std for _, p in points]
         axes.errorbar(
             places, means, stds, marker=_MARKS[others.index(row[1:]) % len(_MARKS)], ms=4,
-            capsize=3, lw=1.2, color=f"C{sequences.index(row[0]) % 10}",
+            capsize=3, lw=1.2, color=colour,
             label=", ".join(str(value) for value in row),
         )  # fmt: skip
         for place, summary in zip(places, (p for _, p in points), strict=True):
             if summary.lost:
                 axes.annotate(
-                    f"{summary.lost} lost", (place, summary.mean), fontsize=8,
-                    color=f"C{sequences.index(row[0]) % 10}", textcoords="offset points",
-                    xytext=(5, 14 - 9 * sequences.index(row[0])),
+                    f"{summary.lost} lost", (place, summary.mean), fontsize=8, color=colour,
+                    textcoords="offset points", xytext=(5, 14 - 9 * nth),
                 )  # fmt: skip
     axes.set_xticks(range(len(columns)), [str(column).replace("+", "+\n") for column in columns])
     axes.set_xlabel(DIMENSIONS[table.dimensions[-1]])

@@ -60,7 +60,7 @@ def write_thesis(path: Path, results: Results) -> None:
         temporary.write_text("\n\n".join(parts) + "\n")
 
 
-def headline(results: Results) -> str:
+def thesis_headline(results: Results) -> str:
     """Markdown for the README: our table 6.4."""
     title = (
         "Particle filter and swarm over image features (SP), as many evaluations: mean error, mm"
