@@ -2,15 +2,18 @@
 
 from cl.array import Array
 from cl.device import Device, Launch, NumpyDevice, select_device
-from cl.errors import UserError
+from cl.errors import DeviceError, InputError, MissingFileError, UserError
 from cl.listing import DeviceInfo, list_devices
 from cl.profile import Profile
 
 __all__ = [
     "Array",
     "Device",
+    "DeviceError",
     "DeviceInfo",
+    "InputError",
     "Launch",
+    "MissingFileError",
     "NumpyDevice",
     "Profile",
     "UserError",

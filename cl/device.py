@@ -17,10 +17,10 @@ import numpy as np
 import pyopencl
 
 from cl.array import Array
-from cl.errors import UserError
+from cl.errors import DeviceError
 from cl.listing import DeviceInfo, device_info, list_devices, ranked_devices
 from cl.profile import Profile
-from cl.sources import Define, build_options, kernel_source
+from cl.program import Define, build_options, kernel_source
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +46,7 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
     """The device for `--device auto|gpu|cpu|numpy|NAME`.
 
     `auto` takes the GPU with the most compute units, else a CPU. NAME is any part of a device's
-    name or its platform's, in upper or lower case. Raises UserError when there is none such.
+    name or its platform's, in upper or lower case. Raises DeviceError when there is none such.
     """
     if choice == "numpy":
         return NumpyDevice()
@@ -60,7 +60,7 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
         chosen = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()]
     if not chosen:
         found = ", ".join(info.name for info in list_devices()) or "none at all"
-        raise UserError(f"no OpenCL device matches --device {choice}; found: {found}")
+        raise DeviceError(f"no OpenCL device matches --device {choice}; found: {found}")
     return Device(chosen[0], profile=profile)
 
 
@@ -84,7 +84,7 @@ class Device:
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
             self.queue = pyopencl.CommandQueue(self.context, properties=profiling * self.profile)
         except pyopencl.Error as error:
-            raise UserError(f"the device {self.name} cannot be used: {error}") from error
+            raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._programs: dict[tuple[str, str], Any] = {}
         # Shared by siblings, as a list and a lock are: bytes, and who is building.
@@ -147,7 +147,7 @@ class Device:
         try:
             buffer = pyopencl.Buffer(self.context, pyopencl.mem_flags.READ_WRITE, nbytes)
         except pyopencl.Error as error:
-            raise UserError(
+            raise DeviceError(
                 f"{self.name} could not allocate {_megabytes(nbytes)} for {what}: {error}"
             ) from error
         array = Array(self, buffer, shape, dtype)
@@ -168,11 +168,11 @@ class Device:
         return array
 
     def require_memory(self, nbytes: int, what: str) -> None:
-        """Raise UserError unless `nbytes` more can be allocated, in one piece."""
+        """Raise DeviceError unless `nbytes` more can be allocated, in one piece."""
         largest = self.handle.max_mem_alloc_size
         free = self.info.memory - self.allocated
         if nbytes > min(largest, free):
-            raise UserError(
+            raise DeviceError(
                 f"{what} needs {_megabytes(nbytes)}, but {self.name} has "
                 f"{_megabytes(max(free, 0))} left and allows {_megabytes(largest)} in one piece"
             )

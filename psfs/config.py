@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cl import UserError
-from psfs.ranges import check_range
+from cl import InputError
+from psfs.common.ranges import check_range
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,11 @@ class SilhouetteConfig:
     background's are mixed, is background up to that share of the person's, at the price of
     rim_cost nats; else rims of mixed pixels, which fit no background, would widen silhouettes.
     adapt: share of the difference to the frame that the background takes on per frame where nobody
-    is, see `psfs.adaptation`; 0 switches that off. It needs `learn`.
+    is, see `psfs.background.adaptation`; 0 switches that off. It needs `learn`.
     learn: let the reconstructed person teach colours and place for the next frame; see
-    `psfs.foreground`. place_inside, place_outside: P(F = 1) of a pixel well within the person's
-    place of the frame before and of one well outside, instead of foreground_prior. look_again:
+    `psfs.silhouettes.appearance`. place_inside, place_outside: P(F = 1) of a pixel well within
+    the person's place of the frame before and of one well outside, instead of
+    foreground_prior. look_again:
     work twice on a frame that does not follow shortly after the one before, the second time knowing
     the person's place; else only on the very first one, which takes half the time.
     """
@@ -84,9 +85,9 @@ class SilhouetteConfig:
         for name in ("clamp", "mask_clamp"):
             check_range(name, getattr(self, name), 0, 0.5)
         if not 0 <= self.adapt < 1:
-            raise UserError(f"adapt is {self.adapt}; expected a number from 0 to below 1")
+            raise InputError(f"adapt is {self.adapt}; expected a number from 0 to below 1")
         if not 0 < self.shadow_low <= 1 <= self.shadow_high:
-            raise UserError(
+            raise InputError(
                 f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
                 "expected 0 < low <= 1 <= high"
             )

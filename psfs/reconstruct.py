@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cl import Array, Device, NumpyDevice, UserError
-from psfs.bricks import Bricks
-from psfs.camera import CameraRig
-from psfs.colour import SurfaceColour
+from cl import Array, Device, InputError, NumpyDevice
+from cl.staging import Uploads
+from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig
-from psfs.follow import Follower
-from psfs.foreground import follows
-from psfs.grid import VoxelCloud, VoxelGrid
-from psfs.occupancy import Occupancy
-from psfs.silhouette import Silhouette
-from psfs.sparse import SparseSurface
-from psfs.surface import Surface
-from psfs.uploads import Uploads
+from psfs.silhouettes.appearance import follows
+from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.bricks import Bricks
+from psfs.voxels.colour import SurfaceColour
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.moving_grid import Follower
+from psfs.voxels.occupancy import Occupancy
+from psfs.voxels.sparse import SparseSurface
+from psfs.voxels.surface import Surface
 
 if TYPE_CHECKING:
-    from psfs.background import Background
+    from psfs.background.gaussian import Background
     from psfs.reference.reconstruct import NumpyReconstructor
     from psfs.sequence import Frame
 
@@ -54,10 +54,10 @@ class Voxels:
     def colours(self) -> Array:
         """Enqueue the surface's colours: (capacity, 4) uint8, RGB and how many cameras see it.
 
-        Raises UserError if the frame has no pictures.
+        Raises InputError if the frame has no pictures.
         """
         if self.frame is None or self.frame.images is None:
-            raise UserError("the frame has no pictures to colour its voxels with; expected images")
+            raise InputError("the frame has no pictures to colour its voxels with; expected images")
         if self._colour is None:
             rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
@@ -77,7 +77,7 @@ class Voxels:
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Download the surface voxels (waits for the device), with `colour` in RGB.
 
-        Raises UserError if there was no room for all of them, or no picture to colour them.
+        Raises InputError if there was no room for all of them, or no picture to colour them.
         """
         count = int(self.count.get()[0])
         self._surface.list.check_room()
@@ -144,16 +144,16 @@ class Reconstructor:
         return self.silhouette.evidence.get()
 
     def place(self, grid: VoxelGrid) -> None:
-        """Move to a grid of the same shape, from the next frame on. Raises UserError otherwise."""
+        """Move to a grid of the same shape, from the next frame on. Raises InputError otherwise."""
         if grid.shape != self.grid.shape:
-            raise UserError(f"the new grid has shape {grid.shape}; expected {self.grid.shape}")
+            raise InputError(f"the new grid has shape {grid.shape}; expected {self.grid.shape}")
         self._bricks.place(grid)
         self.voxels.grid = grid
 
     def prepare(self, frame: Frame) -> None:
         """Start the upload of the frame that the next call will be about, on a second queue.
 
-        The frame's pictures must not change until then. Raises UserError as a call does.
+        The frame's pictures must not change until then. Raises InputError as a call does.
         """
         if self._uploads is None:
             self._uploads = Uploads(self.device, self.silhouette.input)
@@ -161,7 +161,7 @@ class Reconstructor:
         self._ahead = frame
 
     def __call__(self, frame: Frame) -> Voxels:
-        """Enqueue the reconstruction of `frame`. Raises UserError if it lacks what is needed."""
+        """Enqueue the reconstruction of `frame`. Raises InputError if it lacks what is needed."""
         if self._follower is not None and self.voxels.frame is not None:
             moved = self._follower(self.grid)
             if moved is not self.grid:
@@ -205,11 +205,11 @@ class Reconstructor:
 
 
 def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
-    """The frame's pictures, or its masks if there is no background. Raises UserError if absent."""
+    """The frame's pictures, or its masks if there is no background. Raises InputError if absent."""
     pictures = frame.masks if background is None else frame.images
     if pictures is None:
         kind = "masks" if background is None else "pictures"
-        raise UserError(f"frame {frame.index} has no {kind}, which its silhouettes are made of")
+        raise InputError(f"frame {frame.index} has no {kind}, which its silhouettes are made of")
     return pictures
 
 

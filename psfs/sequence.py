@@ -14,16 +14,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cl import UserError
-from psfs.background import Background, background_from_frames, background_from_plates
-from psfs.camera import CameraRig
-from psfs.chroma import key_from_media
-from psfs.layouts import Footage, recognised
-from psfs.media import Decoder, Media
-from psfs.mixture import Mixture
-from psfs.prefetch import prefetched
-from psfs.settings import Settings
-from psfs.units import turned_rig, z_up_from
+from cl import InputError
+from psfs.background.chroma_key import key_from_media
+from psfs.background.gaussian import Background, background_from_frames, background_from_plates
+from psfs.background.mixture import Mixture
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.units import turned_rig, z_up_from
+from psfs.footage.layouts import Footage, recognised
+from psfs.footage.media import Decoder, Media
+from psfs.footage.prefetch import prefetched
+from psfs.footage.settings import Settings
 
 #: Memory for frames decoded ahead, and the most frames of them.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -67,7 +67,7 @@ class Sequence:
         """Recognise the folder's layout and read its calibration.
 
         overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which
-        wins over the layout's own defaults. Raises UserError for whatever does not fit.
+        wins over the layout's own defaults. Raises InputError for whatever does not fit.
         """
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
@@ -96,7 +96,7 @@ class Sequence:
     def frames(self, selection: slice | None = None) -> Iterator[Frame]:
         """The selected frames in order, decoded in a background thread ahead of the caller.
 
-        At most 16 frames or 256 MiB wait (but always one). Raises UserError, naming file and
+        At most 16 frames or 256 MiB wait (but always one). Raises InputError, naming file and
         frame, when one cannot be decoded.
         """
         indices = range(len(self))[selection or slice(None)]
@@ -159,7 +159,7 @@ class Sequence:
         }
         there, what = needs[kind]
         if not there:
-            raise UserError(f"{self.folder}: background kind {kind} needs {what}; found none")
+            raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
                 "no empty background: learnt from the frames; who keeps still becomes part of it"
@@ -181,7 +181,7 @@ class Sequence:
     def reader(self) -> Iterator[Callable[[int], Frame]]:
         """`read(index)` for frames in any order, cheapest forwards; all views at the same time.
 
-        Raises UserError as `frames` does.
+        Raises InputError as `frames` does.
         """
         decoders = [media.open() for media in self._views]
         workers = min(len(decoders), os.cpu_count() or 1)

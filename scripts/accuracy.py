@@ -33,13 +33,13 @@ from timings.report_readme import replace_marked
 from timings.results import checked_out_commit
 from timings.tables import Grid
 
-from apf.config import TERMS, FilterConfig
-from apf.methods import OBJECTIVES, SEARCHES
+from apf.filters.config import TERMS, FilterConfig
+from apf.filters.method import OBJECTIVES, SEARCHES
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from apf.track import spans
-from cl import Device, UserError, select_device
-from psfs.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
+from apf.tracking.track import spans
+from cl import Device, InputError, select_device
+from psfs.cli.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
 from psfs.sequence import Sequence
 
 _ROOT = Path(__file__).resolve().parent.parent
@@ -113,17 +113,17 @@ def main() -> int:
 
 def _run(args: argparse.Namespace) -> None:
     if args.seeds < 1:
-        raise UserError(f"--seeds {args.seeds}; expected at least 1")
+        raise InputError(f"--seeds {args.seeds}; expected at least 1")
     if args.readme:
         _update_readme(args)
         return
     device = select_device(args.device)
     if not isinstance(device, Device):
-        raise UserError("--device numpy would take days; expected an OpenCL device")
+        raise InputError("--device numpy would take days; expected an OpenCL device")
     folders = [folder.resolve() for folder in args.folders]
     if args.thesis is not None:
         if len(folders) != 1:
-            raise UserError(f"--thesis with {len(folders)} folders; expected one")
+            raise InputError(f"--thesis with {len(folders)} folders; expected one")
         plan = thesis_plan(
             folders[0], len(Sequence.open(folders[0]).rig), args.thesis or list(THESIS)
         )
@@ -198,13 +198,13 @@ def _plan(
 ) -> dict[Table, list[Setting]]:
     """The settings of each table. Sequences leave out numbers of cameras that they lack."""
     if len({folder.name for folder in folders}) < len(folders):
-        raise UserError("two folders have the same name; expected different ones")
+        raise InputError("two folders have the same name; expected different ones")
     plan: dict[Table, list[Setting]] = {table: [] for table in tables}
     for folder in folders:
         n_cameras = len(Sequence.open(folder).rig)
         fitting = [count for count in values["cameras"] if count <= n_cameras]
         if not fitting:
-            raise UserError(f"{folder}: has {n_cameras} cameras; expected {values['cameras']}")
+            raise InputError(f"{folder}: has {n_cameras} cameras; expected {values['cameras']}")
         for table in tables:
             plan[table] += table.settings(folder.name, {**values, "cameras": fitting})
     return plan

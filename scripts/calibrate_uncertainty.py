@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The constants of `apf.uncertainty.CALIBRATION`, from tracks whose truth is known.
+"""The constants of `apf.tracking.uncertainty.CALIBRATION`, from tracks whose truth is known.
 
     scripts/calibrate_uncertainty.py OUT/a=a/truth.npz ... --held-out OUT/b=b/truth.npz ...
 
@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from apf.body import sideless
-from apf.evaluate import LOST_LIMB, evaluate, load_truth
-from apf.track import Track
-from apf.uncertainty import CALIBRATION, Calibration, inside
-from cl import UserError
-from psfs.commandline import run_command, stdout
+from apf.body.model import sideless
+from apf.results.evaluate import LOST_LIMB, evaluate, load_truth
+from apf.tracking.track import Track
+from apf.tracking.uncertainty import CALIBRATION, Calibration, inside
+from cl import InputError
+from psfs.cli.commandline import run_command, stdout
 
 #: Scales that are tried, and the floors' bounds, m: the voxels' resolution at least.
 _SCALES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
@@ -119,7 +119,7 @@ def _tell_left_out(walks: dict[str, dict[str, Sample]]) -> None:
 
 
 def samples_by_walk(pairs: list[str]) -> dict[str, dict[str, Sample]]:
-    """By the truth's file, then by joint. Raises UserError."""
+    """By the truth's file, then by joint. Raises InputError."""
     walks: dict[str, list[str]] = {}
     for pair in pairs:
         walks.setdefault(pair.partition("=")[2], []).append(pair)
@@ -137,12 +137,12 @@ def pooled(walks: list[dict[str, Sample]]) -> dict[str, Sample]:
 
 
 def load_samples(pairs: list[str]) -> dict[str, Sample]:
-    """By joint, without its side. Raises UserError."""
+    """By joint, without its side. Raises InputError."""
     parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for pair in pairs:
         track, _, truth = pair.partition("=")
         if not truth:
-            raise UserError(f"{pair}; expected a track and its truth, TRACK=TRUTH")
+            raise InputError(f"{pair}; expected a track and its truth, TRACK=TRUTH")
         found = evaluate(Track.load(Path(track)), load_truth(truth))
         floors = CALIBRATION.floors(list(found.joint_names))
         raw = found.covariance - floors[:, None, None] ** 2 * np.eye(3)

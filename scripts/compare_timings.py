@@ -23,7 +23,7 @@ from timings import (
     whole_timings,
 )
 
-from psfs.commandline import run_command
+from psfs.cli.commandline import run_command
 
 #: One module per subcommand; `all`, which runs the others in this order, comes last.
 SUBCOMMANDS = (

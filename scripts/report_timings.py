@@ -19,7 +19,7 @@ from timings.report_machines import read_machines
 from timings.report_page import write_report
 from timings.report_readme import update_readme
 
-from psfs.commandline import run_command, stdout
+from psfs.cli.commandline import run_command, stdout
 
 _ROOT = Path(__file__).resolve().parent.parent
 _RESULTS = _ROOT / "scripts" / "results"

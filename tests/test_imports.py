@@ -6,23 +6,12 @@ import ast
 from pathlib import Path
 
 import pytest
+from helpers.source_tree import imports
 
 ROOT = Path(__file__).parents[1]
 #: What each package must not import.
 FORBIDDEN = {"cl": {"psfs", "apf"}, "psfs": {"apf"}, "apf": set()}
 FILES = [path for package in FORBIDDEN for path in sorted((ROOT / package).rglob("*.py"))]
-
-
-def imports(tree: ast.AST) -> list[tuple[str, str | None]]:
-    """(module, alias) of every import, those inside functions too."""
-    found: list[tuple[str, str | None]] = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found += [(alias.name, alias.asname) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "imports are absolute here"
-            found.append((node.module or "", None))
-    return found
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))

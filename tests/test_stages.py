@@ -6,10 +6,10 @@ import ast
 from pathlib import Path
 
 import pytest
-from test_imports import imports
+from helpers.source_tree import imports
 
 ROOT = Path(__file__).parents[1]
-KERNELS = {path.stem: path.read_text() for path in (ROOT / "cl" / "kernels").glob("*.cl")}
+KERNELS = {path.stem: path.read_text() for path in (ROOT / "cl" / "kernels").rglob("*.cl")}
 SOURCES = {
     path.relative_to(ROOT): path.read_text()
     for package in ("psfs", "apf")
@@ -20,13 +20,17 @@ LAUNCHERS = {path: text for path, text in SOURCES.items() if path not in TWINS}
 
 
 def imported_by_tests() -> set[str]:
-    paths = (ROOT / "tests").glob("*.py")
+    paths = (ROOT / "tests").rglob("*.py")
     return {module for path in paths for module, _ in imports(ast.parse(path.read_text()))}
 
 
 @pytest.mark.parametrize("stage", sorted(KERNELS))
 def test_every_stage_is_launched_and_compared_with_its_twin(stage: str) -> None:
-    assert [p for p, text in LAUNCHERS.items() if f'"{stage}"' in text and "kernel(" in text]
+    assert [
+        p
+        for p, text in LAUNCHERS.items()
+        if f"/{stage}" in text or (f'"{stage}"' in text and "kernel(" in text)
+    ]
     twins = [p for p, text in TWINS.items() if p.stem == stage or f"{stage}.cl" in text]
     assert twins, f"no NumPy twin names {stage}.cl"
     assert "twin" in KERNELS[stage].split("#include")[0].lower(), f"{stage}.cl names no twin"

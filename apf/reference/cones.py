@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.camera import Camera
+from psfs.cameras.camera import Camera
 
 #: Corners further out than this, px, count as unseen: interpolated in float, the lines between them
 #: would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.

@@ -1,4 +1,4 @@
-"""Image features in NumPy and OpenCV. Twin of apf/features.py, features.cl and distance.cl."""
+"""Image features in NumPy and OpenCV. Twin of features.cl and distance.cl."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from apf.features import CELL, FILLED, FeatureConfig, canny_edges, edge_pictures
+from apf.image_objective.features import CELL, FILLED, FeatureConfig, canny_edges, edge_pictures
 from cl import NumpyDevice
-from psfs.camera import CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
 from psfs.reconstruct import frame_input
 from psfs.reference.reprojection import boundary
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 
 if TYPE_CHECKING:
-    from psfs.background import Background
+    from psfs.background.gaussian import Background
     from psfs.sequence import Frame
 
 #: Gaussian 3x3 and then Sobel along one axis: a derivative there, smoothing across.

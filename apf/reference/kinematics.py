@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body import AXES, BodyModel
+from apf.body.model import AXES, BodyModel
 
 #: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
 #: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.config import FilterConfig
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
 from apf.reference.cones import distances, outlines
-from apf.reference.coverage import uncovered_errors
-from psfs.camera import Camera, CameraRig
+from apf.reference.silhouette_recall import uncovered_errors
+from psfs.cameras.camera import Camera, CameraRig
 
 
 def image_errors(

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.meshes import BodyMesh
-from apf.objective import FeatureMaps, ObjectiveConfig
+from apf.body.mesh import BodyMesh
+from apf.body.model import BodyModel
+from apf.image_objective.objective import FeatureMaps, ObjectiveConfig
 from apf.reference.render import Picture, draw_hypotheses
 from cl import NumpyDevice
-from psfs.camera import CameraRig
+from psfs.cameras.camera import CameraRig
 
 
 def count_pixels(

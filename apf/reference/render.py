@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.meshes import BodyMesh
+from apf.body.mesh import BodyMesh
+from apf.body.model import BodyModel
 from apf.reference.cones import FAR_OUT, distances, outlines
 from apf.reference.kinematics import posed_cones
-from psfs.camera import Camera, CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 
 #: What a camera sees: the number of the part, from 1, and whether it is an edge, both (h, w).
 Picture = tuple[np.ndarray, np.ndarray]

@@ -1,4 +1,4 @@
-"""The SIR particle filter in NumPy. Twin of apf/sir.py."""
+"""The SIR particle filter in NumPy. Twin of apf/filters/sir.py."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.config import FilterConfig
+from apf.body.model import BodyModel
+from apf.filters.annealed import Estimate
+from apf.filters.config import FilterConfig
+from apf.filters.sir import SirConfig, check_layers
 from apf.reference.annealing import (
     annealing_exponent,
     diffuse,
@@ -16,10 +18,8 @@ from apf.reference.annealing import (
     normalised_weights,
     systematic_parents,
 )
+from apf.reference.base import NumpyTracker
 from apf.reference.noise import uniform
-from apf.reference.search import NumpyTracker
-from apf.sir import SirConfig, check_layers
-from apf.tracker import Estimate
 
 
 class NumpySirParticleFilter(NumpyTracker):

@@ -1,4 +1,4 @@
-"""The particle swarm in NumPy. Twin of apf/swarm.py and swarm.cl."""
+"""The particle swarm in NumPy. Twin of apf/filters/swarm.py and swarm.cl."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.config import FilterConfig
+from apf.body.model import BodyModel
+from apf.filters.annealed import Estimate
+from apf.filters.config import FilterConfig
+from apf.filters.swarm import SwarmConfig
 from apf.reference.annealing import diffuse
+from apf.reference.base import NumpyTracker
 from apf.reference.noise import philox4x32, uniform01
-from apf.reference.search import NumpyTracker
-from apf.swarm import SwarmConfig
-from apf.tracker import Estimate
 
 
 def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int]) -> np.ndarray:

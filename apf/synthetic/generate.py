@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import tomli_w
 
+from apf.formats.trc import JointSeries, write_trc
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
-from apf.trc import JointSeries, write_trc
-from cl import Device, NumpyDevice, UserError
-from psfs.camera import CameraRig
-from psfs.files import write_picture
+from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import CameraRig
+from psfs.common.files import write_picture
 
 BACKGROUND_FRAMES = 30
 #: The true silhouettes of every so many frames are kept.
@@ -34,7 +34,7 @@ def generate(
 ) -> None:
     """Write the sequence that `config` describes to `folder`, whole or not at all.
 
-    `progress(done, frames)` is called after every frame. Raises UserError when `folder` holds
+    `progress(done, frames)` is called after every frame. Raises InputError when `folder` holds
     something that this function did not write, or a video cannot be written.
     """
     folder = Path(folder)
@@ -77,7 +77,7 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
-    """truth.npz (metres, Z up) and truth.trc (see `apf.trc`)."""
+    """truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`)."""
     fps, names, joints = scene.config.fps, scene.joint_names, scene.joints
     np.savez(folder / "truth.npz", joint_names=np.array(names), joints=joints, fps=np.float64(fps))
     write_trc(folder / "truth.trc", JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
@@ -101,7 +101,7 @@ def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarra
             )
             stack.callback(writer.release)
             if not writer.isOpened():
-                raise UserError(f"{path}: OpenCV could not open it for writing mp4v")
+                raise InputError(f"{path}: OpenCV could not open it for writing mp4v")
             writers.append(writer)
 
         def write(images: np.ndarray) -> None:
@@ -115,16 +115,16 @@ def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarra
 def _folder_written_whole(folder: Path) -> Iterator[Path]:
     """A temporary folder beside `folder`, moved to its place on success, else removed."""
     if folder.exists() and not folder.is_dir():
-        raise UserError(f"{folder}: is a file; expected a folder to write to")
+        raise InputError(f"{folder}: is a file; expected a folder to write to")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise UserError(
+        raise InputError(
             f"{folder}: holds files that `apf synth` did not write; expected a new or empty folder"
         )
     temporary = folder.with_name(f".{folder.resolve().name}.{os.getpid()}")
     try:
         temporary.mkdir(parents=True)
     except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror}") from error
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
     try:
         yield temporary
         if folder.is_dir():

@@ -9,8 +9,8 @@ from apf.synthetic.body import Flesh
 from apf.synthetic.gait import Gait
 from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
-from cl import Device, NumpyDevice, UserError
-from psfs.camera import CameraRig
+from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
 SHADOW_SIZE, SHADOW_STEP = 128, 0.04
@@ -18,6 +18,8 @@ SHADOW_SIZE, SHADOW_STEP = 128, 0.04
 TILE = 16
 #: Rows and columns of noise kept to draw each frame's from.
 _NOISE_MARGIN = 64
+
+_STAGE = "synthetic/scene"
 
 
 class Renderer:
@@ -52,25 +54,25 @@ class Renderer:
         centre = np.zeros(2, np.float32)
         grid, group = (width, height, views), (16, 4, 1)
         device.launch(
-            device.kernel("scene", "empty_room", **defines), grid, group, cameras,
+            device.kernel(_STAGE, "empty_room", **defines), grid, group, cameras,
             device.to_device(furniture.posters), device.to_device(furniture.boxes),
             np.int32(seed), self.room, distance, floor,
         )()  # fmt: skip
         self._shadow = device.launch(
-            device.kernel("scene", "floor_shadow", **defines), (SHADOW_SIZE, SHADOW_SIZE), (16, 4),
+            device.kernel(_STAGE, "floor_shadow", **defines), (SHADOW_SIZE, SHADOW_SIZE), (16, 4),
             self._balls, centre, shadow,
         )  # fmt: skip
         self._bin = device.launch(
-            device.kernel("scene", "bin_primitives", **defines), tile_grid, (4, 4, 1), cameras,
+            device.kernel(_STAGE, "bin_primitives", **defines), tile_grid, (4, 4, 1), cameras,
             self._primitives, tiles,
         )  # fmt: skip
         self._render = device.launch(
-            device.kernel("scene", "render", **defines), grid, group, cameras, self._primitives,
+            device.kernel(_STAGE, "render", **defines), grid, group, cameras, self._primitives,
             tiles, palette, self.room, distance, floor, shadow, centre, self.picture,
             self.mask, self.depth,
         )  # fmt: skip
         self._smooth = device.launch(
-            device.kernel("scene", "smooth_edges", **defines), grid, group, cameras,
+            device.kernel(_STAGE, "smooth_edges", **defines), grid, group, cameras,
             self._primitives, tiles, palette, self.room, distance, floor, shadow, centre, self.mask,
             self.picture,
         )  # fmt: skip
@@ -145,12 +147,12 @@ class SyntheticScene:
     """A person walking in a room, frame by frame, in memory; the same for the same seed.
 
     `rig`; `joint_names`; `joints` (F, J, 3) m; `background_images` (V, H, W, 3) uint8 BGR without
-    noise; `background_frame(i)` with it. Raises UserError for the NumPy device.
+    noise; `background_frame(i)` with it. Raises InputError for the NumPy device.
     """
 
     def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
         if isinstance(device, NumpyDevice):
-            raise UserError(
+            raise InputError(
                 "the synthetic scene is rendered with OpenCL only; "
                 "expected --device auto, gpu, cpu or a device's name, found numpy"
             )

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from apf.synthetic.walk import Walk
-from psfs.camera import Camera, CameraRig
-from psfs.ranges import check_range
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.ranges import check_range
 
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
@@ -22,7 +22,7 @@ WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
 class SceneConfig:
     """A synthetic sequence. size: (width, height) px; height: stature, m; noise: sigma of the
     sensor, grey levels; flicker: relative standard deviation of each frame's gain. Raises
-    UserError if a value makes no sense."""
+    InputError if a value makes no sense."""
 
     cameras: int = 4
     frames: int = 60

@@ -1,17 +1,17 @@
-"""The NumPy twin of `psfs.adaptation.Adaptation`."""
+"""The NumPy twin of `psfs.background.adaptation.Adaptation`."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
 
-from psfs.adaptation import ENOUGH, NEAREST, PERIOD, rates
-from psfs.background import Background
-from psfs.camera import CameraRig
+from psfs.background.adaptation import ENOUGH, NEAREST, PERIOD, rates
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
-from psfs.floor import CELL
-from psfs.foreground import REACH
 from psfs.reference.silhouette import _of_pixels, in_pictures
+from psfs.silhouettes.appearance import REACH
+from psfs.silhouettes.floor_shadow import CELL
 
 
 class NumpyAdaptation:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.camera import Camera, CameraRig
-from psfs.colour import TOLERANCE
-from psfs.footprints import footprints, pixel_boxes
-from psfs.grid import VoxelGrid
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import footprints, pixel_boxes
+from psfs.voxels.colour import TOLERANCE
+from psfs.voxels.grid import VoxelGrid
 
 
 def nearest_depth(
@@ -28,7 +28,7 @@ def surface_colour(
     rig: CameraRig, grid: VoxelGrid, surface: np.ndarray, images: np.ndarray, evidence: np.ndarray
 ) -> np.ndarray:
     """(N, 4) uint8 RGB of the voxels with flat indices `surface`, and the number of cameras in
-    the mean; images (V, H, W, 3) BGR. See `psfs.colour.SurfaceColour`."""
+    the mean; images (V, H, W, 3) BGR. See `psfs.voxels.colour.SurfaceColour`."""
     centres = grid.centres(surface)
     sums = np.zeros((2, len(centres), 3), int)  # seen within the silhouette, seen at all
     numbers = np.zeros((2, len(centres)), int)

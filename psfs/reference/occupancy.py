@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.camera import CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.config import OccupancyConfig
-from psfs.grid import VoxelGrid
+from psfs.voxels.grid import VoxelGrid
 
 
 def padded_grid(grid: VoxelGrid) -> VoxelGrid:

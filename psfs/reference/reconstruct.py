@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cl import Device, NumpyDevice, UserError
-from psfs.camera import CameraRig
-from psfs.chroma import ChromaKey
+from cl import Device, InputError, NumpyDevice
+from psfs.background.chroma_key import ChromaKey
+from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.foreground import follows
-from psfs.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.reconstruct import frame_input
 from psfs.reference.adaptation import NumpyAdaptation
+from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
-from psfs.reference.foreground import NumpyForeground
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
+from psfs.silhouettes.appearance import follows
+from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 
 if TYPE_CHECKING:
-    from psfs.background import Background
+    from psfs.background.gaussian import Background
     from psfs.sequence import Frame
 
 #: Peak of the float64 computation, measured.
@@ -44,9 +44,9 @@ class NumpyVoxels:
     colours: Callable[[], np.ndarray] | None = None
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
-        """The surface voxels, with `colour` in RGB. Raises UserError if there is no picture."""
+        """The surface voxels, with `colour` in RGB. Raises InputError if there is no picture."""
         if colour and self.colours is None:
-            raise UserError("the frame has no pictures to colour its voxels with; expected images")
+            raise InputError("the frame has no pictures to colour its voxels with; expected images")
         rgb = self.colours()[:, :3] if colour and self.colours else None
         probability = self.probability.ravel()[self.surface].astype(np.float32)
         volume = self.occupied * self.grid.voxel_size**3
@@ -79,7 +79,7 @@ class NumpyReconstructor:
         check_size(grid)
         needed, there = _BYTES_PER_VOXEL * grid.size, physical_memory()
         if needed > there:
-            raise UserError(
+            raise InputError(
                 f"a grid of {grid.size:,} voxels needs {needed / 2**20:,.0f} MiB, but this "
                 f"machine has {there / 2**20:,.0f} MiB"
             )

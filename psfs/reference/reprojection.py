@@ -1,4 +1,4 @@
-"""The NumPy twin of `psfs.reprojection.Reprojection`."""
+"""The NumPy twin of `psfs.voxels.reprojection.Reprojection`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.camera import Camera, CameraRig
-from psfs.footprints import footprints, pixel_boxes
-from psfs.grid import VoxelGrid
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import footprints, pixel_boxes
 from psfs.reference.reconstruct import NumpyVoxels
-from psfs.reprojection import edge_reach, proximity_table
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.reprojection import edge_reach, proximity_table
 
 
 def voxel_silhouette(
@@ -38,7 +38,7 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 def edge_proximity(edge: np.ndarray, sigma: float, radius: int) -> np.ndarray:
-    """(H, W) uint8, see `psfs.reprojection.Reprojection`."""
+    """(H, W) uint8, see `psfs.voxels.reprojection.Reprojection`."""
     if not edge.any():
         return np.zeros(edge.shape, np.uint8)
     squared = np.rint(ndimage.distance_transform_edt(~edge) ** 2).astype(int)

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from psfs.camera import CameraRig
-from psfs.chroma import ChromaKey
+from psfs.background.chroma_key import ChromaKey
+from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
-from psfs.floor import CELL, floor_points
-from psfs.foreground import BINS
-from psfs.reference.chroma import chroma_ratio
-from psfs.silhouette import FLOOR_LEFT, FULLY_LIT
+from psfs.reference.chroma_key import chroma_ratio
+from psfs.silhouettes.appearance import BINS
+from psfs.silhouettes.floor_shadow import CELL, floor_points
+from psfs.silhouettes.silhouette import FLOOR_LEFT, FULLY_LIT
 
 if TYPE_CHECKING:
-    from psfs.background import Background
-    from psfs.reference.foreground import NumpyForeground
+    from psfs.background.gaussian import Background
+    from psfs.reference.appearance import NumpyForeground
 
 
 def silhouette_evidence(

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
-from apf.evaluate import load_truth
-from apf.features import FeatureConfig, Features
-from apf.initial import fit_to_joints
-from apf.joint_names import match_joints
-from apf.trc import JointSeries
-from cl import Device, UserError
-from psfs.camera import CameraRig
-from psfs.files import written_whole
-from psfs.grid import VoxelCloud, VoxelGrid
+from apf.body.model import BodyModel, load_body
+from apf.formats.trc import JointSeries
+from apf.image_objective.features import FeatureConfig, Features
+from apf.initialisation.from_joints import fit_to_joints
+from apf.results.evaluate import load_truth
+from apf.results.joint_names import match_joints
+from cl import Device, InputError
+from psfs.cameras.camera import CameraRig
+from psfs.common.files import written_whole
 from psfs.reconstruct import Reconstructor
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid
+from psfs.voxels.bounding_volume import automatic_grid
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def record(
 ) -> Recording:
     """The recording of a sequence's folder with some of its cameras and every `step`-th frame.
 
-    Kept in the file `cache`, from which it is read if it is there. Raises UserError without truth.
+    Kept in the file `cache`, from which it is read if it is there. Raises InputError without truth.
     """
     sequence = Sequence.open(folder)
     sequence = Sequence.open(folder, cameras=spread_cameras(sequence.rig, cameras))
@@ -158,9 +158,9 @@ def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
 
 def spread_cameras(rig: CameraRig, count: int) -> list[str]:
     """Names of `count` cameras, evenly spread around what they look at; two stand as near to a
-    right angle as they can, since opposite ones see the same outline. Raises UserError."""
+    right angle as they can, since opposite ones see the same outline. Raises InputError."""
     if not 1 <= count <= len(rig):
-        raise UserError(f"{count} cameras of {', '.join(rig.names)}; expected 1 to {len(rig)}")
+        raise InputError(f"{count} cameras of {', '.join(rig.names)}; expected 1 to {len(rig)}")
     away = rig.centres - rig.centres.mean(0)
     bearings = np.arctan2(away[:, 1], away[:, 0])
     if count == 2:

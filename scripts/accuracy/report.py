@@ -17,7 +17,7 @@ from timings.tables import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table
-from psfs.files import written_whole
+from psfs.common.files import written_whole
 
 #: Of the rows of a sequence.
 _MARKS = "osv^Dx"

@@ -15,13 +15,13 @@ import numpy as np
 
 from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
-from apf.config import likelihood_weights
-from apf.evaluate import evaluate
-from apf.methods import OBJECTIVES, Method, batches
-from apf.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
-from apf.track import Track
-from cl import Device, UserError
-from psfs.files import written_whole
+from apf.filters.config import likelihood_weights
+from apf.filters.method import OBJECTIVES, Method, batches
+from apf.results.evaluate import evaluate
+from apf.tracking.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
+from apf.tracking.track import Track
+from cl import Device, InputError
+from psfs.common.files import written_whole
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class Run:
 
 
 def method_of(setting: Setting, seed: int) -> Method:
-    """The search and the objective of a setting. An objective is one of `apf.methods.OBJECTIVES`,
+    """The search and the objective of a setting. An objective is one of `OBJECTIVES`,
     sp@130 say for a shape of 130 vertices per part (Rymut 2016, table 6.5), or terms of the voxels'
-    likelihood joined by +, such as edge+silhouette. Raises UserError."""
+    likelihood joined by +, such as edge+silhouette. Raises InputError."""
     objective, _, vertices = setting.objective.partition("@")
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
@@ -72,7 +72,7 @@ def method_of(setting: Setting, seed: int) -> Method:
     if not vertices:
         return method
     if not vertices.isdigit():
-        raise UserError(f"objective {setting.objective}; expected a number of vertices after @")
+        raise InputError(f"objective {setting.objective}; expected a number of vertices after @")
     return replace(method, image=replace(method.image, vertices_per_part=int(vertices)))
 
 
@@ -104,7 +104,7 @@ def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[in
 
 def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]) -> list[Run]:
     """Track the whole recording once with each of `seeds`, all at once where the method can. Raises
-    UserError for unknown methods and objectives."""
+    InputError for unknown methods and objectives."""
     assert recording.first_pose  # fitted now, outside of the time taken
     began = time.perf_counter()
     tracks = tracked(device, recording, setting, seeds)
@@ -152,17 +152,17 @@ class Results:
 
     @classmethod
     def read(cls, path: Path) -> Results:
-        """What the file holds. Raises UserError if it is no such file."""
+        """What the file holds. Raises InputError if it is no such file."""
         try:
             data = json.loads(path.read_text())
             runs = [Run(**{**row, "setting": Setting(**row["setting"])}) for row in data["runs"]]
             return cls(path, dict(data["conditions"]), runs, data["made"])
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path}: not the results of accuracy.py ({error})") from None
+            raise InputError(f"{path}: not the results of accuracy.py ({error})") from None
 
     @classmethod
     def resumed(cls, path: Path, conditions: dict[str, Any]) -> Results:
-        """With what the file holds, if there is one. Raises UserError if it is no such file or
+        """With what the file holds, if there is one. Raises InputError if it is no such file or
         was made under other conditions."""
         conditions = json.loads(json.dumps(conditions))
         if not path.exists():
@@ -174,7 +174,7 @@ class Results:
         names = [key for key in conditions if before.get(key) != conditions[key]]
         names += [name for name in given if known.get(name, given[name]) != given[name]]
         if names:
-            raise UserError(
+            raise InputError(
                 f"{path}: made under other conditions ({', '.join(names)}); "
                 "expected another -o, or the same"
             )

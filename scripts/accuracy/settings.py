@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any
 
-from cl import UserError
+from cl import InputError
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Table:
 
     @classmethod
     def named(cls, text: str) -> Table:
-        """From dimensions joined by colons. Raises UserError for unknown ones."""
+        """From dimensions joined by colons. Raises InputError for unknown ones."""
         dimensions = tuple(text.split(":"))
         unknown = [name for name in dimensions if name not in DIMENSIONS]
         if unknown or len(set(dimensions)) < len(dimensions):
-            raise UserError(
+            raise InputError(
                 f"--tables {text}; expected different ones of {', '.join(DIMENSIONS)}, "
                 "joined by colons"
             )

@@ -12,8 +12,8 @@ from timings.whole_tables import papers
 from accuracy.report import Summary, made_on
 from accuracy.runs import Results
 from accuracy.settings import DIMENSIONS, Setting, Table
-from cl import UserError
-from psfs.files import written_whole
+from cl import InputError
+from psfs.common.files import written_whole
 
 #: What the thesis's tables are of: particle swarms of so many particles and iterations over SP.
 _BASE = {"method": "pso", "objective": "sp", "particles": 304, "layers": 10}
@@ -74,10 +74,10 @@ def _made_on(results: Results) -> str:
 
 
 def _sequence(results: Results) -> str:
-    """The one that was tracked. Raises UserError for another number of them."""
+    """The one that was tracked. Raises InputError for another number of them."""
     names = sorted({run.setting.sequence for run in results.runs})
     if len(names) != 1:
-        raise UserError(f"{results.path}: {len(names)} sequences; expected one")
+        raise InputError(f"{results.path}: {len(names)} sequences; expected one")
     return names[0]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from psfs.commandline import add_command, stderr
+from psfs.cli.commandline import add_command, stderr
 from timings.results import add_timing_flags
 
 #: Shares of a limited time; 1 for those not named.

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from apf.likelihood import VoxelLikelihood
-from apf.reference.search import NumpyVoxelLikelihood
-from apf.tracker import AnnealedParticleFilter
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.likelihood.voxel import VoxelLikelihood
+from apf.reference.base import NumpyVoxelLikelihood
 from cl import NumpyDevice
-from psfs.commandline import add_command
+from psfs.cli.commandline import add_command
 from psfs.reconstruct import Reconstructor
 from psfs.reference.reconstruct import NumpyReconstructor
 from timings.apf_tables import print_report

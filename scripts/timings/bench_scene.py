@@ -13,11 +13,11 @@ import numpy as np
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
 from cl import Device
-from psfs.background import Background
-from psfs.camera import CameraRig
-from psfs.grid import VoxelGrid
+from cl.staging import pinned
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame
-from psfs.uploads import pinned
+from psfs.voxels.grid import VoxelGrid
 
 #: Song et al.: 8 cameras of 640 x 480 pixels, 150 x 150 x 100 voxels.
 VIEWS, SHAPE = 8, (150, 150, 100)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pyopencl
 
-from cl import Device, UserError, list_devices
+from cl import Device, InputError, list_devices
 from cl.listing import ranked_devices
 
 _FMA = """
@@ -98,7 +98,7 @@ class Place:
 
 
 def places() -> list[Place]:
-    """Every OpenCL device of this process, GPUs first. Raises UserError if there is none."""
+    """Every OpenCL device of this process, GPUs first. Raises InputError if there is none."""
     found = []
     for handle in ranked_devices():
         name, units = handle.name.strip(), handle.max_compute_units
@@ -108,7 +108,7 @@ def places() -> list[Place]:
         else:
             found.append(Place(name, handle))
     if not found:
-        raise UserError("no OpenCL device; expected at least a CPU's")
+        raise InputError("no OpenCL device; expected at least a CPU's")
     return found
 
 
@@ -140,11 +140,11 @@ def only_cores(cores: int) -> dict[str, str]:
 
 
 def cpu_place() -> Place:
-    """The CPU of this process. Raises UserError if OpenCL has none."""
+    """The CPU of this process. Raises InputError if OpenCL has none."""
     for place in places():
         if place.cores:
             return place
-    raise UserError("no OpenCL device that is a CPU; expected PoCL's")
+    raise InputError("no OpenCL device that is a CPU; expected PoCL's")
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from apf.features import features_for
-from apf.methods import Method, tracker_of
-from apf.objective import ObjectiveConfig
-from apf.pipeline import at_rate
-from psfs.commandline import add_command
+from apf.filters.method import Method, tracker_of
+from apf.image_objective.features import features_for
+from apf.image_objective.objective import ObjectiveConfig
+from apf.tracking.pipeline import at_rate
+from psfs.cli.commandline import add_command
 from timings.bench_scene import FPS, playing
 from timings.measure import Place, Timing, places
 from timings.methods_tables import print_report

@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.features import Features
-from apf.objective import ImageObjective, ObjectiveConfig
-from apf.opengl import OpenGLRenderer
+from apf.body.model import BodyModel
+from apf.image_objective.features import Features
+from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.opengl import OpenGLRenderer
 from apf.reference.kinematics import posed_cones
 from apf.reference.objective import count_pixels, objective_values
 from apf.reference.render import Picture, draw_cones
 from cl import Device
-from psfs.camera import CameraRig
-from psfs.commandline import add_command
+from psfs.cameras.camera import CameraRig
+from psfs.cli.commandline import add_command
 from timings.measure import Place, Timing, apart, cpu_place, fewer_cores, only_cores, places, timed
 from timings.objective_tables import print_report
 from timings.results import Results, add_timing_flags

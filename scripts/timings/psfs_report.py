@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.table import Table
 
-from psfs.commandline import stdout
+from psfs.cli.commandline import stdout
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import STAGES

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from cl import NumpyDevice
-from psfs.commandline import add_command
-from psfs.raycast import load_open3d
+from psfs.cli.commandline import add_command
+from psfs.mesh.raycast import load_open3d
 from psfs.reconstruct import Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence

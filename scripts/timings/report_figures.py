@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from psfs.files import written_whole
+from psfs.common.files import written_whole
 from timings.report_machines import Machine, device_title
 from timings.stages import PARTS, STAGES
 from timings.tables import number

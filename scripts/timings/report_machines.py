@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from cl import UserError
+from cl import InputError
 from timings.results import Results, read_results
 
 
@@ -20,7 +20,7 @@ class Machine:
 
 
 def read_machines(folders: list[Path]) -> list[Machine]:
-    """One of each folder that holds results. Raises UserError if there is none at all, or one
+    """One of each folder that holds results. Raises InputError if there is none at all, or one
     without those of `compare_timings.py whole`, which the report is about."""
     machines = []
     for folder in folders:
@@ -29,11 +29,11 @@ def read_machines(folders: list[Path]) -> list[Machine]:
         if not results:
             continue
         if "whole" not in results or not results["whole"].starting("column "):
-            raise UserError(f"{folder}: no columns in whole.json; expected results of `whole`")
+            raise InputError(f"{folder}: no columns in whole.json; expected results of `whole`")
         machines.append(Machine(folder.name, _title(results), results))
     if not machines:
         shown = ", ".join(str(folder) for folder in folders) or "no folder"
-        raise UserError(f"{shown}: no results; expected *.json of compare_timings.py")
+        raise InputError(f"{shown}: no results; expected *.json of compare_timings.py")
     # The machine with the fewest devices first: pages lead from small to large.
     return sorted(machines, key=lambda m: len(_environment(m.results)["devices"]))
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from cl import UserError
-from psfs.files import written_whole
+from cl import InputError
+from psfs.common.files import written_whole
 from timings.report_machines import Machine
 from timings.report_page import headline_sentences
 from timings.tables import Grid, number, quoted, ratio
@@ -21,18 +21,18 @@ _STREAMED = (
 
 
 def update_readme(path: Path, machines: Sequence[Machine]) -> None:
-    """Replace the README's table of timings. Raises UserError if its marks are not there."""
+    """Replace the README's table of timings. Raises InputError if its marks are not there."""
     replace_marked(path, "timings", headline(machines))
 
 
 def replace_marked(path: Path, name: str, made: str) -> None:
-    """Put `made` between the marks of that name in a file. Raises UserError if they are not
+    """Put `made` between the marks of that name in a file. Raises InputError if they are not
     there."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     text = path.read_text()
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
-        raise UserError(f"{path}: expected {begin} and {end}, once")
+        raise InputError(f"{path}: expected {begin} and {end}, once")
     with written_whole(path) as temporary:
         temporary.write_text(pattern.sub(lambda _: f"{begin}\n{made}\n{end}", text))
 

@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from cl import UserError
-from psfs.commandline import stderr
-from psfs.files import written_whole
+from cl import InputError
+from psfs.cli.commandline import stderr
+from psfs.common.files import written_whole
 from timings.measure import Limits, Timing, environment
 
 #: Raised by one when a reader of older files would misunderstand newer ones.
@@ -81,10 +81,10 @@ class Results:
     ) -> Results:
         """The file OUT/<comparison>.json, which `--resume` takes up where it ended.
 
-        Raises UserError where OUT is no folder, or holds results of other settings to resume.
+        Raises InputError where OUT is no folder, or holds results of other settings to resume.
         """
         if args.out.exists() and not args.out.is_dir():
-            raise UserError(f"{args.out} is a file; expected a folder, or a name for a new one")
+            raise InputError(f"{args.out} is a file; expected a folder, or a name for a new one")
         path = args.out / f"{comparison}.json"
         kept = _round_trip({**settings, "quick": args.quick})
         results = cls(
@@ -97,7 +97,7 @@ class Results:
             same = ("schema", "comparison", "settings", "commit")
             for name in same:
                 if getattr(before, name) != getattr(results, name):
-                    raise UserError(
+                    raise InputError(
                         f"{path}: {name} is {getattr(before, name)}; expected "
                         f"{getattr(results, name)} to resume, or no --resume"
                     )
@@ -114,7 +114,7 @@ class Results:
     def section(self, name: str, measure: Callable[[], Any], quick: bool = True) -> Any:
         """What `measure()` returns, as read back from the file; None if it is left out.
 
-        A UserError, a missing module or a process of its own that died leaves the section out; so
+        A InputError, a missing module or a process of its own that died leaves the section out; so
         does `--quick` those that are not `quick`.
         """
         if name in self.sections:
@@ -122,13 +122,13 @@ class Results:
         started = time.monotonic()
         try:
             if self.settings["quick"] and not quick:
-                raise UserError("not with --quick")
+                raise InputError("not with --quick")
             if self.seconds_left <= 0:
-                raise UserError("no time left; --resume measures it")
+                raise InputError("no time left; --resume measures it")
             stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)
             self.sections[name] = _round_trip(measure())
             self.seconds[name] = round(time.monotonic() - started, 2)
-        except (UserError, ImportError, BrokenProcessPool) as error:
+        except (InputError, ImportError, BrokenProcessPool) as error:
             self.left_out[name] = str(error).splitlines()[0]
             stderr.print(f"left out: {name}: {self.left_out[name]}", soft_wrap=True)
         self.write()
@@ -146,17 +146,17 @@ class Results:
 
 
 def read_results(path: Path) -> Results:
-    """A file that `Results` wrote. Raises UserError if it is none, or of another version."""
+    """A file that `Results` wrote. Raises InputError if it is none, or of another version."""
     try:
         data = json.loads(path.read_text(), object_hook=_revived)
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:
-        raise UserError(f"{path}: no JSON; expected results of compare_timings.py") from None
+        raise InputError(f"{path}: no JSON; expected results of compare_timings.py") from None
     if not isinstance(data, dict) or set(data) != set(_ENVELOPE):
-        raise UserError(f"{path}: expected results of compare_timings.py ({', '.join(_ENVELOPE)})")
+        raise InputError(f"{path}: expected results of compare_timings.py ({', '.join(_ENVELOPE)})")
     if data["schema"] != SCHEMA:
-        raise UserError(f"{path}: schema {data['schema']}; expected {SCHEMA}")
+        raise InputError(f"{path}: schema {data['schema']}; expected {SCHEMA}")
     return Results(path=path, **data)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel
-from apf.config import FilterConfig
-from apf.likelihood import cone_sampling
-from psfs.grid import VoxelGrid
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.likelihood.voxel import cone_sampling
+from psfs.voxels.grid import VoxelGrid
 from timings.bench_scene import Scene
 
 #: In the order of the pipeline, with the part of Song et al.'s algorithm they belong to.
@@ -25,11 +26,10 @@ STAGES = tuple(stage for stages in PARTS.values() for stage in stages)
 #: By kernel file, where the names differ; by command where it belongs elsewhere than its file.
 _OF_FILE = {
     "floor_light": "silhouette",
-    "foreground": "learning",
+    "appearance": "learning",
     "adaptation": "learning",
-    "coverage": "likelihood",
-    "refine": "refinement",
-    "alternatives": "refinement",
+    "silhouette_recall": "likelihood",
+    "limb_search": "refinement",
 }
 _OF_COMMAND = {
     "upload": "upload",
@@ -47,10 +47,9 @@ _PIXEL, _PROJECTION, _MEAN, _SAMPLE, _DISTANCE, _BONE, _NORMAL = 60, 30, 27, 20,
 def _file_of_kernel() -> dict[str, str]:
     """Kernel name -> kernel file, without suffix."""
     found = {}
-    for file in (resources.files("cl") / "kernels").iterdir():
-        if file.name.endswith(".cl"):
-            for name in re.findall(r"__kernel[^{;]*?\bvoid\s+(\w+)\s*\(", file.read_text()):
-                found[name] = file.name.removesuffix(".cl")
+    for file in Path(str(resources.files("cl") / "kernels")).rglob("*.cl"):
+        for name in re.findall(r"__kernel[^{;]*?\bvoid\s+(\w+)\s*\(", file.read_text()):
+            found[name] = file.stem
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 from rich import box
 from rich.table import Table
 
-from psfs.commandline import stdout
+from psfs.cli.commandline import stdout
 
 #: Where there is no figure.
 NONE = "-"

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
-from apf.config import FilterConfig
-from apf.initial import fit_to_joints
-from apf.pipeline import at_rate
+from apf.body.model import BodyModel, load_body
+from apf.filters.annealed import Estimate, tracker_for
+from apf.filters.config import FilterConfig
+from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.kinematics import posed_joints
-from apf.tracker import Estimate, tracker_for
+from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
-from psfs.grid import VoxelCloud
 from psfs.reconstruct import reconstructor_for
 from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelCloud
 from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scene, there_and_back
 from timings.measure import Timing
 from timings.stages import STAGES, stage_of

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from cl import NumpyDevice
-from psfs.commandline import add_command
+from psfs.cli.commandline import add_command
 from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
 from timings.measure import (
     Place,

@@ -1,0 +1,226 @@
+"""Shapes of the body as triangle meshes that its bones move (Rymut 2016, 4.3 and table 6.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from apf.body.model import BodyModel, Cone
+from apf.reference.cones import distances
+from apf.reference.kinematics import bone_matrices, posed_cones
+from cl import InputError
+from psfs.common.files import read_npz
+
+#: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
+FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
+#: Bones that move one vertex, at most; smaller weights are left out.
+MAX_BONES = 4
+#: Parts are numbered in bytes of pictures, from 1.
+MAX_PARTS = 255
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMesh:
+    """A mesh bound to the bones of a body by linear blend skinning, Rymut 2016 eq. (4.25).
+
+    bones: (M, K) int, weights: (M, K) with sum 1, positions: (M, K, 3) m of the vertex in the
+    frame of each of its bones; K = 1 is rigid skinning. faces: (T, 3) int. parts: (T,) int part of
+    each face; a part hides those behind it as a whole. edged: (P,) bool, whether a part's outline
+    is an edge. names: (P,) of the parts.
+    """
+
+    bones: np.ndarray
+    weights: np.ndarray
+    positions: np.ndarray
+    faces: np.ndarray
+    parts: np.ndarray
+    edged: np.ndarray
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.n_parts > MAX_PARTS:
+            raise InputError(f"a mesh of {self.n_parts} parts; expected at most {MAX_PARTS}")
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.bones)
+
+    @property
+    def n_parts(self) -> int:
+        return len(self.names)
+
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lines (L, 4) int32 and the parts (L,) int32 that they belong to: two ends, and the third
+        corners of the part's two triangles that meet there; -1 where there are not two."""
+        corners: dict[tuple[int, int, int], list[int]] = {}
+        for (a, b, c), part in zip(self.faces.tolist(), self.parts.tolist(), strict=True):
+            for p, q, third in ((a, b, c), (b, c, a), (c, a, b)):
+                corners.setdefault((part, min(p, q), max(p, q)), []).append(third)
+        lines = [
+            (p, q, *(thirds if len(thirds) == 2 else (-1, -1)))
+            for (_, p, q), thirds in corners.items()
+        ]
+        owners = [part for part, _, _ in corners]
+        return np.array(lines, np.int32), np.array(owners, np.int32)
+
+    def middles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each part a bone (P,) and the point (P, 3) in its frame that its depth is taken at:
+        the mean of the vertices that this bone moves most."""
+        main = self.bones[np.arange(self.n_vertices), self.weights.argmax(1)]
+        local = self.positions[np.arange(self.n_vertices), self.weights.argmax(1)]
+        bones, points = np.zeros(self.n_parts, int), np.zeros((self.n_parts, 3))
+        for part in range(self.n_parts):
+            vertices = np.unique(self.faces[self.parts == part])
+            bones[part] = np.bincount(main[vertices]).argmax()
+            points[part] = local[vertices[main[vertices] == bones[part]]].mean(0)
+        return bones, points
+
+    def posed(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (N, M, 3) and the parts' middles (N, P, 3) in the world, of poses (N, D)."""
+        rotations, origins = bone_matrices(body, poses)
+        placed = origins[:, self.bones] + np.einsum(
+            "nmkab,mkb->nmka", rotations[:, self.bones], self.positions
+        )
+        bones, points = self.middles()
+        middles = origins[:, bones] + np.einsum("npab,pb->npa", rotations[:, bones], points)
+        return np.einsum("mk,nmka->nma", self.weights, placed), middles
+
+
+def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
+    """The cones of `body` as frusta of so many vertices each, one of FRUSTUM_VERTICES.
+
+    8: a square base of the ellipse's area; else rings of (n - 2) / 2 vertices on the ellipses and
+    the ends' centres. Raises InputError for another number.
+    """
+    if vertices_per_part not in FRUSTUM_VERTICES:
+        raise InputError(
+            f"{vertices_per_part} vertices per part; expected one of "
+            f"{', '.join(map(str, FRUSTUM_VERTICES))}"
+        )
+    meshes = [_frustum(cone, vertices_per_part) for cone in body.cones]
+    n = vertices_per_part
+    n_faces = [len(faces) for _, faces in meshes]
+    return BodyMesh(
+        bones=np.repeat([cone.bone for cone in body.cones], n)[:, None],
+        weights=np.ones((n * len(meshes), 1)),
+        positions=np.concatenate([points for points, _ in meshes])[:, None],
+        faces=np.concatenate([faces + n * i for i, (_, faces) in enumerate(meshes)]),
+        parts=np.repeat(np.arange(len(meshes)), n_faces),
+        edged=np.array([cone.in_images for cone in body.cones]),
+        names=tuple(body.cone_names),
+    )
+
+
+def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) in the bone's frame and faces (T, 3)."""
+    square = n == 8
+    segments = 4 if square else (n - 2) // 2
+    angles = (np.arange(segments) + 0.5 * square) * 2 * np.pi / segments
+    # The square's corners lie so far out that it has the circle's area.
+    reach = np.sqrt(np.pi / 2) if square else 1.0
+    axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+    across = np.cross(axis, cone.side)
+    ring = reach * (
+        np.cos(angles)[:, None] * cone.side * cone.scale[0]
+        + np.sin(angles)[:, None] * across * cone.scale[1]
+    )
+    points = [cone.start + cone.radii[0] * ring, cone.end + cone.radii[1] * ring]
+    here = np.arange(segments)
+    there = (here + 1) % segments
+    faces = [
+        np.stack([here, there, segments + there], -1),
+        np.stack([here, segments + there, segments + here], -1),
+    ]
+    if square:
+        faces.append(np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]))
+    else:
+        points += [cone.start[None], cone.end[None]]
+        first, last = np.full(segments, n - 2), np.full(segments, n - 1)
+        faces += [
+            np.stack([first, there, here], -1),
+            np.stack([last, segments + here, segments + there], -1),
+        ]
+    return np.concatenate(points), np.concatenate(faces)
+
+
+def load_mesh(
+    path: str | Path, body: BodyModel, pose: np.ndarray, weights: str | Path | None = None
+) -> BodyMesh:
+    """A user's mesh (any file that trimesh reads, metres), shaped as `body` is in `pose` (D,).
+
+    weights: an npz file with `weights` (M, B), a column for each bone of `body` in its order, or
+    for those in its `bones` (names). Without it each vertex moves with the bone of the nearest
+    cone. The parts are the bones, each face of that which moves it most. Raises InputError naming
+    the file that is wrong.
+    """
+    try:
+        mesh: Any = trimesh.load(path, force="mesh", process=False)
+        vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    except (OSError, ValueError, KeyError, IndexError, AttributeError, TypeError) as error:
+        raise InputError(f"{path}: not a mesh that trimesh reads: {error}") from None
+    if not len(faces) or not np.isfinite(vertices).all():
+        raise InputError(
+            f"{path}: {len(vertices)} vertices, {len(faces)} faces; expected a surface"
+        )
+    if weights is None:
+        table = _nearest_bones(vertices, body, pose)
+    else:
+        table = _read_weights(Path(weights), body, len(vertices))
+    return skinned_mesh(vertices, faces, table, body, pose)
+
+
+def skinned_mesh(
+    vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, body: BodyModel, pose: np.ndarray
+) -> BodyMesh:
+    """Vertices (M, 3) m bound to the bones of `body` in `pose` (D,) with weights (M, B)."""
+    n_bones = min(MAX_BONES, int((weights > 0).sum(1).max()))
+    bones = np.argsort(-weights, axis=1, kind="stable")[:, :n_bones]
+    kept = np.take_along_axis(weights, bones, 1)
+    kept = kept / kept.sum(1, keepdims=True)
+    rotations, origins = (array[0] for array in bone_matrices(body, pose[None]))
+    offset = vertices[:, None] - origins[bones]
+    of_face = np.sort(bones[:, 0][faces], 1)[:, 1]  # that of two corners, if two agree
+    used = np.unique(of_face)
+    return BodyMesh(
+        bones=bones,
+        weights=kept,
+        positions=np.einsum("mkba,mkb->mka", rotations[bones], offset),
+        faces=faces,
+        parts=np.searchsorted(used, of_face),
+        edged=np.ones(len(used), bool),
+        names=tuple(body.bones[b].name for b in used),
+    )
+
+
+def _nearest_bones(vertices: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """(M, B) weights: 1 for the bone of the cone whose surface is nearest."""
+    gaps = distances(vertices, posed_cones(body, pose[None])[0])
+    bones = np.array([cone.bone for cone in body.cones])[gaps.argmin(1)]
+    return np.eye(len(body.bones))[bones]
+
+
+def _read_weights(path: Path, body: BodyModel, n_vertices: int) -> np.ndarray:
+    """(M, B) weights, a row's sum 1. Raises InputError naming the file."""
+    data = read_npz(path, ("weights",), "the array weights, vertices x bones")
+    table = np.asarray(data["weights"], np.float64)
+    names = [bone.name for bone in body.bones]
+    given = [str(name) for name in data.get("bones", names)]
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise InputError(
+            f"{path}: no bone {unknown[0]!r} in {body.name}; known: {', '.join(names)}"
+        )
+    if table.shape != (n_vertices, len(given)):
+        raise InputError(
+            f"{path}: weights are {table.shape}; expected {(n_vertices, len(given))}, "
+            "vertices x bones"
+        )
+    if not (np.isfinite(table).all() and (table >= 0).all() and (table.sum(1) > 0).all()):
+        raise InputError(f"{path}: weights below 0, or a vertex without; expected shares of bones")
+    out = np.zeros((n_vertices, len(names)))
+    out[:, [names.index(name) for name in given]] = table
+    return out / out.sum(1, keepdims=True)

@@ -1,0 +1,88 @@
+"""Forward kinematics of all particles on the device (kernel: kinematics.cl)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from apf.body.model import AXES, BodyModel
+from apf.reference.kinematics import CONE_FLOATS
+from cl import Array, Device, Launch
+from cl.workgroups import pack_defines, pack_size
+
+#: Place in a cone's row where the kernel finds the number of its bone.
+_BONE_PLACE = 11
+_GROUP = 64
+
+
+class Kinematics:
+    """Poses the body's cones for `n_particles` pose vectors.
+
+    `cones` is the device array (N, C, CONE_FLOATS) that the launches of `launcher(poses)` fill.
+    """
+
+    def __init__(self, device: Device, body: BodyModel, n_particles: int) -> None:
+        self.device = device
+        self.body = body
+        self.n_particles = n_particles
+        self._body = device.to_device(pack_body(body), "the body model")
+        shape = (n_particles, len(body.cones), CONE_FLOATS)
+        self.cones = device.empty(shape, np.float32, "the posed cones")
+
+    def launcher(self, poses: Array) -> list[Launch]:
+        """The launches that pose all cones of `poses` (N, D) float32, arguments set."""
+        defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
+        return [
+            self.device.launch(
+                self.device.kernel("tracking/kinematics", "pose_cones", **defines),
+                pack_size(self.n_particles, defines),
+                (defines["GROUP"],),
+                np.int32(self.n_particles),
+                poses,
+                self._body,
+                self.cones,
+            )
+        ]
+
+
+def body_defines(body: BodyModel) -> dict[str, int]:
+    """The defines of kinematics.h."""
+    return {
+        "N_DOF": body.n_dof,
+        "N_BONES": len(body.bones),
+        "N_LEVELS": max(bone_levels(body)) + 1,
+        "N_CONES": len(body.cones),
+    }
+
+
+def bone_levels(body: BodyModel) -> list[int]:
+    """How deep each bone lies in the tree; 0 for a root."""
+    levels: list[int] = []
+    for bone in body.bones:
+        levels.append(levels[bone.parent] + 1 if bone.parent >= 0 else 0)
+    return levels
+
+
+@lru_cache(maxsize=4)  # a tracker asks for it once per layer
+def pack_body(body: BodyModel) -> np.ndarray:
+    """The table of kinematics.h, float32: bones (B, 16), free axes (D, 4), cones (C, CONE_FLOATS),
+    one after the other; not to be written to."""
+    bones: list[np.ndarray] = []
+    axes: list[tuple[int, int, int, int]] = []
+    for bone, level in zip(body.bones, bone_levels(body), strict=True):
+        place = [bone.parent, len(axes), len(bone.axes), level]
+        bones.append(np.concatenate([place, bone.rest.ravel(), bone.offset]))
+        axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
+    cones = np.zeros((len(body.cones), CONE_FLOATS))
+    for row, cone in zip(cones, body.cones, strict=True):
+        axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+        row[0:3], row[3] = cone.start, cone.radii[0]
+        row[4:7], row[7] = cone.end, cone.radii[1]
+        row[8:11] = cone.side / cone.scale[0]
+        row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
+        row[_BONE_PLACE] = cone.bone
+    tables = (np.array(bones), np.array(axes), cones)
+    packed = np.concatenate([table.ravel() for table in tables]).astype(np.float32)
+    packed.flags.writeable = False
+    return packed

@@ -1,0 +1,7 @@
+"""`python -m apf.cli`."""
+
+import sys
+
+from apf.cli import main
+
+sys.exit(main())

@@ -1,0 +1,70 @@
+"""`apf demo`: the whole way on data it makes itself."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import psfs.cli
+from psfs.cli.commandline import add_command, add_device_flag, stdout
+from psfs.common.files import write_json
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands,
+        "demo",
+        run,
+        "Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("demo"), metavar="FOLDER")
+    parser.add_argument("--frames", type=int, default=60, metavar="N")
+    parser.add_argument("--cameras", type=int, default=4, metavar="N")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    import apf.cli  # which imports this module
+
+    out = args.output
+    sequence, voxels, track = (str(out / name) for name in ("sequence", "voxels", "track"))
+    truth = str(out / "sequence" / "truth.npz")
+    device = ["--device", args.device]
+    size = ["--cameras", str(args.cameras), "--frames", str(args.frames)]
+    _step("apf", apf.cli.main, ["synth", "-o", sequence, *size, *device])
+    _step("psfs", psfs.cli.main, ["reconstruct", sequence, "-o", voxels, *device])
+    _step("psfs", psfs.cli.main, ["check", voxels, *device])
+    _step("apf", apf.cli.main, ["track", sequence, "-o", track, "--init", truth, *device])
+    _step("apf", apf.cli.main, ["evaluate", track, "--truth", truth])
+    write_json(out / "summary.json", _summary(out))
+    stdout.print(
+        f"{out}: voxels/preview.png and voxels/clouds, track/overlay.mp4, joints.trc, track.npz "
+        "and evaluation.png, summary.json"
+    )
+
+
+def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:
+    stdout.print(f"[bold]$ {program} {shlex.join(argv)}[/bold]", soft_wrap=True)
+    code = main(argv)
+    if code:
+        raise SystemExit(code)  # the command has said what is wrong
+
+
+def _summary(out: Path) -> dict[str, object]:
+    """The demo's figures, from the files that its commands wrote."""
+    voxels = json.loads((out / "voxels" / "summary.json").read_text())
+    check = json.loads((out / "voxels" / "check.json").read_text())
+    evaluation = json.loads((out / "track" / "evaluation.json").read_text())
+    return {
+        "mean_error_mm": evaluation["mean_error_mm"],
+        "lost_limbs": evaluation["lost_limbs"],
+        "silhouette_iou": check["mean_iou"],
+        "frames": len(voxels["frames"]),
+        "device": voxels["device"]["name"],
+        "surface_voxels": float(np.median([frame["surface_voxels"] for frame in voxels["frames"]])),
+    }

@@ -1,0 +1,224 @@
+"""`apf live`: a skeleton while it happens, from cameras or a recording played at its own rate."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.cli.first_pose import add_start_flags, check_height, first_pose, found_start
+from apf.cli.method_flags import add_method_flags, chosen_method
+from apf.cli.track import write_files
+from apf.filters.method import Method
+from apf.live.budget import sizes
+from apf.live.captures import cameras_of
+from apf.live.error import live_errors
+from apf.live.pictures import fitting_factor
+from apf.live.session import Live, LiveResult
+from apf.live.sources import Replay, Source
+from apf.live.timeline import Timeline
+from apf.reference.kinematics import posed_joints
+from apf.results.evaluate import load_truth
+from apf.tracking.pipeline import track_of
+from apf.tracking.track import Track
+from cl import Device, InputError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, stderr, stdout
+from psfs.cli.sequence_flags import (
+    add_sequence_flags,
+    open_sequence,
+    selected_frames,
+    stated,
+)
+from psfs.common.files import write_json
+from psfs.voxels.bounding_volume import automatic_grid, default_voxel_size
+from psfs.voxels.grid import VoxelGrid
+
+#: The voxels' mean tells where the body has moved to: less noise than `apf track` needs.
+_NOISE = 0.22
+#: Box around the first pose in which voxels of cameras are looked for at first, m: to each side,
+#: below the lowest joint, and its height.
+_SIDE, _BELOW, _HEIGHT = 1.3, 0.2, 2.5
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "live", run, "Track while it happens; frames may be dropped.")
+    add_sequence_flags(parser, fps=False)  # --fps is the result's rate here
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    parser.add_argument(
+        "--captures",
+        nargs="+",
+        metavar="C",
+        help="cameras in the order of the calibration that lies in FOLDER (or that FOLDER is): USB "
+        "numbers, URLs or videos (default: play the recording in FOLDER at its own rate)",
+    )
+    parser.add_argument(
+        "--empty",
+        type=float,
+        default=2.0,
+        metavar="S",
+        help="seconds of the empty scene that --captures begin with, unless FOLDER/background "
+        "shows it (default: 2)",
+    )
+    parser.add_argument(
+        "--fps",
+        dest="budget",
+        type=float,
+        metavar="N",
+        help="poses per second to be reached, by a search of the size that allows it (default: as "
+        "many as frames if that leaves time for a good search, unless --particles or --layers "
+        "says a size)",
+    )
+    add_start_flags(parser)
+    parser.add_argument(
+        "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        metavar="S",
+        help="size of the pictures that are looked at, up to 1 (default: on a CPU as small as "
+        "pixels still are no larger than voxels, else 1)",
+    )
+    add_method_flags(parser)
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    check_height(args)
+    method = chosen_method(args)
+    # Frames are not equally far apart, and `Live` itself expects what moves to move on.
+    noise = _NOISE if method.uses_voxels and args.noise is None else method.filter.noise
+    method = replace(method, filter=replace(method.filter, velocity=0.0, noise=noise))
+    device = select_device(args.device)
+    if not isinstance(device, Device):
+        raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
+    if args.scale is not None and not 0.05 <= args.scale <= 1:
+        raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
+    if args.budget is not None and not 0.1 <= args.budget <= 1000:
+        raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
+    truth = load_truth(args.truth, args.convention) if args.truth else None
+    source, grid, body, pose = (
+        _captures(args, method) if args.captures else _replay(args, method, device)
+    )
+    sized_by_hand = args.n_particles is not None or args.n_layers is not None
+    searches = [method] if sized_by_hand and args.budget is None else sizes(method)
+    follow = bool(args.captures) and args.volume is None
+    scale = args.scale
+    if scale is None:
+        scale = 1.0 if device.is_gpu or grid is None else fitting_factor(source.rig, grid)
+    live = Live(device, source, grid, body, pose, searches, args.budget, follow=follow, scale=scale)
+    status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
+    with status as shown:
+        result = live.run(lambda now, timeline: _show(shown, now, timeline))
+    if not result.frames:
+        raise InputError("no frame was tracked; expected at least one before the end")
+    track = _track(body, source, result, {**method.described(), "device": device.name})
+    write_files(args.output, track, body)
+    summary = {
+        **live.timeline.summary(),
+        "sizes": result.sizes,
+        "scale": scale,
+        "lost": int(track.lost.sum()),
+    }
+    if truth is not None:
+        summary |= live_errors(track, truth, np.array(result.latencies))
+    write_json(args.output / "live.json", summary)
+    live.timeline.plot(args.output / "timeline.png")
+    _tell(summary, args.output)
+
+
+def _replay(
+    args: argparse.Namespace, method: Method, device: Device
+) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
+    """A recorded sequence, where voxels are needed their grid, body and first pose."""
+    sequence = open_sequence(args)
+    frames = selected_frames(args, sequence)
+    selection = slice(frames.start, frames.stop, frames.step)
+    start = first_pose(sequence, frames[0], args.body, args.init, args.convention)
+    grid = None
+    if method.uses_voxels or start is None:
+        grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
+    if start is None:
+        assert grid is not None
+        start = found_start(device, sequence, grid, selection, args)
+    return Replay(sequence, frames), grid, *start
+
+
+def _captures(
+    args: argparse.Namespace, method: Method
+) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
+    """Cameras, where voxels are needed the grid of --volume or one around the first pose, body and
+    first pose."""
+    place = SimpleNamespace(folder=Path(args.folder))
+    start = first_pose(place, 0, args.body, args.init, args.convention)  # type: ignore[arg-type]
+    if start is None:
+        raise InputError("cameras have no first pose; expected --init with a pose file or joints")
+    source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)
+    grid = None
+    if method.uses_voxels:
+        low, high = np.array(args.volume) if args.volume else _box_around(*start)
+        size = args.voxel_size or default_voxel_size(source.rig, low, high)
+        grid = VoxelGrid.covering(low, high, size)
+    return source, grid, *start
+
+
+def _box_around(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner, m, of a box that holds the person in `pose` (D,)."""
+    joints = posed_joints(body, pose[None])[0]
+    low = np.append(joints[:, :2].mean(0) - _SIDE, joints[:, 2].min() - _BELOW)
+    return low, low + np.array([2 * _SIDE, 2 * _SIDE, _HEIGHT])
+
+
+def _track(body: BodyModel, source: Source, result: LiveResult, made_by: dict[str, Any]) -> Track:
+    """The track of what was found. Searches differ in their layers: those that lack are NaN."""
+    most = max(len(estimate.ess) for estimate in result.estimates)
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, (0, most - len(values)), constant_values=np.nan)
+
+    estimates = [
+        replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
+        for e in result.estimates
+    ]
+    return track_of(body, source.fps, result.frames, estimates, made_by)
+
+
+def _show(status: Any, result: LiveResult, timeline: Timeline) -> None:
+    if status is None or len(result.frames) < 2:
+        return
+    latencies, intervals = timeline.latencies()[-30:], timeline.intervals()[-30:]
+    _, particles, layers = result.sizes[-1]
+    status.update(
+        f"{len(result.frames)} poses, {1 / intervals.mean():.1f} per second, latency "
+        f"{1000 * latencies.mean():.0f} ms, {sum(timeline.dropped.values())} frames dropped, "
+        f"{particles} x {layers}; Ctrl-C ends"
+    )
+
+
+def _tell(summary: dict[str, Any], folder: Path) -> None:
+    """The figures of a run, on standard output."""
+    latency = summary["latency_ms"]
+    dropped = ", ".join(f"{count} before {stage}" for stage, count in summary["dropped"].items())
+    stdout.print(f"{summary['results']} poses, {summary['fps']} per second; dropped: {dropped}")
+    stdout.print(
+        f"latency {latency['mean']:.0f} ms, 95 % {latency['p95']:.0f}, most {latency['max']:.0f}: "
+        f"{summary['latency_frames']} frames of that rate"
+    )
+    for stage, ms in summary["stages_ms"].items():
+        if ms is not None:
+            stdout.print(f"  {stage}: {ms['mean']:.1f} ms, 95 % {ms['p95']:.1f}")
+    sizes = ", then ".join(f"{particles} x {layers}" for _, particles, layers in summary["sizes"])
+    stdout.print(f"particles x iterations: {sizes}")
+    if summary["lost"]:
+        stdout.print(f"the person was lost in {summary['lost']} of them")
+    if "error_mm" in summary:
+        stdout.print(f"mean error {summary['error_mm']:.1f} mm from the truth of the frames taken")
+    if summary.get("error_when_known_mm") is not None:
+        stdout.print(f"and {summary['error_when_known_mm']:.1f} mm from that when poses were known")
+    stdout.print(f"{folder}: track.npz, joints.trc, live.json, timeline.png", soft_wrap=True)

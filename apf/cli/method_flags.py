@@ -1,0 +1,119 @@
+"""Flags that choose a method, for every command that tracks."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from typing import Any
+
+from apf.filters.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weights
+from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
+from apf.filters.sir import SirConfig
+from apf.filters.swarm import SwarmConfig
+from apf.image_objective.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
+from apf.image_objective.objective import ObjectiveConfig
+from cl import InputError
+
+#: Settings of the search that have a flag of their own.
+_SETTINGS = {
+    "n_particles": ("--particles", "particles"),
+    "n_layers": ("--layers", "annealing layers, or the swarm's iterations"),
+    "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
+    "noise": ("--noise", "scale of the noise"),
+    "spread": ("--spread", "bound of the noise, times the set's own deviation; 0 for none"),
+    "trunk_layers": ("--trunk-layers", "apf: first layers that move the trunk alone"),
+    "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
+    "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
+}
+#: Weights that the voxels' likelihood and the image objectives have both.
+_WEIGHTS = {
+    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14); or w2, Rymut"),
+    "silhouette_weight": ("--silhouette-weight", "of the silhouettes, eq. (15); or w1, Rymut"),
+}
+#: Settings of the other parts of a method, by its field.
+_PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
+    "swarm": (
+        SwarmConfig,
+        {
+            "inertia": ("--inertia", "pso: share of its velocity that a particle keeps"),
+            "cognitive": ("--cognitive", "pso: pull of a particle's own best"),
+            "social": ("--social", "pso: pull of the best of all"),
+        },
+    ),
+    "sir": (
+        SirConfig,
+        {"sigma_z": ("--sigma-z", "sir: of Rymut eq. (2.42), 0 for one found in each frame")},
+    ),
+    "features": (
+        FeatureConfig,
+        {
+            "edges": ("--edges", f"image objectives: {', '.join(EDGE_KINDS)}"),
+            "proximity": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
+            "farthest": ("--edge-reach", "image objectives: px of 640 at which it is 0"),
+        },
+    ),
+}
+
+
+def add_method_flags(
+    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel"
+) -> None:
+    """--method and --objective with their defaults, and the flags of their settings."""
+    parser.add_argument(
+        "--method",
+        default=method,
+        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
+        f"(default: {method})",
+    )
+    parser.add_argument(
+        "--objective",
+        default=objective,
+        help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
+        f"which need no reconstruction (default: {objective})",
+    )
+    parser.add_argument(
+        "--likelihood",
+        metavar="A,B=W",
+        help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
+        "it is not the usual one; Song et al.'s is edge,silhouette; colour needs pictures "
+        f"(default: {','.join(USUAL_TERMS)}, and two-sided where limbs are looked for)",
+    )
+    group = parser.add_argument_group("search")
+    rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
+    for config, flags in rows:
+        defaults = {field.name: field.default for field in fields(config)}
+        for name, (flag, what) in flags.items():
+            group.add_argument(
+                flag,
+                dest=name,
+                type=type(defaults[name]),
+                help=f"{what} (default: {_default(name, defaults[name])})",
+            )
+
+
+def _default(name: str, value: object) -> str:
+    """A default as --help shows it: where methods differ, with theirs."""
+    others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
+    if name in _WEIGHTS:
+        others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
+    return ", ".join([str(value), *others])
+
+
+def chosen_method(args: argparse.Namespace) -> Method:
+    """What the flags of `add_method_flags` choose. Raises InputError."""
+
+    def given(names: Iterable[str]) -> dict[str, Any]:
+        return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+
+    images = args.objective != "voxel"
+    if images and args.likelihood is not None:
+        raise InputError(
+            f"--likelihood is the voxels'; expected none with --objective {args.objective}"
+        )
+    terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
+    settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
+    method = Method.of(args.method, args.objective, **settings)
+    image = replace(method.image, **given(_WEIGHTS)) if images else method.image
+    parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}
+    return replace(method, image=image, **parts)

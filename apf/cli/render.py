@@ -1,0 +1,137 @@
+"""`apf render`: what image objectives compare with the pictures, for the eye."""
+
+from __future__ import annotations
+
+import argparse
+import colorsys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
+from apf.body.model import BodyModel, load_body
+from apf.image_objective.opengl import OpenGLRenderer
+from apf.image_objective.renderer import draw_hypotheses
+from apf.initialisation.from_joints import read_pose
+from apf.reference import render as twin
+from apf.tracking.track import Track
+from cl import Device, InputError, NumpyDevice, select_device
+from psfs.cameras.camera import CameraRig
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.common.files import write_picture
+from psfs.output.preview import picture_of
+
+#: What is written of every picture, each into a folder of its own.
+KINDS = ("silhouettes", "edges", "overlay")
+_WHITE, _TINT = (255, 255, 255), 0.45
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands, "render", run, "Draw a track's silhouettes and edges in every camera, as PNG."
+    )
+    add_sequence_flags(parser)
+    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    parser.add_argument(
+        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+    )
+    group = parser.add_argument_group("shape", "how the body looks; trapezoids unless said")
+    group.add_argument(
+        "--vertices",
+        type=int,
+        choices=(4, *FRUSTUM_VERTICES),
+        default=4,
+        help="per part: 4 for trapezoids, 8 for square frusta, more for elliptic ones",
+    )
+    group.add_argument(
+        "--round-ends", action="store_true", help="trapezoids with the cones' round ends"
+    )
+    group.add_argument("--mesh", type=Path, metavar="FILE", help="a mesh, metres, for trimesh")
+    group.add_argument(
+        "--weights",
+        type=Path,
+        metavar="NPZ",
+        help="how the bones move it: weights, vertices x bones (default: the nearest cone's)",
+    )
+    group.add_argument(
+        "--bind", type=Path, metavar="P", help="pose that the mesh shows (default: the body's rest)"
+    )
+    parser.add_argument("--opengl", action="store_true", help="render by OpenGL instead of OpenCL")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.opengl and args.round_ends:
+        raise InputError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
+    device = None if args.opengl else select_device(args.device)
+    sequence = open_sequence(args)
+    chosen = selected_frames(args, sequence)
+    track = Track.load(args.track)
+    folder = args.track if args.track.is_dir() else args.track.parent
+    body = load_body(args.body or folder / "body.toml")
+    if tuple(body.dof_names) != track.dof_names:
+        raise InputError(f"{args.track}: a track of {track.body_name}; the body is {body.name}")
+    rows = [row for row, frame in enumerate(track.frames) if frame in chosen]
+    if not rows:
+        raise InputError(
+            f"{args.track}: has none of the frames {chosen.start} to {chosen.stop - 1}"
+        )
+    mesh = _shape(args, body)
+    with progress_bar() as bar:
+        for row in bar.track(rows, description="rendering"):
+            frame = sequence.read(int(track.frames[row]))
+            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh, args.round_ends)
+            for view, camera in enumerate(sequence.rig):
+                width, height = camera.size
+                parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
+                name = f"{camera.name}_{frame.index:06d}.png"
+                silhouette = np.where(parts > 0, np.uint8(255), np.uint8(0))
+                pictures = (
+                    silhouette,
+                    edges,
+                    tinted(picture_of(frame, view, camera), parts, edges),
+                )
+                for kind, picture in zip(KINDS, pictures, strict=True):
+                    write_picture(args.output / kind / name, picture)
+    stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
+
+
+def _shape(args: argparse.Namespace, body: BodyModel) -> BodyMesh | None:
+    if args.mesh is not None:
+        pose = body.rest_pose if args.bind is None else read_pose(args.bind, body)
+        return load_mesh(args.mesh, body, pose, args.weights)
+    return cone_mesh(body, args.vertices) if args.vertices > 4 else None
+
+
+def _drawn(
+    device: Device | NumpyDevice | None,
+    body: BodyModel,
+    rig: CameraRig,
+    pose: np.ndarray,
+    mesh: BodyMesh | None,
+    round_ends: bool,
+) -> np.ndarray:
+    """(V, H, W, 2) uint8 part and edge of `pose` (D,); without a device by OpenGL."""
+    if device is None:
+        return OpenGLRenderer(body, rig, mesh).draw(pose[None])[0]
+    if isinstance(device, Device):
+        return draw_hypotheses(device, body, rig, pose[None], mesh, round_ends)[0]
+    out = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
+    pictures = twin.draw_hypotheses(body, rig, pose[None], mesh, round_ends)
+    for view, ((parts, edges),) in enumerate(pictures):
+        height, width = parts.shape
+        out[view, :height, :width] = np.stack([parts, 255 * edges], -1)
+    return out
+
+
+def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """`picture` (h, w, 3) with each part in a colour of its own and edges in white."""
+    hues = [colorsys.hsv_to_rgb((0.13 + 0.381966 * k) % 1, 0.75, 1.0) for k in range(256)]
+    colours = np.rint(255 * np.array(hues)).astype(np.uint8)[parts]
+    mixed = cv2.addWeighted(picture, 1 - _TINT, colours, _TINT, 0)
+    out = np.where(parts[..., None] > 0, mixed, picture)
+    out[edges > 0] = _WHITE
+    return out

@@ -1,0 +1,54 @@
+"""`apf smooth`: a track without jitter."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from apf.body.model import load_body
+from apf.cli.track import write_files
+from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cli.commandline import add_command, stdout
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "smooth", run, "Smooth a track in time, after it was tracked.")
+    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
+    default = SmoothingConfig()
+    parser.add_argument(
+        "--cutoff",
+        type=float,
+        default=default.cutoff,
+        metavar="HZ",
+        help="motion this fast keeps half of its amplitude (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--lag",
+        type=int,
+        metavar="FRAMES",
+        help="look so many frames ahead, as a program that runs live could "
+        "(default: the whole sequence)",
+    )
+    parser.add_argument(
+        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    config = SmoothingConfig(args.cutoff, args.lag)
+    folder = args.track if args.track.is_dir() else args.track.parent
+    if args.output.resolve() == folder.resolve():
+        raise InputError(f"{args.output}: holds the track to be smoothed; expected another folder")
+    track = Track.load(args.track)
+    body = load_body(args.body or folder / "body.toml")
+    try:
+        track = smoothed(track, body, config)
+    except InputError as error:
+        raise InputError(f"{args.track}: {error}") from None
+    write_files(args.output, track, body)
+    lost = int(track.lost.sum())
+    note = f"; {lost} lost frames left as they were" if lost else ""
+    stdout.print(f"{len(track)} frames smoothed: {args.output}{note}", soft_wrap=True)

@@ -1,0 +1,100 @@
+"""What `apf track` shows of its takes: a line of the bar for each in work, a table at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from apf.tracking.batch import Take
+from psfs.cli.commandline import stdout
+
+#: Stages that are told of after every frame; the others once.
+_BY_FRAMES = ("tracking", "overlay")
+
+
+class TakeLine:
+    """One take's line in `bar`, called with the name of the stage in work: see `track_take`.
+
+    name: precedes the stage; empty for the only take, of which nothing is shown before its first
+    frame, for an error must stay a single line. check: called first.
+    """
+
+    def __init__(
+        self, bar: Progress, name: str = "", check: Callable[[], None] = lambda: None
+    ) -> None:
+        self._bar, self._check = bar, check
+        self._prefix = f"{escape(name)}: " if name else ""
+        self._stage, self.n_frames = "", 0
+        self._task = bar.add_task(f"{self._prefix}opening", total=None)
+
+    def __call__(self, stage: str) -> None:
+        self._check()
+        if stage != self._stage:
+            self.begin(stage)
+        if stage in _BY_FRAMES:
+            self._bar.start()
+            self._bar.advance(self._task)
+
+    def begin(self, stage: str) -> None:
+        """Show that a stage has no frame yet."""
+        total = self.n_frames if stage in _BY_FRAMES else None
+        self._bar.reset(self._task, total=total, description=f"{self._prefix}{stage}")
+        self._stage = stage
+
+    def close(self) -> None:
+        """Take the line out of the bar."""
+        self._bar.remove_task(self._task)
+
+
+@dataclass
+class TakeReport:
+    """What became of every take so far; its seeds have a row each."""
+
+    names: list[str]
+    rows: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
+    spreads: dict[str, list[str]] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
+
+    def tracked(
+        self, name: str, take: Take, n_frames: int, folders: list[Path], spread: list[str]
+    ) -> None:
+        """Of `n_frames` that were to be tracked; every seed's files are in its folder. spread: what
+        is to be said of how the seeds differ."""
+        start = "given" if take.start is None else f"{take.start.misfit:.2f}"
+        done = len(take.tracks[0])
+        frames = str(done) if done == n_frames else f"{done} of {n_frames}"
+        self.rows[name] = [
+            (frames, f"{done / take.seconds:.1f}", str(track.lost.sum()), start, str(folder))
+            for track, folder in zip(take.tracks, folders, strict=True)
+        ]
+        self.spreads[name] = spread
+
+    def failed(self, name: str, error: Exception) -> None:
+        """Its input is bad."""
+        self.errors[name] = f"{name} failed: {error}"
+        self.rows[name] = [("-", "-", "-", "-", "failed")]
+
+    def line(self, name: str) -> str:
+        """One take that is done, in a line."""
+        return self.errors.get(name, f"{name}: {self.rows[name][0][0]} frames tracked")
+
+    def show(self) -> None:
+        """Print a table of all takes, in the order given, how far the seeds of each differ, and why
+        some failed."""
+        table = Table()
+        for heading in ("take", "frames", "frames/s", "lost frames", "start's misfit", "results"):
+            words = heading in ("take", "results")
+            table.add_column(heading, justify="left" if words else "right", overflow="fold")
+        for name in self.names:
+            for row in self.rows.get(name, [("-", "-", "-", "-", "not tracked")]):
+                style = "red" if name in self.errors else None
+                table.add_row(escape(name), *map(escape, row), style=style)
+        stdout.print(table)
+        spreads = [f"{name}: {text}" for name, said in self.spreads.items() for text in said]
+        for text in (*spreads, *self.errors.values()):
+            stdout.print(text, markup=False, soft_wrap=True)

@@ -1,0 +1,246 @@
+"""`apf track`: a skeleton per frame."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.model import BodyModel, save_body
+from apf.cli.first_pose import (
+    add_start_flags,
+    check_height,
+    first_pose,
+    tell_doubts,
+    template_of,
+)
+from apf.cli.method_flags import add_method_flags, chosen_method
+from apf.cli.take_report import TakeLine, TakeReport
+from apf.filters.method import Method
+from apf.initialisation.from_joints import write_pose
+from apf.results.evaluate import evaluate, load_truth
+from apf.results.overlay import write_overlay
+from apf.tracking.batch import AT_ONCE_CPU, AT_ONCE_GPU, Take, at_once, track_take
+from apf.tracking.pipeline import seeded
+from apf.tracking.track import Track, spans
+from cl import Device, InputError, NumpyDevice, UserError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
+from psfs.cli.sequence_flags import (
+    add_all_cameras_flag,
+    add_sequence_flags,
+    open_trusted,
+    selected_frames,
+)
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "track", run, "Reconstruct and track a person, frame by frame.")
+    add_sequence_flags(parser, several=True)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="folder for the results; of several takes each has its own in it, by its name",
+    )
+    add_start_flags(parser)
+    add_all_cameras_flag(parser)
+    add_method_flags(parser)
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
+        "how far they differ",
+    )
+    parser.add_argument(
+        "--at-once",
+        type=int,
+        metavar="N",
+        help="of several takes, work on N at a time "
+        f"(default: {AT_ONCE_GPU} on a GPU, else {AT_ONCE_CPU})",
+    )
+    parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    method = chosen_method(args)
+    seeds = chosen_seeds(args, method)
+    check_height(args)
+    if args.at_once is not None and args.at_once < 1:
+        raise InputError(f"--at-once is {args.at_once}; expected at least 1")
+    if len(args.folders) == 1:
+        _run_one(args, method, seeds)
+    else:
+        _run_many(args, method, seeds)
+
+
+def _run_one(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+    job = argparse.Namespace(**vars(args), folder=args.folders[0])
+    device = select_device(args.device)
+    bar = progress_bar()  # which the first frame starts
+    line = TakeLine(bar)
+    try:
+        take = _tracked(job, device, method, seeds, line)
+        _draw_overlays(job, take, seeds, line)
+    finally:
+        if bar.live.is_started:  # stopping prints a line
+            bar.stop()
+    for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
+        tell_of(track, line.n_frames, folder)
+    if len(take.tracks[0]) < line.n_frames:
+        raise KeyboardInterrupt
+    for said in spread_of(take):
+        stdout.print(said)
+
+
+def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+    """Every folder into its own, some at once; a table of all, also of interrupted ones. Raises
+    InputError if one failed."""
+    if args.init is not None:
+        raise InputError("--init is the first pose of one take; expected none with several")
+    names = take_names([Path(folder) for folder in args.folders])
+    device = select_device(args.device)
+    report, bar = TakeReport(names), progress_bar()
+    overall = bar.add_task("takes", total=len(names))
+
+    def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
+        name = names[number]
+        place = {"folder": args.folders[number], "output": args.output / name}
+        job = argparse.Namespace(**{**vars(args), **place})
+        with closing(TakeLine(bar, name, check)) as line:
+            take = _tracked(job, own, method, seeds, line)
+            report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
+            if len(take.tracks[0]) < line.n_frames:
+                raise KeyboardInterrupt
+            _draw_overlays(job, take, seeds, line)
+
+    try:
+        with bar, closing(at_once(device, work, len(names), args.at_once)) as outcomes:
+            for number, outcome in outcomes:
+                if isinstance(outcome, UserError):
+                    report.failed(names[number], outcome)
+                stderr.print(report.line(names[number]), markup=False, soft_wrap=True)
+                bar.advance(overall)
+    finally:
+        report.show()
+    if report.errors:
+        failed = ", ".join(name for name in names if name in report.errors)
+        raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
+
+
+def _tracked(
+    args: argparse.Namespace,
+    device: Device | NumpyDevice,
+    method: Method,
+    seeds: list[int],
+    line: TakeLine,
+) -> Take:
+    """The take in `args.folder`, its files written but for the overlays."""
+    sequence, _ = open_trusted(args, device)
+    frames = selected_frames(args, sequence)
+    line.n_frames = len(frames)
+    template, own_shape = template_of(args)
+    take = track_take(
+        device,
+        sequence,
+        method,
+        seeds,
+        given=first_pose(sequence, frames[0], args.body, args.init, args.convention),
+        template=template,
+        keep_shape=own_shape,
+        height=args.height,
+        voxel_size=args.voxel_size,
+        selection=slice(frames.start, frames.stop, frames.step),
+        progress=line,
+    )
+    if take.start is not None:
+        tell_doubts(sequence, take.start)
+    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+        write_pose(folder / "start.txt", take.pose)
+        write_files(folder, track, take.body)
+    return take
+
+
+def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: TakeLine) -> None:
+    """overlay.mp4 beside the other files of every seed, unless the flags say none."""
+    if args.no_overlay:
+        return
+    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+        line.begin("overlay")
+        write_overlay(
+            folder / "overlay.mp4", take.sequence, track, take.body, lambda: line("overlay")
+        )
+
+
+def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
+    """Where the files of every seed's run go."""
+    if args.seeds is None:
+        return [args.output]
+    return [args.output / f"seed{seed}" for seed in seeds]
+
+
+def take_names(folders: list[Path]) -> list[str]:
+    """A name for each of the takes: its folder's, with as many of the folders above as it takes to
+    tell them apart. Raises InputError if one is given twice."""
+    paths = [folder.resolve() for folder in folders]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise InputError(f"{path} is given twice; expected different takes")
+    depth, names = 1, [path.name for path in paths]
+    while len(set(names)) < len(names):
+        depth += 1
+        names = ["_".join(path.parts[-depth:]) for path in paths]
+    return names
+
+
+def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
+    """The seeds of the runs to make. Raises InputError."""
+    n_runs = 1 if args.seeds is None else args.seeds
+    if n_runs < 1:
+        raise InputError(f"--seeds is {n_runs}; expected at least 1")
+    first = method.filter.seed
+    seeds = list(range(first, first + n_runs))
+    seeded(method, seeds[-1:])
+    return seeds
+
+
+def tell_of(track: Track, n_frames: int, folder: Path) -> None:
+    """Print what became of `n_frames` that were to be tracked."""
+    if len(track) < n_frames:
+        stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
+        return
+    stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
+    if track.lost.any():
+        stdout.print(f"the person was lost in frames {spans(track.frames[track.lost].tolist())}")
+    if len(track.restarts):
+        stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
+
+
+def spread_of(take: Take) -> list[str]:
+    """How far several runs differ and, where the sequence has its truth, how far they err."""
+    tracks = take.tracks
+    if len(tracks) == 1:
+        return []
+    joints = np.stack([track.joints for track in tracks])
+    away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
+    said = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
+    truth = take.sequence.folder / "truth.npz"
+    if truth.exists():
+        errors = [1000 * evaluate(track, load_truth(truth)).mean_error for track in tracks]
+        spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
+        said.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
+    return said
+
+
+def write_files(folder: Path, track: Track, body: BodyModel) -> None:
+    """track.npz, joints.trc, joints.csv and body.toml into `folder`."""
+    track.save(folder / "track.npz")
+    track.write_trc(folder / "joints.trc")
+    track.write_csv(folder / "joints.csv")
+    save_body(folder / "body.toml", body)

@@ -1,1 +1,0 @@
-"""The subcommands of `apf`, one module each with `register(commands)`."""

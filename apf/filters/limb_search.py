@@ -1,0 +1,151 @@
+"""What the estimate might be besides the particles' mean: the mean with one limb elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from apf.body.limbs import limbs_of
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.filters.particle_set import seed_words
+from apf.filters.refinement import Refinement
+from cl import Array, Device, Launch
+
+_GROUP = 64
+
+
+def limb_ranges(body: BodyModel) -> np.ndarray:
+    """(D, 2) lowest and highest value of a degree of freedom that may be anywhere."""
+    return np.clip(body.limits, -np.pi, np.pi)
+
+
+def n_near(n: int) -> int:
+    """How many of `n` poses, the mean among them, have their limb near where it was."""
+    return (n + 1) // 2
+
+
+class Alternatives:
+    """Settles a frame: refines the particles' mean and, for every limb, the best of many poses
+    that differ from the mean in that limb, and the best of many that have it anywhere within its
+    limits; the one of these that scores best is the estimate. Does nothing with a scorer that has
+    no surface points, see `Scorer`.
+
+    A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
+    particles near the estimate do not reach where it is, and those that are spread widely are
+    wrong in the rest of the body. Twin: reference/limb_search.py, kernels: limb_search.cl.
+
+    Of R runs with a seed each, by default that of the config, every one is settled by itself.
+    `shift` is the device array (R, D) of how far the estimates moved from the means; `information`
+    (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        scorer: Any,
+        config: FilterConfig,
+        seeds: Sequence[int] | None = None,
+    ) -> None:
+        self.device = device
+        self.config = config
+        self.scorer = scorer
+        self.n_dof = n = body.n_dof
+        limbs = limbs_of(body)
+        self._n_limbs = len(limbs) if config.looks_for_limbs else 0
+        self._per_run = 1 + 2 * self._n_limbs
+        seeds = tuple(seeds or [config.seed])
+        self._n_runs = n_runs = len(seeds)
+        n_candidates = n_runs * self._per_run
+        self._refinement = Refinement(device, body, config, n_candidates)
+        self._candidates = device.empty((n_candidates, n), np.float32)
+        self._errors = device.zeros((n_candidates,), np.float32)
+        self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
+        n_poses = n_runs * config.n_particles if self._n_limbs else 1
+        self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
+        self._sigma = device.to_device(body.sigma.astype(np.float32))
+        self._limits = device.to_device(body.limits)
+        self._ranges = device.to_device(limb_ranges(body).astype(np.float32))
+        self._seeds = device.to_device(seed_words(seeds))
+        self.shift = device.zeros((n_runs, n), np.float32)
+        self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
+
+    def launcher(self, frame: Array, result: Array) -> list[Launch]:
+        """The launches that settle a frame: they move the means in `result`, its first R D values.
+
+        frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
+        """
+        scorer, candidates = self.scorer, self._candidates
+        if self.config.refine_steps == 0 or not hasattr(scorer, "points"):
+            return []
+        if self._n_limbs:
+            launches = [
+                self._propose(frame, result, self._poses),
+                *scorer.rescoring_launcher(self._poses, scorer.errors, self.config.point_turns),
+                self._choose(),
+            ]
+        else:
+            launches = [self._propose(frame, result, candidates)]
+        launches += self._refinement.launcher(scorer.points, candidates)
+        if self._n_limbs:
+            launches += scorer.rescoring_launcher(candidates, self._errors)
+        return [*launches, self._accept(result)]
+
+    def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
+        n = poses.shape[0] // self._n_runs
+        return self.device.launch(
+            self._kernel("propose"),
+            (self.n_dof, n, self._n_runs),
+            None,
+            np.int32(n),
+            np.int32(n_near(n)),
+            np.int32(self.config.n_layers),
+            np.float32(self.config.limb_spread),
+            self._seeds,
+            frame,
+            self._sigma,
+            self._limits,
+            self._ranges,
+            self._limbs,
+            result,
+            poses,
+        )
+
+    def _choose(self) -> Launch:
+        return self.device.launch(
+            self._kernel("choose"),
+            (_GROUP * self._per_run, self._n_runs),
+            (_GROUP, 1),
+            np.int32(self.config.n_particles),
+            np.int32(n_near(self.config.n_particles)),
+            self.scorer.errors,
+            self._poses,
+            self._candidates,
+        )
+
+    def _accept(self, result: Array) -> Launch:
+        return self.device.launch(
+            self._kernel("accept"),
+            (max(self.n_dof, self.information.shape[1]), self._n_runs),
+            None,
+            np.array([self.config.limb_margin, self.config.limb_far_margin], np.float32),
+            self._errors,
+            self._candidates,
+            self._refinement.information,
+            result,
+            self.shift,
+            self.information,
+        )
+
+    def _kernel(self, name: str) -> Any:
+        return self.device.kernel(
+            "tracking/limb_search",
+            name,
+            N_DOF=self.n_dof,
+            N_LIMBS=max(1, self._n_limbs),
+            CANDIDATES=self._per_run,
+            GROUP=_GROUP,
+        )

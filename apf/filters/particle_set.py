@@ -1,0 +1,231 @@
+"""The particle set on the device: diffusion, exponent, resampling, mean (kernel: annealing.cl)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.filters.layer_noise import layer_sigmas
+from cl import Array, Device, Launch
+from cl.workgroups import pack_defines
+
+#: Items that work on all particles.
+_LARGEST_GROUP = 1024
+#: Place of the noise among the arguments of `diffuse` and of `anneal_diffuse`.
+_NOISE_PLACE = 2
+#: To how many bits the exponent's logarithm is found.
+_BITS = 18
+
+
+class ParticleSet:
+    """Particles, their weights and parents, all on the device, of R runs with a seed each: `seeds`,
+    by default one with that of the config. Runs do not mix: each has n_particles, N in all.
+
+    `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
+    the host reads after a frame: means (R, D), deviations (R, D), then per layer and run effective
+    sample size, beta and least error. `parents` (N,): of the next layer, by place in the run.
+    `motion` (R, D, 2): last estimate, and how far the next frame's particles move. `frame` (R,)
+    counts the frames.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        config: FilterConfig,
+        seeds: Sequence[int] | None = None,
+    ) -> None:
+        self.device = device
+        self.config = config
+        self.n_dof = body.n_dof
+        self.seeds = tuple(seeds or [config.seed])
+        self.n_runs = n_runs = len(self.seeds)
+        n = n_runs * config.n_particles
+        self._defines = _defines(device, config.n_particles, body.n_dof)
+        self._group, self._pack = self._defines["GROUP"], self._defines["PACK"]
+        self.sets = [device.empty((n, body.n_dof), np.float32, "the particles") for _ in range(2)]
+        self.weights = device.empty((n,), np.float32, "the weights")
+        self.result = device.zeros((n_runs * (2 * body.n_dof + 3 * config.n_layers),), np.float32)
+        self.parents = device.empty((n,), np.int32, "the parents")
+        self.motion = device.zeros((n_runs, body.n_dof, 2), np.float32)
+        self.frame = device.zeros((n_runs,), np.uint32)
+        self._sigmas = device.to_device(layer_sigmas(body, config).astype(np.float32))
+        self._limits = device.to_device(body.limits)
+        self._diffusions: list[tuple[int, Launch]] = []
+        self._seeds = device.to_device(seed_words(self.seeds))
+
+    def start(self, pose: np.ndarray) -> None:
+        """All particles of all runs at `pose` (D,), frame number 0."""
+        n = self.config.n_particles
+        for poses in self.sets:
+            poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
+        self.parents.set(np.tile(np.arange(n, dtype=np.int32), self.n_runs))
+        self.frame.fill(0)
+        self.motion.fill(0)
+
+    def restart(self, run: int, pose: np.ndarray) -> None:
+        """All particles of one run at `pose` (D,), its frame number 0; waits for the device."""
+        n = self.config.n_particles
+        particles = slice(run * n, (run + 1) * n)
+        for poses in self.sets:
+            _replace(poses, particles, pose.astype(np.float32))
+        _replace(self.parents, particles, np.arange(n, dtype=np.int32))
+        _replace(self.frame, slice(run, run + 1), np.uint32(0))
+        _replace(self.motion, slice(run, run + 1), np.float32(0))
+
+    def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
+        """What ends a layer, whose set `source` has `errors` (N,), and begins the next, if there is
+        one, in the other set."""
+        last = layer == self.config.n_layers - 1
+        if self.device.is_gpu and not last and self.config.spread == 0:
+            return [self._anneal_diffuse(layer, errors, source)]
+        launches = [self.anneal(layer, errors)]
+        if last or self.config.spread > 0:
+            launches.append(self.estimate(source))
+        return launches if last else [*launches, self.diffuse(layer + 1, source)]
+
+    def push(self, offset: np.ndarray) -> None:
+        """Move the next frame's particles by `offset` (D,), beside what else they move; waits for
+        the device."""
+        motion = self.motion.get()
+        motion[..., 1] += offset
+        self.motion.set(motion)
+
+    def diffuse(self, layer: int, source: int) -> Launch:
+        """Draw the parents of set `source` and spread them by the layer's noise into the other."""
+        launch = self.device.launch(
+            self._kernel("diffuse"),
+            (-(-self.n_dof // self._pack), self.config.n_particles, self.n_runs),
+            None,
+            np.int32(self.config.n_particles),
+            np.int32(layer),
+            np.float32(self.config.layer_noise[layer]),
+            np.float32(self.config.spread if layer > 0 else 0.0),
+            self._seeds,
+            self.frame,
+            self._sigmas,
+            self._limits,
+            self.result,
+            self.motion,
+            self.parents,
+            self.sets[source],
+            self.sets[1 - source],
+        )
+        self._diffusions.append((layer, launch))
+        return launch
+
+    def widen(self, factor: float) -> None:
+        """Spread by `factor` times the noise of the config from now on."""
+        for layer, launch in self._diffusions:
+            noise = np.float32(factor * self.config.layer_noise[layer])
+            launch.set_arg(_NOISE_PLACE, noise)
+
+    def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
+        """Weights from `errors` (N,) at the layer's survival rate, and the next parents.
+
+        A positive `beta` is the exponent whatever the survival."""
+        return self.device.launch(
+            self._kernel("anneal"),
+            (self._group * self.n_runs,),
+            (self._group,),
+            np.int32(self.config.n_particles),
+            np.int32(layer),
+            np.int32(layer == self.config.n_layers - 1),
+            np.float32(self.config.survival_rates[layer]),
+            np.float32(beta),
+            self._seeds,
+            self.frame,
+            errors,
+            self.weights,
+            self.parents,
+            self.result,
+        )
+
+    def _anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
+        """`anneal` of a layer and `diffuse` of the next by one launch: on a GPU, work-groups that
+        all do the first take less time than another launch."""
+        config, n = self.config, self.config.n_particles
+        n_packs = -(-self.n_dof // self._pack)
+        n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
+        share = -(-n // max(1, n_groups))
+        launch = self.device.launch(
+            self._kernel("anneal_diffuse"),
+            (-(-n // share) * self._group, self.n_runs),
+            (self._group, 1),
+            np.int32(n),
+            np.int32(layer),
+            np.float32(config.layer_noise[layer + 1]),
+            np.int32(share),
+            np.float32(config.survival_rates[layer]),
+            self._seeds,
+            self.frame,
+            self._sigmas,
+            self._limits,
+            errors,
+            self.sets[source],
+            self.weights,
+            self.parents,
+            self.result,
+            self.sets[1 - source],
+        )
+        self._diffusions.append((layer + 1, launch))
+        return launch
+
+    def estimate(self, source: int) -> Launch:
+        """Weighted mean and deviation of set `source`."""
+        return self.device.launch(
+            self._kernel("estimate"),
+            (self.n_dof * self._group, self.n_runs),
+            (self._group, 1),
+            np.int32(self.config.n_particles),
+            self.weights,
+            self.sets[source],
+            self.result,
+        )
+
+    def settle(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
+        """End the frame: the next one's particles move by `shift` (R, D) and the motion. `report`
+        (n,) gets all that the host reads: `result`, `information` (R, ..) and `misfit` (R,)."""
+        return self.device.launch(
+            self._kernel("settle"),
+            (self.result.size + information.size + misfit.size,),
+            None,
+            np.int32(self.n_runs),
+            np.float32(self.config.velocity),
+            np.int32(self.result.size),
+            np.int32(information.size),
+            self.frame,
+            self.result,
+            shift,
+            information,
+            misfit,
+            self.motion,
+            report,
+        )
+
+    def _kernel(self, name: str) -> object:
+        return self.device.kernel("tracking/annealing", name, **self._defines)
+
+
+def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
+    """The defines of annealing.cl for `n` particles."""
+    n_betas, largest = (4, _LARGEST_GROUP) if device.is_gpu else (1, 1)
+    defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length() >> 1)))
+    rounds = math.ceil(_BITS / math.log2(n_betas + 1))
+    run = -(-n // (defines["GROUP"] * defines["PACK"]))
+    return defines | {"N_DOF": n_dof, "N_BETAS": n_betas, "ROUNDS": rounds, "RUN": run}
+
+
+def seed_words(seeds: Sequence[int]) -> np.ndarray:
+    """(R, 2) uint32: lower and upper half of each seed."""
+    return np.array([[seed & 0xFFFFFFFF, seed >> 32] for seed in seeds], np.uint32)
+
+
+def _replace(array: Array, rows: slice, value: np.ndarray | np.generic) -> None:
+    host = array.get()
+    host[rows] = value
+    array.set(host)

@@ -1,0 +1,138 @@
+"""Gauss-Newton steps of the estimate against the surface voxels (kernel: refinement.cl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.body.posing import body_defines, pack_body
+from apf.filters.config import FilterConfig
+from apf.reference.refinement import cone_moves, prior_deviation
+from cl import Array, Device, InputError, Launch
+from cl.workgroups import pack_defines
+
+_GROUP = 256
+
+
+class Refinement:
+    """Moves `n_poses` poses (n_poses, D), each by itself, onto the surface voxels of `points`.
+
+    `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
+    linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
+    covariance; zero where nothing is refined.
+    Raises InputError if the body has more degrees of freedom than local memory can hold.
+    """
+
+    def __init__(
+        self, device: Device, body: BodyModel, config: FilterConfig, n_poses: int = 1
+    ) -> None:
+        self.device = device
+        self.body = body
+        self.config = config
+        self.n_poses = n_poses
+        n = body.n_dof
+        block = 64 if device.is_gpu else 256
+        self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
+        pack = self._defines["PACK"]
+        row = (n // pack + 1) * pack
+        self._n_parts = -(-config.n_points // block)
+        self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
+        self._body = device.to_device(pack_body(body), "the body model")
+        self._check_room(row)
+        moves = np.zeros((len(body.cones), row), np.float32)
+        moves[:, :n] = cone_moves(body) > 0
+        self._moves = device.to_device(moves)
+        self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
+        self._limits = device.to_device(body.limits)
+        self._shift = device.empty((n_poses, n), np.float32)
+        self._least = device.empty((n_poses,), np.float32)
+        shape = (n_poses, self._n_parts, n * row + pack)
+        # What a step reads and what it writes.
+        self._poses = [device.empty((n_poses, n), np.float32) for _ in range(2)]
+        self._parts = [device.empty(shape, np.float32, "the refinement") for _ in range(2)]
+
+    def launcher(self, points: Array, results: Array) -> list[Launch]:
+        """The launches that refine `results` (n_poses, D), arguments set; none with `refine_steps`
+        0."""
+        config, reach, poses = self.config, self.config.refine_reach, results
+        if config.refine_steps == 0:
+            return []
+        launches = [self._system(points, poses, reach, 0)]
+        for step in range(config.refine_steps):
+            reach = max(config.refine_scale, reach * config.refine_shrink)
+            launches += self._step(step, points, results, poses, reach)
+            poses = self._poses[step % 2]
+        return [*launches, self._end(config.refine_steps, results, poses)]
+
+    def _step(
+        self, step: int, points: Array, results: Array, poses: Array, reach: float
+    ) -> list[Launch]:
+        """From `poses` on to the next ones, and the linear system there."""
+        taken = (self._sigma, self._limits, results, poses, self._parts[step % 2])
+        found = (self._least, self._shift, self._poses[step % 2])
+        first, weights = np.int32(step == 0), self._weights()
+        if not self.device.is_gpu:
+            size = (self._defines["GROUP"] * self.n_poses,)
+            n_parts = np.int32(self._n_parts)
+            return [
+                self._launch("refine_step", size, first, n_parts, *weights, *taken, *found),
+                self._system(points, self._poses[step % 2], reach, step + 1),
+            ]
+        voxels = self._voxels(points, reach)
+        at = (*voxels[:3], *weights, *voxels[3:], *taken, *found, self._parts[(step + 1) % 2])
+        return [self._launch("refine_on", self._size(), first, *at)]
+
+    def _system(self, points: Array, poses: Array, reach: float, step: int) -> Launch:
+        parts = self._parts[step % 2]
+        return self._launch(
+            "refine_system", self._size(), *self._voxels(points, reach), poses, parts
+        )
+
+    def _end(self, step: int, results: Array, poses: Array) -> Launch:
+        return self._launch(
+            "refine_end",
+            (self._defines["GROUP"] * self.n_poses,),
+            np.int32(self._n_parts),
+            *self._weights(),
+            self._sigma,
+            poses,
+            self._parts[step % 2],
+            self._least,
+            self._shift,
+            self.information,
+            results,
+        )
+
+    def _voxels(self, points: Array, reach: float) -> tuple[Any, ...]:
+        """Arguments that say what the linear system is made of."""
+        n_points, scale = np.int32(self.config.n_points), np.float32(self.config.refine_scale)
+        return n_points, scale, np.float32(reach), points, self._body, self._moves
+
+    def _weights(self) -> tuple[np.float32, np.float32]:
+        """Of the voxels' mean in the cost, and of a voxel in the linear system."""
+        strength = self.config.refine_strength / self.config.n_points
+        return np.float32(strength), np.float32(strength / self.config.refine_scale**2)
+
+    def _size(self) -> tuple[int, int]:
+        """A work-group for every part of every pose's voxels."""
+        return self._n_parts * self._defines["GROUP"], self.n_poses
+
+    def _launch(self, name: str, size: tuple[int, ...], *args: Any) -> Launch:
+        kernel = self.device.kernel("tracking/refinement", name, **self._defines)
+        group = (self._defines["GROUP"], *[1] * (len(size) - 1))
+        return self.device.launch(kernel, size, group, *args)
+
+    def _check_room(self, row: int) -> None:
+        """row: floats per row of the linear system. The kernel's arrays: `workspace` and system."""
+        body, defines = self.body, self._defines
+        packs = 8 * body.n_dof + 12 * len(body.bones) + 24 * len(body.cones)
+        floats = defines["PACK"] * packs + row * (7 + defines["BLOCK"] + body.n_dof)
+        floats += 9 * defines["BLOCK"] + defines["GROUP"] + self._body.size
+        nbytes, room = 4 * floats, self.device.handle.local_mem_size
+        if nbytes > room:
+            raise InputError(
+                f"refining the {self.body.n_dof} degrees of freedom of the body {self.body.name} "
+                f"needs {nbytes} bytes of local memory; {self.device.name} has {room}"
+            )

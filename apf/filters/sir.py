@@ -1,0 +1,79 @@
+"""Tracking by a particle filter with resampling, SIR (Rymut 2016, 2.3, algorithms 1 and 2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.filters.annealed import Tracker
+from apf.filters.config import FilterConfig
+from apf.filters.particle_set import ParticleSet
+from apf.likelihood.base import Scorer
+from cl import Device, InputError, Launch
+from psfs.common.ranges import check_range
+
+
+@dataclass(frozen=True)
+class SirConfig:
+    """sigma_z of Rymut 2016 eq. (2.42); 0 finds it anew in each frame.
+
+    Then it is such that the effective sample size is `first_survival` of the particles.
+    """
+
+    sigma_z: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("sigma_z", self.sigma_z, 0, ends=True)
+
+    @property
+    def beta(self) -> float:
+        """The exponent of exp(-(1 - f)^2), 0 for one to be found."""
+        return self.sigma_z**-2 if self.sigma_z > 0 else 0.0
+
+
+class SirParticleFilter(Tracker):
+    """Propagates by N(x, Sigma), weighs by exp(-(1 - f)^2 / sigma_z^2), resamples; see `Tracker`.
+
+    One layer: the errors of the scorer, squared, stand for (1 - f)^2. config: n_particles, noise,
+    velocity, seed, first_survival, and what refines an estimate; n_layers must be 1. The pose is
+    the weighted mean. Twin: reference/sir.py. Raises InputError for another number of layers.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        scorer: Scorer,
+        config: FilterConfig,
+        sir: SirConfig | None = None,
+    ) -> None:
+        check_layers(config)
+        self.sir = sir or SirConfig()
+        self._squared = device.empty((config.n_particles,), np.float32, "the errors")
+        super().__init__(device, body, scorer, ParticleSet(device, body, config), config)
+
+    def _search(self, source: int) -> list[Launch]:
+        particles, n = self._particles, self.config.n_particles
+        squared = self.device.launch(
+            self.device.kernel("tracking/sir", "squared_errors"),
+            (n,),
+            None,
+            np.int32(n),
+            self.scorer.errors,
+            self._squared,
+        )
+        return [
+            particles.diffuse(0, source),
+            *self.scorer.launcher(particles.sets[1 - source]),
+            squared,
+            particles.anneal(0, self._squared, self.sir.beta),
+            particles.estimate(1 - source),
+        ]
+
+
+def check_layers(config: FilterConfig) -> None:
+    """Raise InputError unless there is one layer."""
+    if config.n_layers != 1:
+        raise InputError(f"a particle filter with {config.n_layers} layers; expected 1")

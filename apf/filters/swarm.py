@@ -1,0 +1,128 @@
+"""Tracking by a particle swarm (Rymut 2016, 2.3; Kwolek & Rymut 2016, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.filters.annealed import Tracker
+from apf.filters.config import FilterConfig
+from apf.filters.particle_set import ParticleSet
+from apf.likelihood.base import Scorer
+from cl import Array, Device, InputError, Launch
+
+_GROUP = 256
+
+
+@dataclass(frozen=True)
+class SwarmConfig:
+    """Factors of Rymut 2016 eq. (2.27): inertia (w), cognitive (c1), social (c2).
+
+    Rymut does not state his. These contract faster than those that Clerc & Kennedy (2002) derive
+    for long searches (0.73, 1.5, 1.5), which ten iterations are not.
+    """
+
+    inertia: float = 0.6
+    cognitive: float = 1.2
+    social: float = 1.2
+
+    def __post_init__(self) -> None:
+        factors = (self.inertia, self.cognitive, self.social)
+        if not (0 <= self.inertia < 1 and min(factors) >= 0 and sum(factors) < np.inf):
+            raise InputError(
+                f"the swarm's inertia is {self.inertia}, its factors {self.cognitive} and "
+                f"{self.social}; expected 0 <= inertia < 1 and factors from 0 on"
+            )
+
+
+class Swarm(ParticleSet):
+    """A particle set with velocities and memory. Kernel: swarm.cl.
+
+    sets[0]: the particles' poses; sets[1]: the best that each has found in the frame. The best of
+    all is the parent of all particles of the next frame.
+    """
+
+    def __init__(
+        self, device: Device, body: BodyModel, config: FilterConfig, swarm: SwarmConfig
+    ) -> None:
+        super().__init__(device, body, config)
+        self.swarm = swarm
+        self._velocities = device.empty(self.sets[0].shape, np.float32, "the velocities")
+        self._best_errors = device.empty((config.n_particles,), np.float32, "the errors")
+
+    def scatter(self) -> Launch:
+        """Eq. (2.31): the frame's particles, spread around the last best."""
+        return self.diffuse(0, 1)
+
+    def move(self, iteration: int) -> Launch:
+        """Eq. (2.27)-(2.28), for iterations from 1 on."""
+        return self.device.launch(
+            self._swarm_kernel("move"),
+            (self.n_dof, self.config.n_particles),
+            None,
+            np.int32(self.config.n_particles),
+            np.int32(iteration),
+            np.float32(self.swarm.inertia),
+            np.float32(self.swarm.cognitive),
+            np.float32(self.swarm.social),
+            self._seeds,
+            self.frame,
+            self._limits,
+            self.result,
+            self.sets[1],
+            self._velocities,
+            self.sets[0],
+        )
+
+    def remember(self, iteration: int, errors: Array) -> Launch:
+        """Eq. (2.29)-(2.30), from the `errors` (N,) of the poses."""
+        return self.device.launch(
+            self._swarm_kernel("remember"),
+            (_GROUP,),
+            (_GROUP,),
+            np.int32(self.config.n_particles),
+            np.int32(iteration),
+            np.int32(iteration == self.config.n_layers - 1),
+            self.frame,
+            errors,
+            self.sets[0],
+            self.sets[1],
+            self._best_errors,
+            self.parents,
+            self.result,
+        )
+
+    def _swarm_kernel(self, name: str) -> object:
+        return self.device.kernel("tracking/swarm", name, GROUP=_GROUP, N_DOF=self.n_dof)
+
+
+class ParticleSwarm(Tracker):
+    """Searches each frame by a synchronous swarm with one global best; see `Tracker`.
+
+    config: n_particles, n_layers as the number of iterations (each scores all particles once),
+    noise, velocity, seed, and what refines an estimate. An estimate's pose is the global best, its
+    deviation that of the particles' own bests from it, ess the number of particles that improved
+    in each iteration; beta is 0. Twin: reference/swarm.py.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        scorer: Scorer,
+        config: FilterConfig,
+        swarm: SwarmConfig | None = None,
+    ) -> None:
+        config = replace(config, trunk_layers=0)  # particles scatter once a frame, all of the body
+        self._swarm = Swarm(device, body, config, swarm or SwarmConfig())
+        super().__init__(device, body, scorer, self._swarm, config)
+
+    def _search(self, source: int) -> list[Launch]:
+        swarm, launches = self._swarm, []
+        for iteration in range(self.config.n_layers):
+            launches.append(swarm.move(iteration) if iteration else swarm.scatter())
+            launches += self.scorer.launcher(swarm.sets[0])
+            launches.append(swarm.remember(iteration, self.scorer.errors))
+        return launches

@@ -1,0 +1,137 @@
+"""TRC files, the marker trajectories of OpenSim and Pose2Sim.
+
+Written: millimetres, Y up, TRC (X, Y, Z) = world (x, z, -y). Read: metres or millimetres, and
+the world's axes after one of `CONVENTIONS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.common.files import written_whole
+
+#: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
+CONVENTIONS: dict[str, np.ndarray] = {
+    "y-up": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # world = (X, -Z, Y), as written here
+    "pose2sim": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
+    "z-up": np.eye(3),  # world = (X, Y, Z)
+}
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
+         "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class JointSeries:
+    """Named points over time. joints: (F, J, 3) m in the world, Z up, NaN where missing.
+
+    frames: (F,) int, frame indices of the sequence, counted from 0; fps: of the sequence.
+    """
+
+    joint_names: tuple[str, ...]
+    joints: np.ndarray
+    fps: float
+    frames: np.ndarray
+
+
+def write_trc(path: str | Path, series: JointSeries) -> None:
+    """Write a TRC that OpenSim opens: mm, Y up, TRC (X, Y, Z) = world (x, z, -y).
+
+    Frame# is the sequence's frame index + 1 and Time the index over fps, so that a track of
+    some frames stays in step with the whole video. Missing points are left blank.
+    """
+    path = Path(path)
+    n, n_joints = series.joints.shape[:2]
+    step = float(np.median(np.diff(series.frames))) if n > 1 else 1.0
+    start = int(series.frames[0]) + 1 if n else 1
+    rate, camera_rate = f"{series.fps / max(step, 1.0):g}", f"{series.fps:g}"
+    values = (rate, camera_rate, n, n_joints, "mm", camera_rate, start, n)
+    names = ["_".join(name.split()) for name in series.joint_names]
+    points = (series.joints @ CONVENTIONS["y-up"]).reshape(n, -1) * 1000  # inverse: transpose
+    header = [
+        ["PathFileType", "4", "(X/Y/Z)", path.name],
+        _KEYS,
+        map(str, values),
+        ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{j}" for j in range(1, n_joints + 1) for axis in "XYZ")],
+        [],
+    ]
+    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        for cells in header:
+            file.write("\t".join(cells) + "\n")
+        for index, row in zip(series.frames, points, strict=True):
+            cells = ["" if np.isnan(value) else f"{value:.5f}" for value in row]
+            file.write("\t".join([f"{index + 1}", f"{index / series.fps:.6f}", *cells]) + "\n")
+
+
+def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
+    """The markers of a TRC, in metres and Z up.
+
+    convention: one of `CONVENTIONS`; a TRC does not state its axes. Frame numbers count from 1,
+    or from 0 where the first is 0. Raises InputError naming the line that is wrong.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not text"
+        raise InputError(f"{path}: cannot be read as a TRC file: {reason}") from None
+    if len(lines) < 5 or not lines[0].startswith("PathFileType"):
+        raise InputError(
+            f"{path}: not a TRC file; expected its first line to be PathFileType 4 ..."
+        )
+    fps, scale = _header(path, lines)
+    labels = lines[3].split("\t")
+    names = tuple(label.strip() for label in labels[2:] if label.strip())
+    if not names:
+        raise InputError(f"{path}: line 4 names no marker; expected Frame#, Time and the names")
+    rows = [
+        _row(path, number, line, len(names))
+        for number, line in enumerate(lines[5:], 6)
+        if line.strip()  # the blank line after the header, and any at the end
+    ]
+    if not rows:
+        raise InputError(f"{path}: holds no frame after the header")
+    table = np.array(rows)
+    if not np.isfinite(table[:, 0]).all():
+        raise InputError(f"{path}: a Frame# is no finite number")
+    frames = np.rint(table[:, 0]).astype(np.int64)
+    frames -= 0 if frames[0] == 0 else 1
+    points = table[:, 2:].reshape(len(rows), len(names), 3) * scale
+    return JointSeries(names, points @ CONVENTIONS[convention].T, fps, frames)
+
+
+def _header(path: Path, lines: list[str]) -> tuple[float, float]:
+    """fps and metres per unit; keys and values stand below each other on lines 2 and 3."""
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    rate = header.get("CameraRate", header.get("DataRate", ""))
+    unit = header.get("Units", "")
+    if unit not in _METRES:
+        raise InputError(f"{path}: Units is {unit!r}; expected one of {', '.join(_METRES)}")
+    try:
+        fps = float(rate)
+    except ValueError:
+        fps = 0.0
+    if not 0 < fps < np.inf:
+        raise InputError(f"{path}: CameraRate is {rate!r}; expected a positive number")
+    return fps, _METRES[unit]
+
+
+def _row(path: Path, number: int, line: str, n_markers: int) -> list[float]:
+    """Frame#, Time and 3 values per marker, NaN where blank (also where a row ends early)."""
+    cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
+    expected = 2 + 3 * n_markers
+    cells = cells[:expected] + [""] * (expected - len(cells)) + [c for c in cells[expected:] if c]
+    if len(cells) > expected or not cells[0]:
+        raise InputError(
+            f"{path}: line {number} has {len(cells)} values; expected {expected} "
+            f"(Frame#, Time and 3 for each of {n_markers} markers), separated by tabs"
+        )
+    try:
+        return [float(cell) if cell else np.nan for cell in cells]
+    except ValueError as error:
+        raise InputError(f"{path}: line {number}: {error}") from None

@@ -1,0 +1,266 @@
+"""Rendering of all hypotheses in all cameras on the device (kernel: render.cl)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from apf.body.mesh import BodyMesh
+from apf.body.model import BodyModel, Cone
+from apf.body.posing import Kinematics
+from apf.reference.render import cone_edges
+from cl import Array, Device, InputError, Launch
+from psfs.cameras.camera import CameraRig
+
+#: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
+#: PACK rows in vectors, one lot after the other.
+_ROWS, _PACK = 128, 8
+#: 32-bit words of a Part in parts.h.
+_PART_WORDS = 30
+#: Columns that the spans' 16 bits hold, with a sign and room for what means none.
+_WIDEST = 16380
+#: Local memory for the spans of a mesh's parts: on a GPU so little that many groups run at once.
+_GPU_BYTES, _CPU_BYTES = 16384, 65536
+
+
+class Renderer:
+    """Draws posed bodies as the cameras see them and counts their pixels.
+
+    body: whose cones are what is drawn, or what that moves with. labels: (P,) int32 segment of each
+    part that is drawn, from 0, for counts by segment. counts: device array (V, N, 2 + 2 L) int32
+    that the launches of `launcher` fill: visible edge pixels, the sum of the edge proximity there,
+    then per segment the model's pixels and their overlap with the silhouette (eq. 4.36-4.40).
+    """
+
+    def __init__(
+        self, device: Device, body: BodyModel, rig: CameraRig, n: int, labels: np.ndarray
+    ) -> None:
+        self.device, self.rig, self.n_hypotheses = device, rig, n
+        self.n_parts, self.n_labels = len(labels), int(labels.max()) + 1
+        self._kinematics = Kinematics(device, body, n)
+        self._cameras = device.to_device(rig.packed(), "the cameras")
+        self._labels = device.to_device(labels.astype(np.int32), "the labels")
+        shape = (len(rig), n, 2 + 2 * self.n_labels)
+        self.counts = device.empty(shape, np.int32, "the counted pixels")
+
+    def launcher(
+        self,
+        poses: Array,
+        roi: Array,
+        silhouettes: Array,
+        proximity: Array,
+        pictures: Array | None = None,
+    ) -> list[Launch]:
+        """The launches that count `poses` (N, D), arguments set.
+
+        roi: (V, 4) int32, ends excluded. silhouettes: uint32 of `silhouette_shape`, bit i of word w
+        is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
+        gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
+        """
+        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
+        stage, shapes, defines = self._shapes()
+        drawn = () if pictures is None else (pictures,)
+        kernel = self.device.kernel(
+            stage,
+            "count_pixels",
+            N_PARTS=self.n_parts,
+            N_LABELS=self.n_labels,
+            WIDTH=self.rig.width,
+            GROUP=rows,
+            PACK=pack,
+            **({"DRAW": 1} if drawn else {}),
+            **defines,
+        )
+        count = self.device.launch(
+            kernel,
+            (self.n_hypotheses * rows, len(self.rig)),
+            (rows, 1),
+            np.int32(self.n_hypotheses),
+            *shapes,
+            np.int32(self.rig.height),
+            np.int32(silhouettes.shape[-1]),
+            *(roi, self._labels, silhouettes, proximity, self.counts, *drawn),
+        )
+        return [*self._kinematics.launcher(poses), self._place(), count]
+
+    def _place(self) -> Launch:
+        """What puts the posed body into the pictures."""
+        raise NotImplementedError
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+        """Stage and first arguments of the counting kernel, and defines of its own."""
+        raise NotImplementedError
+
+
+class FlatRenderer(Renderer):
+    """Draws the cones of `body` as trapezoids (Rymut 2016, 4.3).
+
+    round_ends: with the ends that the cones have in the voxels' likelihood too.
+    Cones that are not to be looked for in images cover their pixels, but show no edges.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        n: int,
+        labels: np.ndarray,
+        round_ends: bool = False,
+    ) -> None:
+        super().__init__(device, body, rig, n, labels)
+        self.round_ends = round_ends
+        edged, free = cone_edges(body)
+        table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
+        self._edged = device.to_device(table, "the parts with edges")
+        places = (len(rig), n, self.n_parts, _PART_WORDS)
+        self._parts = device.empty(places, np.float32, "the parts in the pictures")
+
+    def _place(self) -> Launch:
+        kernel = self.device.kernel(
+            "image/parts",
+            "place_parts",
+            N_PARTS=self.n_parts,
+            PART_WORDS=_PART_WORDS,
+            ROUND_ENDS=int(self.round_ends),
+        )
+        return self.device.launch(
+            kernel,
+            (self.n_hypotheses * self.n_parts, len(self.rig)),
+            (64, 1),
+            np.int32(self.n_hypotheses),
+            *(self._kinematics.cones, self._cameras, self._edged, self._parts),
+        )
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+        return "image/render", (self._parts,), {"PART_WORDS": _PART_WORDS}
+
+
+class MeshRenderer(Renderer):
+    """Draws a mesh that moves with the bones of `body`."""
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        n: int,
+        labels: np.ndarray,
+        mesh: BodyMesh,
+    ) -> None:
+        super().__init__(device, with_frames(body), rig, n, labels)
+        self.mesh = mesh
+        self._edged = device.to_device(mesh.edged.astype(np.int32), "the parts with edges")
+        binds, bones = packed_binds(mesh)
+        self._binds = device.to_device(binds, "the mesh's vertices")
+        self._bones = device.to_device(bones, "the mesh's bones")
+        lines, owners = mesh.lines()
+        self._lines = device.to_device(lines, "the mesh's lines")
+        self._owners = device.to_device(owners, "the mesh's lines")
+        self._sizes = {"N_VERTICES": mesh.n_vertices, "N_CORNERS": len(binds)}
+        pixels = (len(rig), n, len(binds), 2)
+        self._pixels = device.empty(pixels, np.float32, "the projected vertices")
+
+    def _place(self) -> Launch:
+        kernel = self.device.kernel(
+            "image/skin",
+            "project_vertices",
+            N_BONES=len(self._kinematics.body.cones),
+            N_BINDS=self.mesh.bones.shape[1],
+            **self._sizes,
+        )
+        n_corners = self._sizes["N_CORNERS"]
+        return self.device.launch(
+            kernel,
+            (n_corners, self.n_hypotheses, len(self.rig)),
+            (min(64, n_corners), 1, 1),
+            np.int32(self.n_hypotheses),
+            *(self._kinematics.cones, self._cameras, self._binds, self._bones, self._pixels),
+        )
+
+    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+        room = _GPU_BYTES if self.device.is_gpu else _CPU_BYTES
+        band = max(1, room // (8 * self.n_parts) - 2 - _PACK)
+        bands = {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
+        arrays = (self._pixels, self._lines, self._owners, self._edged)
+        return "image/render_mesh", arrays, {**self._sizes, **bands}
+
+
+def with_frames(body: BodyModel) -> BodyModel:
+    """`body` with a cone for each of its bones that posed is the bone's frame: origin, first and
+    second axis, and as its end the tip of the third."""
+    zero, first, third = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    frames = tuple(
+        Cone(bone.name, b, zero, third, (1.0, 1.0), first, (1.0, 1.0))
+        for b, bone in enumerate(body.bones)
+    )
+    return replace(body, cones=frames, apart=())
+
+
+def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Of vertices, then the parts' middles: (M + P, K, 4) float32 positions and weights, and
+    (M + P, K) int32 bones."""
+    middle_bones, middles = mesh.middles()
+    n_binds = mesh.bones.shape[1]
+    binds = np.zeros((mesh.n_vertices + mesh.n_parts, n_binds, 4), np.float32)
+    bones = np.zeros((len(binds), n_binds), np.int32)
+    binds[: mesh.n_vertices] = np.concatenate([mesh.positions, mesh.weights[..., None]], -1)
+    bones[: mesh.n_vertices] = mesh.bones
+    binds[mesh.n_vertices :, 0, :3], binds[mesh.n_vertices :, 0, 3] = middles, 1
+    bones[mesh.n_vertices :, 0] = middle_bones
+    return binds, bones
+
+
+def renderer_for(
+    device: Device,
+    body: BodyModel,
+    rig: CameraRig,
+    n: int,
+    labels: np.ndarray | None = None,
+    mesh: BodyMesh | None = None,
+    round_ends: bool = False,
+) -> Renderer:
+    """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
+
+    Raises InputError for pictures too wide to draw in.
+    """
+    if rig.width > _WIDEST:
+        raise InputError(f"pictures {rig.width} px wide; expected at most {_WIDEST}")
+    n_parts = len(body.cones) if mesh is None else mesh.n_parts
+    labels = np.zeros(n_parts, np.int32) if labels is None else labels
+    if mesh is None:
+        return FlatRenderer(device, body, rig, n, labels, round_ends)
+    return MeshRenderer(device, body, rig, n, labels, mesh)
+
+
+def draw_hypotheses(
+    device: Device,
+    body: BodyModel,
+    rig: CameraRig,
+    poses: np.ndarray,
+    mesh: BodyMesh | None = None,
+    round_ends: bool = False,
+) -> np.ndarray:
+    """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D): the number of the part seen, from 1 (0 is
+    background), and 255 on edges. The very pixels that an `ImageObjective` counts."""
+    n, shape = len(poses), (len(rig), rig.height, rig.width)
+    renderer = renderer_for(device, body, rig, n, mesh=mesh, round_ends=round_ends)
+    pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
+    silhouettes = device.zeros(silhouette_shape(rig, 1), np.uint32, "the silhouettes")
+    proximity = device.zeros(shape, np.uint8, "the edge proximity")
+    roi = device.to_device(whole_pictures(rig), "the regions of interest")
+    on_device = device.to_device(np.asarray(poses, np.float32), "the poses")
+    for launch in renderer.launcher(on_device, roi, silhouettes, proximity, pictures):
+        launch()
+    return pictures.get()
+
+
+def silhouette_shape(rig: CameraRig, n_labels: int) -> tuple[int, int, int, int]:
+    """(V, L, words of a row, rows) of silhouettes as bits, with rows to spare for vectors."""
+    return len(rig), n_labels, -(-rig.width // 32), rig.height + _PACK - 1
+
+
+def whole_pictures(rig: CameraRig) -> np.ndarray:
+    """(V, 4) int32 regions of interest that hold each camera's whole picture."""
+    return np.array([(0, 0, *camera.size) for camera in rig], np.int32)

@@ -1,0 +1,48 @@
+"""Voxels that stay while later frames are reconstructed."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from cl import Device, NumpyDevice
+from psfs.reconstruct import Voxels
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+
+class StoredVoxels:
+    """A copy of one frame's surface voxels, which trackers can be shown like `Voxels`."""
+
+    def __init__(self, device: Device, cloud: VoxelCloud) -> None:
+        self.grid = cloud.grid
+        self._cloud = cloud
+        indices = cloud.indices if len(cloud.indices) else np.zeros(1)
+        self.surface = device.to_device(indices.astype(np.int32), "the surface voxels")
+        self.count = device.to_device(np.array([len(cloud.indices)], np.int32))
+
+    def cloud(self) -> VoxelCloud:
+        """The surface voxels on the host."""
+        return self._cloud
+
+
+def stored(
+    device: Device | NumpyDevice, voxels: Voxels | NumpyVoxels
+) -> StoredVoxels | NumpyVoxels:
+    """What remains of `voxels` when their reconstructor goes on to the next frame."""
+    if isinstance(device, NumpyDevice):
+        assert isinstance(voxels, NumpyVoxels)
+        return NumpyVoxels(voxels.grid, voxels.probability, voxels.surface, voxels.occupied)
+    return StoredVoxels(device, voxels.cloud())
+
+
+def person_points(grid: VoxelGrid, indices: np.ndarray, least: float = 0.05) -> np.ndarray:
+    """Centres (N, 3) m of the voxels in connected parts of at least `least` of the largest."""
+    if len(indices) == 0:
+        return np.zeros((0, 3))
+    filled = np.zeros(grid.shape, bool)
+    filled.ravel()[indices] = True
+    labels, _ = ndimage.label(filled, np.ones((3, 3, 3)))
+    mine = labels.ravel()[indices]
+    sizes = np.bincount(mine)
+    return grid.centres(indices[sizes[mine] >= least * sizes.max()])

@@ -1,0 +1,144 @@
+"""What colour each part of the body has, and whether poses go with it (kernel: part_colour.cl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.body.posing import body_defines
+from apf.filters.config import FilterConfig
+from cl import Array, Device, InputError, Launch
+from cl.workgroups import pack_defines, pack_size
+from psfs.reconstruct import Voxels
+
+_GROUP = 128
+#: Grey levels added to R + G + B of a colour: below it the noise of dark pixels would count.
+DARK = 30.0
+#: Samples that must lie on a part (closer ones count more) for its colour to be learnt from them.
+LEAST_SAMPLES = 4.0
+
+
+class LimbColours:
+    """The colours of surface samples `points` (K, 4) against those of the parts they lie on.
+
+    Colours are compared by chromaticity, (R, G, B) / (R + G + B + DARK) less its grey share: two
+    numbers, in which the shading of a limb that turns, a shadow and the gains of the cameras
+    cancel, all of which change RGB more than another garment does. The price: black, grey and
+    white are one colour.
+
+    `parts` (C, 4) float32 is what was learnt of each cone: chromaticity, 1 where it is known, 0.
+    What is not known yet costs nothing, nor do samples that no camera sees.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        table: Array,
+        points: Array,
+        config: FilterConfig,
+    ) -> None:
+        self.device, self.config = device, config
+        self._table, self._points = table, points
+        self._n_points, self._n_cones = points.shape[0], len(body.cones)
+        self._pack = pack_defines(device, _GROUP)
+        constants = {"DARK": DARK, "LEAST_SAMPLES": LEAST_SAMPLES}
+        self._defines: dict[str, float] = {**body_defines(body), **self._pack, **constants}
+        self.parts = device.zeros((self._n_cones, 4), np.float32, "the parts' colours")
+        self._samples = device.zeros((self._n_points, 4), np.float32, "the samples' colours")
+        self._nearest = device.empty((self._n_points, 2), np.float32, "the samples' parts")
+        shape = (self._n_points, self._n_cones)
+        self._costs = device.empty(shape, np.float32, "the samples' costs")
+        self._colours: Array | None = None
+        self._compare = device.launch(
+            self._kernel("compare"),
+            (self._n_cones, self._n_points),
+            None,
+            np.int32(self._n_points),
+            np.float32(config.colour_scale),
+            self._samples,
+            self.parts,
+            self._costs,
+        )
+
+    def forget(self) -> None:
+        """No part's colour is known any more."""
+        self.parts.fill(0)
+
+    def observe(self, voxels: Voxels) -> None:
+        """Enqueue the samples' colours. Raises InputError if the frame has no pictures."""
+        try:
+            colours = voxels.colours()
+        except InputError as error:
+            raise InputError(f"the likelihood's term colour: {error}") from None
+        if colours is not self._colours:
+            self._colours = colours
+            self._sample = self.device.launch(
+                self._kernel("sample_colours"),
+                (self._n_points,),
+                None,
+                np.int32(self._n_points),
+                voxels.count,
+                colours,
+                self._samples,
+            )
+        self._sample()
+        self._compare()
+
+    def launcher(
+        self, poses: Array, place: tuple[int, int], weight: float, errors: Array
+    ) -> list[Launch]:
+        """The launches that add to `errors` (n,) of `poses` (n, D) `weight` times the mean of
+        d^2 / (d^2 + colour_scale^2) over the samples that a camera sees, d from a sample's colour
+        to that of the part nearest to it; place: first sample looked at, and stride."""
+        return [
+            self.device.launch(
+                self._kernel("add_miscoloured"),
+                pack_size(poses.shape[0], self._pack),
+                (self._pack["GROUP"],),
+                np.int32(poses.shape[0]),
+                poses,
+                self._table,
+                np.int32(self._n_points),
+                np.int32(place[0]),
+                np.int32(place[1]),
+                np.float32(weight),
+                self._points,
+                self._samples,
+                self._costs,
+                errors,
+            )
+        ]
+
+    def learner(self, pose: Array) -> list[Launch]:
+        """The launches that learn from the frame, of which the first of `pose` (.., D) is right."""
+        group = self._pack["GROUP"]
+        return [
+            self.device.launch(
+                self._kernel("find_parts"),
+                (group,),
+                (group,),
+                pose,
+                self._table,
+                np.int32(self._n_points),
+                np.float32(self.config.surface_scale),
+                self._points,
+                self._samples,
+                self._nearest,
+            ),
+            self.device.launch(
+                self._kernel("learn"),
+                (self._n_cones * group,),
+                (group,),
+                np.int32(self._n_points),
+                np.float32(self.config.colour_rate),
+                self._samples,
+                self._nearest,
+                self.parts,
+            ),
+        ]
+
+    def _kernel(self, name: str) -> Any:
+        return self.device.kernel("tracking/part_colour", name, **self._defines)

@@ -1,0 +1,76 @@
+"""The other side of the silhouettes: how much of them the body leaves uncovered (kernel:
+silhouette_recall.cl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.body.posing import Kinematics
+from cl import Array, Device, Launch
+from cl.workgroups import pack_defines
+from psfs.cameras.camera import CameraRig
+
+_GROUP = 256
+#: Most cameras that a GPU's work-group looks at together.
+_VIEWS = 8
+
+
+class Coverage:
+    """Share of the surface samples `points` (K, 4) that no part of a pose covers in the pictures.
+
+    Song et al. eq. (15) asks only whether the body lies within the silhouettes: two legs may hide
+    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42).
+    """
+
+    def __init__(
+        self, device: Device, body: BodyModel, rig: CameraRig, cameras: Array, points: Array
+    ) -> None:
+        self.device, self.body = device, body
+        self._n_views, self._n_points = len(rig), points.shape[0]
+        self._cameras, self._points = cameras, points
+        self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
+        together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
+        self._defines["VIEWS"] = min(together, self._defines["GROUP"])
+        shape = (len(rig), self._n_points, 2)
+        self._pixels = device.empty(shape, np.float32, "the projected surface samples")
+        self.observe = device.launch(
+            self._kernel("project_points"),
+            (-(-self._n_points // self._defines["PACK"]), self._n_views),
+            None,
+            np.int32(self._n_points),
+            np.int32(self._n_views),
+            points,
+            cameras,
+            self._pixels,
+        )
+
+    def launcher(
+        self, poses: Array, place: tuple[int, int], weight: float, errors: Array
+    ) -> list[Launch]:
+        """The launches that add `weight` times the share to `errors` (n,) of `poses` (n, D), once
+        per camera; place: first sample looked at, and stride. `observe()` before, in every frame.
+        """
+        kinematics = Kinematics(self.device, self.body, poses.shape[0])
+        return [
+            *kinematics.launcher(poses),
+            self.device.launch(
+                self._kernel("add_uncovered"),
+                (poses.shape[0] * self._defines["GROUP"],),
+                (self._defines["GROUP"],),
+                np.int32(self._n_points),
+                np.int32(place[0]),
+                np.int32(place[1]),
+                np.int32(self._n_views),
+                np.float32(weight),
+                kinematics.cones,
+                self._cameras,
+                self._pixels,
+                errors,
+            ),
+        ]
+
+    def _kernel(self, name: str) -> Any:
+        return self.device.kernel("tracking/silhouette_recall", name, **self._defines)

@@ -1,0 +1,36 @@
+"""How far live poses lie from the truth: of the frames taken, and of when the poses are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from apf.formats.trc import JointSeries
+from apf.results.evaluate import evaluate
+from apf.tracking.track import Track
+
+
+def live_errors(track: Track, truth: JointSeries, latencies: np.ndarray) -> dict[str, float | None]:
+    """mm, means over joints and poses. error_mm: from the truth of the frame that was taken, which
+    is the tracking's; error_when_known_mm: from the truth `latencies` (F,) s later, when the pose
+    was known, without the poses for which there is no truth so late. Raises InputError as
+    `evaluate` does."""
+    errors = {"error_mm": evaluate(track, truth).mean_error, "error_when_known_mm": np.nan}
+    later = truth_later(truth, track.frames, latencies)
+    if np.isfinite(later.joints).any():
+        errors["error_when_known_mm"] = evaluate(track, later).mean_error
+    return {
+        name: round(1000 * error, 2) if np.isfinite(error) else None
+        for name, error in errors.items()
+    }
+
+
+def truth_later(truth: JointSeries, frames: np.ndarray, seconds: np.ndarray) -> JointSeries:
+    """At the indices `frames` (F,) the true joints `seconds` (F,) later, linear between frames; NaN
+    where there are none."""
+    when = frames + seconds * truth.fps
+    flat = truth.joints.reshape(len(truth.frames), -1)
+    moved = [np.interp(when, truth.frames, column, np.nan, np.nan) for column in flat.T]
+    joints = np.stack(moved, -1).reshape(len(frames), *truth.joints.shape[1:])
+    return replace(truth, joints=joints, frames=np.asarray(frames))

@@ -1,0 +1,57 @@
+"""Footage made smaller: pictures no finer than what is told from them take less time."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import cv2
+import numpy as np
+
+from apf.filters.method import Footage
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+from psfs.sequence import Frame
+from psfs.voxels.bounding_volume import finest_pixel
+from psfs.voxels.grid import VoxelGrid
+
+
+class Smaller:
+    """`footage` with pictures resized by `factor`, up to 1; a call resizes a frame."""
+
+    def __init__(self, footage: Footage, factor: float) -> None:
+        self.has_images = footage.has_images
+        self._whole = footage.rig
+        self.rig = footage.rig.scaled(factor) if factor < 1 else footage.rig
+        self.background = self._scene(footage.background)
+
+    def __call__(self, frame: Frame) -> Frame:
+        if self.rig is self._whole:
+            return frame
+        parts = (frame.images, frame.masks)
+        images, masks = (None if part is None else self._resized(part) for part in parts)
+        return replace(frame, images=images, masks=masks)
+
+    def _scene(self, background: Background | None) -> Background | None:
+        """With everything resized that it says of single pixels."""
+        if background is None or self.rig is self._whole:
+            return background
+        arrays = {of.name: getattr(background, of.name) for of in fields(background)}
+        pixels = {name: array for name, array in arrays.items() if array.ndim > 2}
+        return replace(background, **{name: self._resized(a) for name, a in pixels.items()})
+
+    def _resized(self, pictures: np.ndarray) -> np.ndarray:
+        """Pictures (V, H, W, ...) as the smaller rig's, by the mean over each pixel's area."""
+        shape = (len(self.rig), self.rig.height, self.rig.width, *pictures.shape[3:])
+        resized = np.zeros(shape, pictures.dtype)
+        for view, (camera, small) in enumerate(zip(self._whole, self.rig, strict=True)):
+            whole = np.ascontiguousarray(pictures[view, : camera.size[1], : camera.size[0]])
+            picture = cv2.resize(whole, small.size, interpolation=cv2.INTER_AREA)
+            resized[view, : small.size[1], : small.size[0]] = picture
+        return resized
+
+
+def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:
+    """By how much pictures can be halved, and halved again, until a pixel covers a voxel of
+    `grid`."""
+    halves = int(np.log2(max(grid.voxel_size / finest_pixel(rig, grid), 1.0)))
+    return float(0.5**halves)

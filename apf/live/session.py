@@ -1,0 +1,314 @@
+"""Tracking as it happens: acquisition, image processing and tracking in threads of their own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.filters.annealed import Estimate
+from apf.filters.config import SIGMA_FPS
+from apf.filters.method import Method, observer_of, tracker_of
+from apf.live.budget import Governor
+from apf.live.pictures import Smaller
+from apf.live.sources import ACQUISITION, Newest, Shot, Source
+from apf.live.timeline import Timeline
+from apf.tracking.recovery import Judge, RecoveryConfig
+from cl import Device
+from psfs.config import ReconstructionConfig, SilhouetteConfig
+from psfs.reconstruct import Reconstructor
+from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.moving_grid import MeanPlace
+
+PROCESSING, TRACKING = "processing", "tracking"
+STAGES = (ACQUISITION, PROCESSING, TRACKING)
+
+#: A pose is searched for as widely as the time since the last good one asks for, up to this, s.
+_LONGEST_GAP = 0.5
+#: An error of image objectives (1 is no overlap at all) beyond which a pose is not believed.
+_NOTHING_SEEN = 0.9
+#: Searches in the first frame that the cost of one is measured by, after one to compile.
+_PROBES = 2
+#: How much earlier than needed the processing begins, as a share of what it takes.
+_EARLY = 0.25
+#: Weight of the newest in the running means of durations.
+_SMOOTH = 0.2
+#: Far from the frame before, few particles find no better than this; only beyond it nothing fits.
+_RECOVERY = RecoveryConfig(ratio=3.0, least=0.6, unknown=0.6)
+#: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
+_RECONSTRUCTION = ReconstructionConfig(SilhouetteConfig(look_again=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """A frame as the trackers observe it, and the mean place of its voxels (3,) m; None where there
+    are none."""
+
+    shot: Shot
+    observation: Any
+    place: np.ndarray | None
+
+
+@dataclass
+class LiveResult:
+    """frames: indices with a pose. estimates: theirs. latencies: s from each frame's appearance to
+    its pose. sizes: (frame, particles, layers) from which on a search of that size was used."""
+
+    frames: list[int] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
+    sizes: list[tuple[int, int, int]] = field(default_factory=list)
+
+
+class Live:
+    """Tracks `body` from `pose` (D,) through what `source` delivers.
+
+    Three threads hand over the newest frame and drop the older ones. The processing of a frame
+    (features, or voxels) begins when the tracker is free, so that no frame waits or is worked on in
+    vain; a GPU, which leaves the host's cores idle, gets the next frame just in time for the
+    tracker to be free when it ends.
+
+    searches: one method in one size, or in several, ascending, of which the one is used that
+    `budget`, frames per second to be reached, leaves the time for; without a budget they are the
+    source's, where that is possible, see `Governor`. follow: voxels are looked for in a grid that
+    moves with the person. scale: of the pictures that are looked at.
+
+    From frame to frame the pose is searched for where the voxels have moved to. Estimates that do
+    not fit are lost, see `Judge`: they hold the last good pose, moved with the voxels, around which
+    the next frame is searched the more widely.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        source: Source,
+        grid: VoxelGrid | None,
+        body: BodyModel,
+        pose: np.ndarray,
+        searches: Sequence[Method],
+        budget: float | None = None,
+        *,
+        follow: bool = False,
+        scale: float = 1.0,
+    ) -> None:
+        self.device, self.source, self.body = device, source, body
+        self.timeline = Timeline(STAGES)
+        self.result = LiveResult()
+        self._grid, self._searches, self._pose = grid, searches, pose
+        self._judge = Judge(_RECOVERY)
+        self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
+        self._overlaps = device.is_gpu
+        self._processor = device.sibling()
+        self._pictures = Smaller(source, scale)
+        self._observe = self._observer(follow)
+        self._translation, self._moved = translation(body), np.zeros(body.n_dof)
+        self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
+        self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
+        self._free, self._stop = threading.Event(), threading.Event()
+        self._free.set()
+        self._errors: list[BaseException] = []
+        self._free_at, self._processing_time = 0.0, 0.0
+        scene = (device, body, self._pictures.rig, grid)
+        self._trackers = [tracker_of(*scene, method) for method in searches]
+        self._governor = self._prepared(budget)
+        self._tracking_time = float(self._governor.costs[self._governor.place])
+        self._tracker = self._chosen()
+
+    def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
+        """Track until the source ends, or `stop`, or KeyboardInterrupt, which ends it just so.
+
+        Raises what a thread raised.
+        """
+        work = (self._acquire, self._process, self._track)
+        threads = [
+            threading.Thread(target=self._guarded, args=(part,), name=stage, daemon=True)
+            for part, stage in zip(work, STAGES, strict=True)
+        ]
+        self.timeline = Timeline(STAGES)
+        for thread in threads:
+            thread.start()
+        try:
+            while threads[-1].is_alive():
+                threads[-1].join(0.1)
+                if progress is not None:
+                    progress(self.result, self.timeline)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.stop()
+            for thread in threads:
+                thread.join()
+        if self._errors:
+            raise self._errors[0]
+        return self.result
+
+    def stop(self) -> None:
+        """End after what is under way."""
+        self._stop.set()
+        self._shots.close()
+        self._ready.close()
+        self._free.set()
+
+    # Threads --------------------------------------------------------------------------------
+
+    def _guarded(self, part: Callable[[], None]) -> None:
+        try:
+            part()
+        except BaseException as error:  # handed to the caller of `run`, whatever it is
+            self._errors.append(error)
+            self.stop()
+
+    def _acquire(self) -> None:
+        self.source.run(self._shots, self.timeline, self._stop)
+        self._shots.close()
+
+    def _process(self) -> None:
+        while not self._stop.is_set():
+            self._free.wait()
+            if self._overlaps:
+                begin = self._free_at - (1 + _EARLY) * self._processing_time
+                self._stop.wait(max(0.0, begin - self.timeline.now()))
+            shot = self._shots.take()
+            if shot is None:
+                break
+            self._free.clear()
+            start = self.timeline.now()
+            with self.timeline.span(PROCESSING, shot.frame.index):
+                observed = Observed(shot, *self._observe(shot.frame))
+                self._processor.finish()
+            self._processing_time = _smoothed(self._processing_time, self.timeline.now() - start)
+            self._ready.put(observed)
+        self._ready.close()
+
+    def _track(self) -> None:
+        while (observed := self._ready.take()) is not None:
+            shot = observed.shot
+            start = self.timeline.now()
+            self._free_at = start + self._tracking_time
+            with self.timeline.span(TRACKING, shot.frame.index):
+                self._expect(observed)
+                self._tracker.observe(observed.observation)
+                if self._overlaps:  # the tracker has what it needs of the observation
+                    self.device.finish()
+                    self._free.set()
+                estimate = self._tracker.search()
+            latency = self.timeline.result(shot.frame.index, shot.time)
+            seconds = self.timeline.now() - start
+            self._free.set()
+            self._keep(observed, estimate, latency)
+            self._tracking_time = _smoothed(self._tracking_time, seconds)
+            if self._governor.revised(self._processing_time, seconds):
+                self._tracker = self._chosen()
+
+    def _expect(self, observed: Observed) -> None:
+        """Search as far around the last good pose as the time since then asks for, and where the
+        voxels have moved to."""
+        when, where = self._seen
+        gap = max(observed.shot.time - when, 1 / self.source.fps)
+        self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
+        self._moved = np.zeros(self.body.n_dof)
+        if where is not None and observed.place is not None:
+            self._moved = self._translation @ (observed.place - where)
+            self._tracker.push(self._moved)
+
+    def _keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
+        """Add the estimate to the result. A lost one goes back to the last good pose, instead of
+        wandering off."""
+        estimate = self._judge.judged(estimate)
+        if not self._searches[0].uses_voxels and estimate.least_error[-1] >= _NOTHING_SEEN:
+            estimate = replace(estimate, lost=True)
+        if estimate.lost:
+            self._tracker.start(self._pose)
+            moved = np.clip(self._pose + self._moved, self.body.lower, self.body.upper)
+            estimate = replace(estimate, pose=moved)
+        else:
+            self._judge.accept(estimate)
+            self._pose = estimate.pose
+            self._seen = observed.shot.time, observed.place
+        self.result.frames.append(observed.shot.frame.index)
+        self.result.estimates.append(estimate)
+        self.result.latencies.append(latency)
+
+    # Preparation ----------------------------------------------------------------------------
+
+    def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
+        """What makes of a frame that which the trackers observe, and where its voxels are."""
+        method, smaller, device = self._searches[0], self._pictures, self._processor
+        if not method.uses_voxels:
+            features = observer_of(device, smaller, None, method)
+            return lambda frame: (features(smaller(frame)), None)
+        assert self._grid is not None, "voxels have a grid"
+        reconstruct = Reconstructor(
+            device,
+            smaller.rig,
+            self._grid,
+            smaller.background,
+            _RECONSTRUCTION,
+            sparse=True,
+            follow=follow,
+        )
+        place = MeanPlace(
+            device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
+        )
+
+        def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
+            voxels, mean = reconstruct(smaller(frame)), place()
+            grid = voxels.grid
+            return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
+
+        return observe
+
+    def _prepared(self, budget: float | None) -> Governor:
+        """Compiles and measures everything in the first frame."""
+        frame = self.source.first()
+        for _ in range(2):
+            start = time.perf_counter()
+            observation, _ = self._observe(frame)
+            self._processor.finish()
+            self._processing_time = time.perf_counter() - start
+        costs = [self._cost_of(tracker, observation) for tracker in self._trackers]
+        return Governor(
+            1 / (budget or self.source.fps),
+            costs,
+            self._processing_time,
+            overlaps=self._overlaps,
+            generous=budget is None,
+        )
+
+    def _cost_of(self, tracker: Any, observation: Any) -> float:
+        """s that a search takes at best."""
+        tracker.start(self._pose)
+        seconds = []
+        for _ in range(1 + _PROBES):
+            start = time.perf_counter()
+            tracker.step(observation)
+            seconds.append(time.perf_counter() - start)
+        return min(seconds[1:])
+
+    def _chosen(self) -> Any:
+        """The tracker of the size that the governor chose, started."""
+        place = self._governor.place
+        frame = self.result.frames[-1] if self.result.frames else -1
+        search = self._searches[place].filter
+        self.result.sizes.append((frame + 1, search.n_particles, search.n_layers))
+        self._trackers[place].start(self._pose)
+        return self._trackers[place]
+
+
+def translation(body: BodyModel) -> np.ndarray:
+    """(D, 3) how a pose of `body` changes when the whole of it moves by a vector, m."""
+    matrix = np.zeros((body.n_dof, 3))
+    for axis in body.bones[0].axes:
+        if axis.kind in ("tx", "ty", "tz"):
+            matrix[axis.dof, "xyz".index(axis.kind[1])] = axis.sign
+    return matrix
+
+
+def _smoothed(mean: float, value: float) -> float:
+    return mean + _SMOOTH * (value - mean)

@@ -1,0 +1,284 @@
+"""Where live frames come from: a recorded sequence at its own rate, or cameras."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from apf.filters.method import Footage
+from apf.live.timeline import Span, Timeline
+from cl import InputError
+from psfs.background.gaussian import Background, clipped_moments
+from psfs.cameras.camera import CameraRig
+from psfs.footage.media import VIDEO_SUFFIXES
+from psfs.sequence import Frame
+from psfs.sequence import Sequence as Recording
+
+#: The stage that sources do.
+ACQUISITION = "acquisition"
+#: s without a new picture after which a camera counts as gone.
+_PATIENCE = 5.0
+_DEFAULT_FPS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A frame and when it appeared, s of the timeline's clock."""
+
+    frame: Frame
+    time: float
+
+
+class Newest:
+    """Hands over the newest thing between threads; older ones are dropped."""
+
+    def __init__(self, dropped: Callable[[Any], None]) -> None:
+        self._condition = threading.Condition()
+        self._item: Any = None
+        self._closed = False
+        self._dropped = dropped
+
+    def put(self, item: Any) -> None:
+        with self._condition:
+            if self._item is not None:
+                self._dropped(self._item)
+            self._item = item
+            self._condition.notify_all()
+
+    def take(self) -> Any:
+        """The newest item, waited for; None once there will be no more."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._item is not None or self._closed)
+            item, self._item = self._item, None
+            return item
+
+    def close(self) -> None:
+        """There will be no more; what lies there can still be taken."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+
+
+class Source(Footage, Protocol):
+    """What live tracking reads; fps: frames per second."""
+
+    fps: float
+
+    def first(self) -> Frame:
+        """A frame to prepare with."""
+
+    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+        """Put shots until the end or `stop`. Raises InputError."""
+
+
+class Replay:
+    """A recorded sequence as its cameras would deliver it: each frame at its own time.
+
+    A frame that the decoding comes to more than a frame too late is dropped undecoded.
+    """
+
+    def __init__(self, sequence: Recording, frames: range) -> None:
+        self.rig: CameraRig = sequence.rig
+        self.frames = frames
+        self.fps = sequence.fps / frames.step
+        self.has_images = sequence.has_images
+        self._sequence = sequence
+
+    @property
+    def background(self) -> Background | None:
+        return self._sequence.background
+
+    def first(self) -> Frame:
+        return self._sequence.read(self.frames[0])
+
+    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+        with self._sequence.reader() as read:
+            begin = timeline.now()
+            for number, index in enumerate(self.frames):
+                due = begin + number / self.fps
+                if stop.wait(max(0.0, due - timeline.now())):
+                    return
+                if timeline.now() - due > 1 / self.fps:
+                    timeline.drop(ACQUISITION, index)
+                    continue
+                frame = read(index)
+                timeline.add(Span(ACQUISITION, index, due, timeline.now()))
+                shots.put(Shot(frame, due))
+
+
+class Camera:
+    """The newest picture of an OpenCV capture, grabbed in a thread of its own.
+
+    name: a USB number, a URL or a video file. A file is read as pictures are asked for until
+    `play`, and from then on at its own rate. Raises InputError if it cannot be opened.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._capture = cv2.VideoCapture(int(name) if name.isdigit() else name)
+        if not self._capture.isOpened():
+            raise InputError(f"{name}: cannot be opened; expected a USB number, a URL or a video")
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # of a queue the newest is wanted
+        rate = self._capture.get(cv2.CAP_PROP_FPS)
+        self.fps = float(rate) if 1 <= rate <= 1000 else _DEFAULT_FPS
+        self._is_file = Path(name).suffix.lower() in VIDEO_SUFFIXES and Path(name).is_file()
+        self._condition = threading.Condition()
+        self._image: np.ndarray | None = None
+        self._time, self._count, self._wanted, self._ended = 0.0, 0, 0, False
+        self._began: tuple[float, int] | None = None  # when it began to play, at which picture
+        self._stop = False
+        self._thread = threading.Thread(target=self._grab, name=f"camera {name}", daemon=True)
+        self._thread.start()
+
+    def play(self) -> None:
+        with self._condition:
+            self._began = time.perf_counter(), self._count
+            self._condition.notify_all()
+
+    def next(self, after: int) -> tuple[int, float, np.ndarray | None]:
+        """Number, time (perf_counter, s) and picture (h, w, 3) of the newest picture with a number
+        above `after`, waited for; the picture is None at the end. Raises InputError if it is gone.
+        """
+        with self._condition:
+            self._wanted = after + 1
+            self._condition.notify_all()
+            there = self._condition.wait_for(
+                lambda: self._count > after or self._ended, timeout=_PATIENCE
+            )
+            if not there:
+                raise InputError(f"{self.name}: no picture for {_PATIENCE:g} s; expected a camera")
+            new = self._count > after
+            return self._count, self._time, self._image if new else None
+
+    def close(self) -> None:
+        with self._condition:
+            self._stop = True
+            self._condition.notify_all()
+        self._thread.join(_PATIENCE)
+        self._capture.release()
+
+    def _grab(self) -> None:
+        while not self._stop:
+            if self._is_file:
+                self._wait_turn()
+            came, image = self._capture.read()
+            with self._condition:
+                if came:
+                    self._image, self._time = image, time.perf_counter()
+                    self._count += 1
+                self._ended = not came
+                self._condition.notify_all()
+            if not came:
+                return
+
+    def _wait_turn(self) -> None:
+        """Until a file's next picture is due, or asked for."""
+        with self._condition:
+            self._condition.wait_for(
+                lambda: self._began is not None or self._wanted > self._count or self._stop
+            )
+        if self._began is not None:
+            begin, first = self._began
+            due = begin + (self._count - first) / self.fps
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+
+class Cameras:
+    """Cameras of `rig`, in its order, whose newest pictures make a frame.
+
+    A frame appears when its oldest picture was grabbed. Its index counts in 1 / fps s. The empty
+    scene is the one given, or learnt from the first `empty` seconds. Raises InputError if a
+    camera's pictures are not of the size that it is calibrated for.
+    """
+
+    has_images = True
+
+    def __init__(
+        self, rig: CameraRig, names: Sequence[str], background: Background | None, empty: float
+    ) -> None:
+        if len(names) != len(rig):
+            raise InputError(
+                f"{len(names)} captures ({', '.join(names)}); expected {len(rig)}, "
+                f"for the cameras {', '.join(rig.names)}"
+            )
+        self.rig, self._known, self._empty = rig, background, empty
+        self._cameras: list[Camera] = []
+        with ExitStack() as stack:  # what is open is closed if the next cannot be opened
+            for name in names:
+                self._cameras.append(Camera(name))
+                stack.callback(self._cameras[-1].close)
+            stack.pop_all()
+        self.fps = min(camera.fps for camera in self._cameras)
+        self._counts = [0] * len(names)
+
+    @property
+    def background(self) -> Background:
+        """The empty scene; the first call may film it."""
+        if self._known is None:
+            count = max(1, round(self._empty * self.fps))
+            frames = [self._first_images() for _ in range(count)]
+            moments = [
+                clipped_moments([images[view] for images in frames])
+                for view in range(len(self.rig))
+            ]
+            mean, std = (np.stack(parts) for parts in zip(*moments, strict=True))
+            self._known = Background(mean, std)
+        return self._known
+
+    def first(self) -> Frame:
+        return Frame(0, self._first_images(), None)
+
+    def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
+        with self._closing():
+            origin = time.perf_counter() - timeline.now()
+            for camera in self._cameras:
+                camera.play()
+            while not stop.is_set():
+                shot = self._next(origin)
+                if shot is None:
+                    return
+                timeline.add(Span(ACQUISITION, shot.frame.index, shot.time, timeline.now()))
+                shots.put(shot)
+
+    def close(self) -> None:
+        for camera in self._cameras:
+            camera.close()
+
+    def _first_images(self) -> np.ndarray:
+        shot = self._next(0.0)
+        if shot is None or shot.frame.images is None:
+            raise InputError(f"{self._cameras[0].name}: ended before it began; expected pictures")
+        return shot.frame.images
+
+    @contextmanager
+    def _closing(self) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            self.close()
+
+    def _next(self, origin: float) -> Shot | None:
+        """A frame of pictures that are all new, None at the end of any camera."""
+        images = np.zeros((len(self.rig), self.rig.height, self.rig.width, 3), np.uint8)
+        oldest = np.inf
+        for view, (camera, calibrated) in enumerate(zip(self._cameras, self.rig, strict=True)):
+            self._counts[view], when, image = camera.next(self._counts[view])
+            if image is None:
+                return None
+            size = (image.shape[1], image.shape[0])
+            if size != calibrated.size:
+                raise InputError(
+                    f"{camera.name}: {size[0]} x {size[1]} pixels; camera {calibrated.name} is "
+                    f"calibrated for {calibrated.size[0]} x {calibrated.size[1]}"
+                )
+            images[view, : size[1], : size[0]] = image
+            oldest = min(oldest, when)
+        return Shot(Frame(round((oldest - origin) * self.fps), images, None), oldest - origin)

@@ -1,0 +1,176 @@
+"""What each thread did when, and the picture of it (Rymut 2016, figure 6.24)."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from psfs.common.files import written_whole
+
+#: Spans and drops that are kept: some minutes.
+_KEPT = 50_000
+_WIDTH_S, _COLOURS = 1.0, ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#e45756", "#72b7b2")
+
+
+@dataclass(frozen=True)
+class Span:
+    """`stage` worked on frame `frame` from `start` to `end`, s of the run's clock."""
+
+    stage: str
+    frame: int
+    start: float
+    end: float
+
+
+class Timeline:
+    """Collects spans, dropped frames and latencies of several threads; its clock starts at 0."""
+
+    def __init__(self, stages: tuple[str, ...]) -> None:
+        self.stages = stages
+        self._origin = time.perf_counter()
+        self._lock = threading.Lock()
+        self._spans: deque[Span] = deque(maxlen=_KEPT)
+        self._dropped: deque[tuple[str, int, float]] = deque(maxlen=_KEPT)
+        self._results: deque[tuple[int, float, float]] = deque(maxlen=_KEPT)
+        self._n_dropped = dict.fromkeys(stages, 0)
+
+    def now(self) -> float:
+        """s since the start."""
+        return time.perf_counter() - self._origin
+
+    @contextmanager
+    def span(self, stage: str, frame: int) -> Iterator[None]:
+        """Notes how long the block takes; nothing if it raises."""
+        start = self.now()
+        yield
+        self.add(Span(stage, frame, start, self.now()))
+
+    def add(self, span: Span) -> None:
+        with self._lock:
+            self._spans.append(span)
+
+    def drop(self, stage: str, frame: int) -> None:
+        """`frame` was superseded before `stage` took it."""
+        with self._lock:
+            self._n_dropped[stage] += 1
+            self._dropped.append((stage, frame, self.now()))
+
+    def result(self, frame: int, appeared: float) -> float:
+        """The pose of a frame that appeared then is known now; s from the one to the other."""
+        now = self.now()
+        with self._lock:
+            self._results.append((frame, appeared, now))
+        return now - appeared
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Frames dropped before each stage."""
+        with self._lock:
+            return dict(self._n_dropped)
+
+    def latencies(self) -> np.ndarray:
+        """(R,) s from a frame's appearance to its pose."""
+        with self._lock:
+            return np.array([end - start for _, start, end in self._results])
+
+    def intervals(self) -> np.ndarray:
+        """(R - 1,) s from result to result."""
+        with self._lock:
+            return np.diff([end for *_, end in self._results])
+
+    def summary(self) -> dict[str, object]:
+        """Latency, rate, durations of the stages and dropped frames, ms, ready for JSON."""
+        latencies, intervals = self.latencies(), self.intervals()
+        with self._lock:
+            spans = list(self._spans)
+        durations = {
+            stage: np.array([s.end - s.start for s in spans if s.stage == stage])
+            for stage in self.stages
+        }
+        return {
+            "results": len(latencies),
+            "fps": round(float(1 / intervals.mean()), 2) if intervals.size else None,
+            "latency_ms": _statistics(latencies),
+            "latency_frames": (
+                round(float(np.mean(latencies) / intervals.mean()), 2) if intervals.size else None
+            ),
+            "interval_ms": _statistics(intervals),
+            "stages_ms": {stage: _statistics(values) for stage, values in durations.items()},
+            "dropped": self.dropped,
+        }
+
+    def plot(self, path: Path) -> None:
+        """A picture of one second in the middle of the run, a lane per stage.
+
+        A frame has the same colour in all lanes and an arrow from its appearance to its pose;
+        crosses are frames dropped before a stage.
+        """
+        import matplotlib.figure
+
+        with self._lock:
+            spans, dropped = list(self._spans), list(self._dropped)
+            results = list(self._results)
+        middle = results[len(results) // 2][2] if results else 0.0
+        width = max(_WIDTH_S, 4 * float(np.median(self.intervals())) if len(results) > 1 else 0.0)
+        low, high = middle - width / 2, middle + width / 2
+        colours = {frame: _COLOURS[i % len(_COLOURS)] for i, (frame, *_) in enumerate(results)}
+        figure = matplotlib.figure.Figure(figsize=(13, 1.1 + 0.75 * len(self.stages)))
+        axes = figure.add_subplot()
+        lanes = {stage: len(self.stages) - 1 - i for i, stage in enumerate(self.stages)}
+        for span in spans:
+            if span.end < low or span.start > high:
+                continue
+            bar = ((1000 * (span.start - low), 1000 * (span.end - span.start)),)
+            colour = colours.get(span.frame, "#cccccc")
+            axes.broken_barh(bar, (lanes[span.stage] - 0.3, 0.6), color=colour)
+            if span.frame in colours and span.end - span.start > 0.015 * width:
+                centre = 500 * (span.start + span.end - 2 * low)
+                axes.text(
+                    centre, lanes[span.stage], str(span.frame), ha="center", va="center",
+                    fontsize=7, clip_on=True,
+                )  # fmt: skip
+        for stage, _, when in dropped:
+            if low < when < high:
+                axes.plot(1000 * (when - low), lanes[stage] + 0.4, "x", color="#888888", ms=4)
+        for frame, appeared, end in results:
+            if low < end < high:
+                start = (1000 * (appeared - low), max(lanes.values()) + 0.3)
+                stop = (1000 * (end - low), min(lanes.values()) - 0.3)
+                axes.annotate(
+                    "", stop, start, annotation_clip=True, zorder=3,
+                    arrowprops={"arrowstyle": "->", "color": colours[frame], "alpha": 0.6},
+                )  # fmt: skip
+        axes.set(
+            xlim=(0, 1000 * width), xlabel=f"ms from {low:.2f} s of the run",
+            ylim=(-0.7, len(lanes) - 0.3), yticks=list(lanes.values()),
+            yticklabels=list(lanes), title=self._title(),
+        )  # fmt: skip
+        figure.tight_layout()
+        with written_whole(path) as temporary:
+            figure.savefig(temporary, dpi=110, format="png")
+
+    def _title(self) -> str:
+        latencies, intervals = 1000 * self.latencies(), self.intervals()
+        if not intervals.size:
+            return "no two results"
+        return (
+            f"{1 / intervals.mean():.1f} poses/s, latency {latencies.mean():.0f} ms "
+            f"(95 %: {np.percentile(latencies, 95):.0f}), dropped frames "
+            f"{sum(self.dropped.values())} (x); grey: frames without a pose"
+        )
+
+
+def _statistics(seconds: np.ndarray) -> dict[str, float] | None:
+    """Mean, 95th percentile and largest, ms."""
+    if not seconds.size:
+        return None
+    values = (seconds.mean(), np.percentile(seconds, 95), seconds.max())
+    names = ("mean", "p95", "max")
+    return {name: round(1000 * float(v), 2) for name, v in zip(names, values, strict=True)}

@@ -1,0 +1,61 @@
+"""The mean, or the mean with one limb elsewhere: the best, refined. Twin of limb_search.cl."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.limbs import limbs_of
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.filters.limb_search import limb_ranges, n_near
+from apf.reference.annealing import reflected
+from apf.reference.noise import normals, uniforms
+from apf.reference.refinement import refined
+
+
+def proposals(
+    body: BodyModel, mean: np.ndarray, config: FilterConfig, frame: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1 (first)
+    to `limb_spread` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
+    each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
+    limbs, n = limbs_of(body), config.n_particles
+    near = n_near(n)
+    which = np.r_[-1, np.arange(n - 1) % len(limbs)]
+    far = np.arange(n) >= near
+    scale = config.limb_spread ** (np.arange(-1, n - 1) / max(1, near - 2))
+    noise = normals(config.seed, frame, config.n_layers, n, body.n_dof)
+    share = uniforms(config.seed, frame, config.n_layers, n, body.n_dof)
+    lower, upper = limb_ranges(body).T
+    moved = np.where(far[:, None], lower + share * (upper - lower),
+                     mean + scale[:, None] * body.sigma * noise)  # fmt: skip
+    poses = np.where(limbs[which], reflected(moved, body.lower, body.upper), mean)
+    poses[0] = mean
+    return poses, which + len(limbs) * far
+
+
+def settled(
+    body: BodyModel, scorer: Any, mean: np.ndarray, config: FilterConfig, frame: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The estimate (D,), and the matrix of its last linear system (see `refined`).
+
+    scorer: `scorer.rescore(poses, stride)` gives errors (N,) by every `stride`-th of its `points`.
+    """
+    candidates = [mean]
+    n_limbs = len(limbs_of(body)) if config.looks_for_limbs else 0
+    if n_limbs:
+        poses, which = proposals(body, mean, config, frame)
+        errors = scorer.rescore(poses, config.point_turns)
+        for kind in range(2 * n_limbs):
+            tried = np.flatnonzero(which == kind)
+            candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
+    found = [refined(body, pose, scorer.points, config) for pose in candidates]
+    best = 0
+    if n_limbs:
+        errors = scorer.rescore(np.stack([pose for pose, _ in found]), 1)
+        margins = np.repeat([config.limb_margin, config.limb_far_margin], n_limbs)
+        gains = errors[0] * (1 - margins) - errors[1:]
+        best = int(np.r_[0.0, gains].argmax())
+    return found[best]

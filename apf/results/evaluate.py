@@ -1,0 +1,300 @@
+"""How far a track lies from the truth, joint by joint and frame by frame."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import EVALUATED_JOINTS
+from apf.formats.trc import JointSeries, read_trc
+from apf.results.joint_names import evaluated_joints, match_joints
+from apf.tracking.track import Track
+from apf.tracking.uncertainty import inside
+from cl import InputError
+from psfs.common.files import read_npz, write_json, written_whole
+
+#: A joint farther than this from the truth counts as lost in that frame, m.
+LOST_JOINT = 0.150
+#: A limb is lost when its end is farther than this, m, for more than so many frames on end, or
+#: in the last frame.
+LOST_LIMB = 0.200
+LOST_FRAMES = 10
+LIMB_ENDS = {
+    "left arm": "l_wrist",
+    "right arm": "r_wrist",
+    "left leg": "l_ankle",
+    "right leg": "r_ankle",
+    "head": "head_top",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Distances of a track to the truth.
+
+    joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices.
+    fps: of the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth
+    is missing. body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without
+    hips and neck. covariance: (F, J, 3, 3) m^2 that the track states, NaN where it states none.
+    lost: (F,) frames that the track says to have lost the person in; they count as all others.
+    unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without truth.
+    warnings: what the reader of the figures should know.
+    """
+
+    joint_names: tuple[str, ...]
+    frames: np.ndarray
+    fps: float
+    offsets: np.ndarray
+    body_frames: np.ndarray
+    covariance: np.ndarray
+    lost: np.ndarray
+    unmatched_track: tuple[str, ...]
+    unmatched_truth: tuple[str, ...]
+    n_ignored: int
+    warnings: tuple[str, ...]
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """(F, J) distances, m; NaN where the truth is missing."""
+        return np.linalg.norm(self.offsets, axis=-1)
+
+    @cached_property
+    def frame_errors(self) -> np.ndarray:
+        """(F,) mean distance over the joints, m."""
+        return np.nanmean(self.errors, axis=1)
+
+    @property
+    def mean_error(self) -> float:
+        """Mean over all joint-frames, m."""
+        return float(np.nanmean(self.errors))
+
+    @property
+    def lost_share(self) -> float:
+        """Share of joint-frames farther than LOST_JOINT from the truth."""
+        return float(np.mean(self.errors[np.isfinite(self.errors)] > LOST_JOINT))
+
+    @cached_property
+    def constant_and_rest(self) -> tuple[np.ndarray, np.ndarray]:
+        """(J,) and (J,) m: the error that is the same in all frames, and the mean of the rest.
+
+        The constant part is the norm of the median offset in the body's own frame (forward,
+        left, up from hips and neck): a joint placed elsewhere in the body, which no better
+        tracking mends. The rest is the mean distance once that offset is taken away. NaN where
+        hips or neck are not known.
+        """
+        local = np.einsum("fij,fki->fkj", self.body_frames, self.offsets)
+        with warnings.catch_warnings():  # joints that are NaN throughout stay NaN
+            warnings.simplefilter("ignore", RuntimeWarning)
+            constant = np.nanmedian(local, axis=0)
+            rest = np.nanmean(np.linalg.norm(local - constant, axis=-1), axis=0)
+        return np.linalg.norm(constant, axis=-1), rest
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """(F, J) 1 where the truth lies inside the ellipsoid that should hold 95 % of them, 0
+        where not, NaN where the track states none."""
+        found = np.full(self.errors.shape, np.nan)
+        known = np.isfinite(self.covariance).all((-2, -1)) & np.isfinite(self.errors)
+        found[known] = inside(self.offsets[known], self.covariance[known])
+        return found
+
+    @cached_property
+    def lost_limbs(self) -> dict[str, bool]:
+        """Whether each limb whose end is compared got lost; see LOST_LIMB."""
+        return {
+            limb: _is_lost(self.errors[:, self.joint_names.index(end)])
+            for limb, end in LIMB_ENDS.items()
+            if end in self.joint_names
+        }
+
+    def joint_table(self) -> list[dict[str, Any]]:
+        """Per joint: its name, mean, median, max, constant and rest error in mm, and the share of
+        frames in which it lies inside its 95 % ellipsoid."""
+        constant, rest = self.constant_and_rest
+        columns = {
+            "mean_mm": np.nanmean(self.errors, axis=0),
+            "median_mm": np.nanmedian(self.errors, axis=0),
+            "max_mm": np.nanmax(self.errors, axis=0),
+            "constant_mm": constant,
+            "rest_mm": rest,
+        }
+        return [
+            {"joint": name}
+            | {key: _millimetres(column[j]) for key, column in columns.items()}
+            | {"inside_95": _mean_share(self.inside[:, j])}
+            for j, name in enumerate(self.joint_names)
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """All figures, ready for JSON; errors in mm, None where not known."""
+        constant, rest = self.constant_and_rest
+        return {
+            "mean_error_mm": _millimetres(self.mean_error),
+            "median_error_mm": _millimetres(np.nanmedian(self.errors)),
+            "max_error_mm": _millimetres(np.nanmax(self.errors)),
+            "constant_mm": _millimetres(constant.mean()),
+            "rest_mm": _millimetres(rest.mean()),
+            "lost_joint_share": round(self.lost_share, 5),
+            "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
+            "inside_95": _mean_share(self.inside),
+            "lost_frames": self.frames[self.lost].tolist(),
+            "n_frames": len(self.frames),
+            "n_joints": len(self.joint_names),
+            "n_joint_frames_ignored": self.n_ignored,
+            "not_compared": {
+                "track": list(self.unmatched_track),
+                "truth": list(self.unmatched_truth),
+            },
+            "warnings": list(self.warnings),
+            "joints": self.joint_table(),
+        }
+
+    def write_json(self, path: str | Path) -> None:
+        write_json(Path(path), self.summary())
+
+    def write_csv(self, path: str | Path) -> None:
+        """One row per frame: frame, time_s, mean_mm, then <joint>_mm, blank without truth."""
+        header = ["frame", "time_s", "mean_mm", *(f"{name}_mm" for name in self.joint_names)]
+        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+            file.write(",".join(header) + "\n")
+            for frame, mean, row in zip(self.frames, self.frame_errors, self.errors, strict=True):
+                cells = ("" if np.isnan(e) else f"{1000 * e:.2f}" for e in (mean, *row))
+                file.write(",".join([f"{frame}", f"{frame / self.fps:.6f}", *cells]) + "\n")
+
+
+def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
+    """True joints of a .trc (axes after `convention`), or of an npz.
+
+    The npz holds joint_names (J,), joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the
+    indices in the sequence (0, 1, ... without them). Raises InputError.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".trc":
+        return read_trc(path, convention)
+    what = "a .trc, or an npz with joint_names, joints (frames, joints, 3) in metres and fps"
+    data = read_npz(path, ("joint_names", "joints", "fps"), what)
+    joints = data["joints"]
+    names = tuple(str(name) for name in data["joint_names"].ravel())
+    if joints.ndim != 3 or joints.shape[1:] != (len(names), 3) or joints.dtype.kind not in "fiu":
+        raise InputError(
+            f"{path}: joints is {joints.dtype} {joints.shape}; "
+            f"expected numbers of shape (frames, {len(names)}, 3) for {len(names)} names"
+        )
+    frames = data.get("frames", np.arange(len(joints)))
+    if frames.shape != (len(joints),) or frames.dtype.kind not in "iu":
+        raise InputError(f"{path}: frames is not one integer for each of the {len(joints)} frames")
+    fps = data["fps"]
+    if fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < float(fps.ravel()[0]) < np.inf:
+        raise InputError(f"{path}: fps is not one positive number")
+    return JointSeries(names, joints.astype(np.float64), float(fps.ravel()[0]), frames)
+
+
+def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
+    """Compare a track with the truth: frames matched by index, joints by name.
+
+    Raises InputError when they have no frame or no joint in common.
+    """
+    ours, our_names, our_unused = evaluated_joints(track.joint_names, track.joints)
+    true, true_names, true_unused = evaluated_joints(truth.joint_names, truth.joints)
+    names = [name for name in our_names if name in true_names]
+    if not names:
+        raise InputError(
+            f"no joint in common: the track has {', '.join(track.joint_names)}; "
+            f"the truth has {', '.join(truth.joint_names)}"
+        )
+    frames, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
+    if not frames.size:
+        raise InputError(
+            f"no frame in common: the track has {_span(track.frames)}, "
+            f"the truth {_span(truth.frames)}"
+        )
+    ours, true = ours[rows], true[true_rows]
+    columns = [EVALUATED_JOINTS.index(name) for name in names]
+    offsets = ours[:, columns] - true[:, columns]
+    missing = ~np.isfinite(offsets).all(axis=-1)
+    offsets[missing] = np.nan
+    compared, with_truth = ~missing.all(axis=1), ~missing.all(axis=0)
+    if not compared.any():
+        raise InputError("the truth is missing (NaN) in every frame of the track")
+    kept = tuple(name for name, some in zip(names, with_truth, strict=True) if some)
+    return Evaluation(
+        joint_names=kept,
+        frames=frames[compared],
+        fps=track.fps,
+        offsets=offsets[compared][:, with_truth],
+        body_frames=_body_frames(true[compared]),
+        covariance=_stated(track, kept)[rows][compared],
+        lost=_lost(track)[rows][compared],
+        unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
+        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
+        n_ignored=int(missing.sum()),
+        warnings=_warnings(track, truth, len(frames)),
+    )
+
+
+def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
+    """(F, J, 3, 3) m^2 covariance that the track states for these of EVALUATED_JOINTS."""
+    places = match_joints(track.joint_names)
+    found = np.full((len(track.frames), len(names), 3, 3), np.nan)
+    if isinstance(track, Track):
+        for place, name in enumerate(names):
+            if name in places:
+                found[:, place] = track.covariance[:, places[name]]
+    return found
+
+
+def _lost(track: Track | JointSeries) -> np.ndarray:
+    """(F,) frames that the track says to have lost the person in."""
+    return track.lost if isinstance(track, Track) else np.zeros(len(track.frames), bool)
+
+
+def _body_frames(joints: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) columns forward, left, up of joints (F, 15, 3), from the hips and the neck."""
+    l_hip, r_hip, neck = (
+        joints[:, EVALUATED_JOINTS.index(name)] for name in ("l_hip", "r_hip", "neck")
+    )
+    left = l_hip - r_hip
+    forward = np.cross(left, neck - (l_hip + r_hip) / 2)
+    axes = np.stack([forward, left, np.cross(forward, left)], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _is_lost(errors: np.ndarray) -> bool:
+    """Whether a limb's end with these errors (F,) m was lost; frames without truth are left out."""
+    far = errors[np.isfinite(errors)] > LOST_LIMB
+    longest = run = 0
+    for is_far in far:
+        run = run + 1 if is_far else 0
+        longest = max(longest, run)
+    return longest > LOST_FRAMES or bool(far[-1:].any())
+
+
+def _warnings(track: Track | JointSeries, truth: JointSeries, n_common: int) -> tuple[str, ...]:
+    found = []
+    if abs(track.fps - truth.fps) > 0.01 * truth.fps:
+        found.append(
+            f"the track has {track.fps:g} frames/s, the truth {truth.fps:g}; "
+            "frames are matched by index all the same"
+        )
+    if n_common < len(track.frames):
+        found.append(f"the truth covers {n_common} of the track's {len(track.frames)} frames")
+    return tuple(found)
+
+
+def _span(frames: np.ndarray) -> str:
+    return f"frames {frames.min()}..{frames.max()}" if frames.size else "no frames"
+
+
+def _mean_share(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return round(float(known.mean()), 4) if known.size else None
+
+
+def _millimetres(metres: float) -> float | None:
+    return round(1000 * float(metres), 2) if np.isfinite(metres) else None

@@ -1,0 +1,74 @@
+"""Finding the joints that `apf evaluate` compares among the names other programs use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from apf.body.model import EVALUATED_JOINTS
+
+#: Names per joint, best first, lower case and without separators. Pose2Sim's, OpenPose's and
+#: MediaPipe's are the plain English ones; BVH files name the bone that starts at the joint.
+_MIDDLE = {
+    "pelvis": ("pelvis", "midhip", "hipcenter", "hipcentre", "hips", "root"),
+    "neck": ("neck", "neckbase", "c7"),
+    # Pose2Sim's Head is the top of the head; where a head_top exists, head is something else.
+    "head_top": ("headtop", "topofhead", "headend", "vertex", "head"),
+}
+_SIDED = {
+    "shoulder": ("shoulder", "uparm", "upperarm", "arm"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm"),
+    "wrist": ("wrist", "hand"),
+    "hip": ("hip", "upleg", "upperleg", "thigh"),
+    "knee": ("knee", "leg", "lowerleg", "lowleg", "calf", "shin"),
+    "ankle": ("ankle", "foot"),
+}
+
+
+def _aliases() -> dict[str, tuple[str, ...]]:
+    aliases = dict(_MIDDLE)
+    for short, side in (("l", "left"), ("r", "right")):
+        for joint, words in _SIDED.items():
+            aliases[f"{short}_{joint}"] = tuple(
+                name
+                for word in words
+                for name in (short + word, side + word, word + short, word + side)
+            )
+    return aliases
+
+
+ALIASES = _aliases()
+
+
+def match_joints(names: Sequence[str]) -> dict[str, int]:
+    """Place in `names` of each of EVALUATED_JOINTS that is there, under whatever name."""
+    plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
+    found = {}
+    for joint in EVALUATED_JOINTS:
+        place = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)
+        if place is not None:
+            found[joint] = place
+    return found
+
+
+def evaluated_joints(
+    names: Sequence[str], joints: np.ndarray
+) -> tuple[np.ndarray, list[str], list[str]]:
+    """EVALUATED_JOINTS (F, 15, 3) out of joints (F, J, 3) named `names`; NaN where absent.
+
+    Also which of the 15 were found (the pelvis is the middle of the hips where it is not given
+    itself) and which of `names` correspond to none.
+    """
+    found = match_joints(names)
+    out = np.full((len(joints), len(EVALUATED_JOINTS), 3), np.nan)
+    for joint, place in found.items():
+        out[:, EVALUATED_JOINTS.index(joint)] = joints[:, place]
+    unused = [name for place, name in enumerate(names) if place not in found.values()]
+    present = set(found)
+    if "pelvis" not in found and {"l_hip", "r_hip"} <= present:
+        hips = joints[:, [found["l_hip"], found["r_hip"]]]
+        out[:, EVALUATED_JOINTS.index("pelvis")] = hips.mean(axis=1)
+        present.add("pelvis")
+    return out, [joint for joint in EVALUATED_JOINTS if joint in present], unused

@@ -1,0 +1,196 @@
+"""Takes: a sequence from its pictures to its tracks, and many of them in one process.
+
+`track_takes` works on some takes at a time, each in a thread with a queue of its own on the one
+device. They share the process, the device's context and memory, and the programs, each of which is
+compiled once for all takes of the same size; while one take's host decodes video or fits its
+person's shape, the device works for another. They share no kernel launch: bodies, grids and numbers
+of frames differ from take to take. (The seeds of one take do share them, see `track_seeds`.) So a
+take's tracks are, bit by bit, those that it has alone.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from collections.abc import Sequence as Items
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from apf.body.model import BodyModel, load_body
+from apf.filters.method import Method
+from apf.initialisation import start_of
+from apf.initialisation.automatic import Start
+from apf.tracking.pipeline import track_seeds
+from apf.tracking.track import Track
+from cl import Device, NumpyDevice, UserError
+from psfs.sequence import Sequence
+from psfs.voxels.bounding_volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
+
+log = logging.getLogger(__name__)
+
+R = TypeVar("R")
+
+#: Takes worked on at a time, see `default_at_once`.
+AT_ONCE_GPU, AT_ONCE_CPU = 4, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A sequence that was tracked: `body`, from `pose` (D,) in the first frame on, one track for
+    each seed. start: what was found in the first voxels; None where body and pose were given.
+    seconds: of reconstruction and tracking, without the start."""
+
+    sequence: Sequence
+    body: BodyModel
+    pose: np.ndarray
+    start: Start | None
+    tracks: list[Track]
+    seconds: float
+
+
+def track_take(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    method: Method | None = None,
+    seeds: Items[int] | None = None,
+    *,
+    given: tuple[BodyModel, np.ndarray] | None = None,
+    template: BodyModel | None = None,
+    keep_shape: bool = False,
+    height: float | None = None,
+    voxel_size: float | None = None,
+    selection: slice | None = None,
+    progress: Callable[[str], object] | None = None,
+) -> Take:
+    """Find the person in the selected frames of `sequence` and track them.
+
+    given: a body and its first pose (D,), which then are not searched for. template, keep_shape,
+    height: see `start_of`; the template is song31 by default. seeds: of the runs, the method's by
+    default; the start takes the method's. progress: called with the name of every stage that
+    begins ("volume", "start", "preparing"), with "start" now and then during it, and with
+    "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the last
+    whole frame. Raises UserError.
+    """
+    method = method or Method()
+    tell = progress or (lambda stage: None)
+    grid: VoxelGrid | None = None
+    start: Start | None = None
+    if method.uses_voxels or given is None:
+        tell("volume")
+        grid = automatic_grid(sequence, selection, voxel_size, device=device)
+    if given is None:
+        assert grid is not None
+        tell("start")
+        template = template or load_body("song31")
+        start = start_of(
+            device, sequence, grid, template, selection,
+            height=height, keep_shape=keep_shape, seed=method.filter.seed,
+            progress=lambda: tell("start"),
+        )  # fmt: skip
+        given = start.body, start.pose
+    body, pose = given
+    tell("preparing")
+    began = time.perf_counter()
+    tracks = track_seeds(
+        device, sequence, grid, body, pose, method,
+        [method.filter.seed] if seeds is None else list(seeds),
+        selection=selection, progress=lambda: tell("tracking"),
+    )  # fmt: skip
+    return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
+
+
+def track_takes(
+    device: Device | NumpyDevice,
+    folders: Items[str | Path],
+    method: Method | None = None,
+    seeds: Items[int] | None = None,
+    *,
+    n_at_once: int | None = None,
+    progress: Callable[[int, str], object] | None = None,
+    **settings: Any,
+) -> Iterator[tuple[int, Take | UserError]]:
+    """`track_take` of the sequence in every folder, with these `settings` of it: number and result
+    of each, as they are done, in any order. One that fails gives its error and stops no other.
+
+    progress: as of `track_take`, told the folder's number first; out of several threads. See
+    `at_once` for interrupts.
+    """
+
+    def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> Take:
+        def tell(stage: str) -> None:
+            check()
+            if progress is not None:
+                progress(number, stage)
+
+        sequence = Sequence.open(folders[number])
+        return track_take(own, sequence, method, seeds, progress=tell, **settings)
+
+    return at_once(device, work, len(folders), n_at_once)
+
+
+def default_at_once(device: Device | NumpyDevice) -> int:
+    """How many takes at a time pay.
+
+    Measured with takes of 172 frames: on an H200 with 16 cores four at once took 58 s, in processes
+    one after the other about 150 s; six took as long a take as four, for they wait for each other's
+    Python, that of the starts above all. On 2 cores two at once saved an eighth.
+    """
+    return AT_ONCE_GPU if isinstance(device, Device) and device.is_gpu else AT_ONCE_CPU
+
+
+def at_once(
+    device: Device | NumpyDevice,
+    work: Callable[[Device | NumpyDevice, int, Callable[[], None]], R],
+    n_takes: int,
+    n_at_once: int | None = None,
+) -> Generator[tuple[int, R | UserError], None, None]:
+    """Yield every take's number with what `work(device, number, check)` returned or the UserError
+    that it raised, as they are done; `n_at_once` at a time, each in a thread with a queue of its
+    own on the device.
+
+    After a KeyboardInterrupt, here or in a thread, no take is begun, `check()` raises it in every
+    thread, and so does this function once the last one has ended. Any other exception ends all
+    work likewise and is raised. So does closing the iterator.
+    """
+    interrupted = threading.Event()
+
+    def check() -> None:
+        if interrupted.is_set():
+            raise KeyboardInterrupt
+
+    def one(number: int) -> tuple[int, R | UserError]:
+        check()
+        try:
+            own = device.sibling() if isinstance(device, Device) else device
+            return number, work(own, number, check)
+        except UserError as error:
+            return number, error
+        except BaseException:
+            interrupted.set()  # before this thread begins another
+            raise
+
+    workers = n_at_once or default_at_once(device)
+    with ThreadPoolExecutor(workers, thread_name_prefix="apf-take") as pool:
+        try:
+            waiting = {pool.submit(one, number) for number in range(n_takes)}
+            while waiting:
+                try:
+                    # Not for long: an interrupt just before it waits does not wake it.
+                    done, waiting = wait(waiting, 0.5, FIRST_COMPLETED)
+                except KeyboardInterrupt:
+                    interrupted.set()
+                    log.warning("interrupted: takes end after the frame in work")
+                    continue
+                for future in done:
+                    if not isinstance(future.exception(), KeyboardInterrupt):
+                        yield future.result()
+            check()
+        finally:
+            interrupted.set()

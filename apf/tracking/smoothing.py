@@ -1,0 +1,141 @@
+"""Smoothing a track in time, after it was tracked.
+
+Every degree of freedom is a point that moves at a velocity which changes by white noise (an
+integrated Wiener process), seen with the deviation that the tracker stated: a Kalman filter
+forward and the smoother of Rauch, Tung & Striebel (1965) backward.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.reference.kinematics import posed_joints
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.common.ranges import check_range
+
+#: Stated deviations below this share of their median are taken for it: none is certain.
+_LEAST_DEVIATION = 0.1
+
+
+@dataclass(frozen=True)
+class SmoothingConfig:
+    """cutoff: Hz, motion this fast keeps half of its amplitude (where the stated deviation is the
+    usual one); 6 Hz is the custom of gait analysis (Winter 2009). lag: frames to look ahead, None
+    for all that follow. Raises InputError where a value makes no sense.
+    """
+
+    cutoff: float = 6.0
+    lag: int | None = None
+
+    def __post_init__(self) -> None:
+        check_range("the cutoff, Hz,", self.cutoff, 0)
+        if self.lag is not None:
+            check_range("the lag, frames,", self.lag, 0, ends=True)
+
+
+def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = None) -> Track:
+    """`track` with smooth poses within the limits of `body` and the joints that follow.
+
+    Lost frames stay as they are, flagged, and nothing is smoothed across them. The stated
+    deviation of each angle says how much a frame counts against its neighbours. Raises InputError
+    if the track is smoothed already or of another body.
+    """
+    config = config or SmoothingConfig()
+    if track.smoothing is not None:
+        raise InputError("the track is smoothed already; expected one as `apf track` wrote it")
+    if track.dof_names != body.dof_names or list(track.joint_names) != body.joint_names:
+        raise InputError(f"the body {body.name} is not the one that was tracked")
+    deviation = track.diagnostics.get("deviation", np.ones_like(track.poses))
+    relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
+    variance = np.maximum(relative, _LEAST_DEVIATION) ** 2
+    poses = unwrapped(track.poses, body)
+    for part in unbroken_parts(track):
+        poses[part] = smoothed_series(poses[part], variance[part], track.times[part], config)
+    poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
+    made_by = json.loads(track.config)
+    made_by["smoothing"] = {
+        "mode": "whole sequence" if config.lag is None else "fixed lag",
+        "lag_frames": config.lag,
+        "cutoff_hz": config.cutoff,
+    }
+    return replace(track, poses=poses, joints=posed_joints(body, poses), config=json.dumps(made_by))
+
+
+def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
+    """A copy of `poses` (F, D) whose angles without limits do not jump by whole turns."""
+    poses = np.array(poses, np.float64)
+    free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
+    poses[:, free] = np.unwrap(poses[:, free], axis=0)
+    return poses
+
+
+def unbroken_parts(track: Track) -> list[slice]:
+    """The longest runs of frames without a lost one."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], track.lost.astype(int), [1]])))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
+
+
+def smoothed_series(
+    values: np.ndarray, variance: np.ndarray, times: np.ndarray, config: SmoothingConfig
+) -> np.ndarray:
+    """Values (F, D) at `times` (F,) s, smoothed; variance (F, D): of each, in any one unit."""
+    n = len(values)
+    if n < 3:
+        return values
+    steps = np.diff(times)
+    # The filter forward and backward halves frequencies at which its gain is
+    # 1 / (1 + variance dt w^4 / strength), dt the time between samples.
+    strength = np.median(steps) * (2 * np.pi * config.cutoff) ** 4
+    moves = [_step(dt, strength) for dt in steps]
+    states, covariances = _filtered(values, variance, moves)
+    if config.lag is None:
+        return _smoothed(states, covariances, moves)[:, :, 0]
+    out = np.empty_like(values)
+    for i in range(n):
+        end = min(n, i + config.lag + 1)
+        out[i] = _smoothed(states[i:end], covariances[i:end], moves[i : end - 1])[0, :, 0]
+    return out
+
+
+def _step(dt: float, strength: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and noise of value and velocity over `dt` s."""
+    transition = np.array([[1.0, dt], [0.0, 1.0]])
+    noise = strength * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return transition, noise
+
+
+def _filtered(
+    values: np.ndarray, variance: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Kalman filter: states (F, D, 2) and covariances (F, D, 2, 2) after each value."""
+    n, n_dof = values.shape
+    states, covariances = np.empty((n, n_dof, 2)), np.empty((n, n_dof, 2, 2))
+    # The first velocity is hardly known: it may be any that the first two values allow.
+    fast = moves[0][1][1, 1] + 1.0 / moves[0][0][0, 1] ** 2
+    states[0] = np.stack([values[0], np.zeros(n_dof)], -1)
+    covariances[0] = variance[0][:, None, None] * np.diag([1.0, 1e3 * fast])
+    for i, (transition, noise) in enumerate(moves, start=1):
+        state = states[i - 1] @ transition.T
+        covariance = transition @ covariances[i - 1] @ transition.T + noise
+        gain = covariance[:, :, 0] / (covariance[:, 0, 0] + variance[i])[:, None]
+        states[i] = state + gain * (values[i] - state[:, 0])[:, None]
+        covariances[i] = covariance - gain[:, :, None] * covariance[:, None, 0, :]
+    return states, covariances
+
+
+def _smoothed(
+    states: np.ndarray, covariances: np.ndarray, moves: list[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """Rauch, Tung & Striebel: states (F, D, 2) given all values up to the last."""
+    out = states.copy()
+    for i in range(len(moves) - 1, -1, -1):
+        transition, noise = moves[i]
+        predicted = transition @ covariances[i] @ transition.T + noise
+        gain = covariances[i] @ transition.T @ np.linalg.inv(predicted)
+        out[i] += np.einsum("dij,dj->di", gain, out[i + 1] - states[i] @ transition.T)
+    return out

@@ -1,0 +1,182 @@
+"""The result of tracking: poses and joints per frame, and its files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.formats.trc import JointSeries, write_trc
+from cl import InputError
+from psfs.common.files import read_npz, written_whole
+
+_DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
+_KEYS = ("body_name", "dof_names", "joint_names", "fps", "frames", "poses", "joints", "edges",
+         "config")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A tracked person, one row per frame F.
+
+    body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence.
+    frames: (F,) int, frame indices of the sequence. poses: (F, D) radians and metres.
+    joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw.
+    diagnostics: arrays (F, ...), such as ess, beta, best_log_weight (F, n_layers) and what
+    `lost`, `confidence` and `covariance` say.
+    config: JSON text of what made it (settings, seed, device, versions, sequence path).
+    Raises ValueError where shapes disagree.
+    """
+
+    body_name: str
+    dof_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    fps: float
+    frames: np.ndarray
+    poses: np.ndarray
+    joints: np.ndarray
+    edges: np.ndarray
+    diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
+    config: str = "{}"
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
+        set_(self, "dof_names", tuple(map(str, self.dof_names)))
+        set_(self, "joint_names", tuple(map(str, self.joint_names)))
+        set_(self, "fps", float(self.fps))
+        set_(self, "frames", np.asarray(self.frames, np.int64))
+        set_(self, "poses", np.asarray(self.poses, np.float64))
+        set_(self, "joints", np.asarray(self.joints, np.float64))
+        set_(self, "edges", np.asarray(self.edges, np.int64).reshape(-1, 2))
+        set_(self, "diagnostics", {k: np.asarray(v) for k, v in self.diagnostics.items()})
+        self._check()
+
+    def _check(self) -> None:
+        n, n_joints = len(self.frames), len(self.joint_names)
+        expected = {
+            "frames": (n,),
+            "poses": (n, len(self.dof_names)),
+            "joints": (n, n_joints, 3),
+        }
+        for name, shape in expected.items():
+            found = getattr(self, name).shape
+            if found != shape:
+                raise ValueError(f"{name} has shape {found}; expected {shape}")
+        for name, values in self.diagnostics.items():
+            if values.shape[:1] != (n,):
+                raise ValueError(f"{name} has shape {values.shape}; expected {n} rows")
+        if self.edges.size and not 0 <= self.edges.min() <= self.edges.max() < n_joints:
+            raise ValueError(f"edges name joints outside 0..{n_joints - 1}")
+        if not np.isfinite(self.fps) or self.fps <= 0:
+            raise ValueError(f"fps is {self.fps:g}; expected a positive number")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) s since the sequence's first frame."""
+        return self.frames / self.fps
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(F,) bool, frames in which the tracker had lost the person; none where it never said."""
+        return self._told("lost", np.zeros(len(self), bool)).astype(bool)
+
+    @property
+    def confidence(self) -> np.ndarray:
+        """(F,) in [0, 1], how far the tracker trusts each frame; NaN where it never said."""
+        return self._told("confidence", np.full(len(self), np.nan))
+
+    @property
+    def restarts(self) -> np.ndarray:
+        """(n,) frame numbers in which the person was found again by a search of its own."""
+        return self.frames[self._told("restart", np.zeros(len(self), int)) > 0]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(F, J, 3, 3) m^2, uncertainty of each joint's place; NaN where it was never said."""
+        shape = (len(self), len(self.joint_names), 3, 3)
+        return self._told("covariance", np.full(shape, np.nan))
+
+    def _told(self, name: str, default: np.ndarray) -> np.ndarray:
+        return self.diagnostics.get(name, default)
+
+    @property
+    def smoothing(self) -> dict[str, Any] | None:
+        """How `apf smooth` made it, None for a track as it was tracked."""
+        smoothing: dict[str, Any] | None = json.loads(self.config).get("smoothing")
+        return smoothing
+
+    @property
+    def series(self) -> JointSeries:
+        """The joints alone, as `evaluate` and the TRC files take them."""
+        return JointSeries(self.joint_names, self.joints, self.fps, self.frames)
+
+    def save(self, path: str | Path) -> None:
+        """Write `track.npz`: the fields by their names, diagnostics as diagnostic_<name>."""
+        arrays: dict[str, Any] = {
+            "body_name": self.body_name,
+            "dof_names": np.array(self.dof_names, dtype=str),
+            "joint_names": np.array(self.joint_names, dtype=str),
+            "fps": self.fps,
+            "frames": self.frames,
+            "poses": self.poses,
+            "joints": self.joints,
+            "edges": self.edges,
+            "config": self.config,
+        }
+        arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
+        with written_whole(path) as temporary:
+            np.savez_compressed(temporary, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Track:
+        """The track of an npz that `save` wrote, or of the folder that holds `track.npz`.
+
+        Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
+        """
+        path = Path(path)
+        path = path / "track.npz" if path.is_dir() else path
+        data: dict[str, Any] = read_npz(path, _KEYS, "a track that `apf track` wrote")
+        diagnostics = {
+            name.removeprefix(_DIAGNOSTIC): values
+            for name, values in data.items()
+            if name.startswith(_DIAGNOSTIC)
+        }
+        fields = {key: data[key] for key in _KEYS}
+        fields |= {key: str(data[key]) for key in ("body_name", "config")}
+        try:
+            return cls(diagnostics=diagnostics, **fields)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{path}: {error}") from None
+
+    def write_trc(self, path: str | Path) -> None:
+        """Write the joints for OpenSim; see `apf.formats.trc.write_trc`."""
+        write_trc(path, self.series)
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write one row per frame: frame, time_s, then <joint>_x_m, _y_m, _z_m (world, Z up)."""
+        columns = [f"{name}_{axis}_m" for name in self.joint_names for axis in "xyz"]
+        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+            file.write(",".join(["frame", "time_s", *columns]) + "\n")
+            for frame, time, row in zip(
+                self.frames, self.times, self.joints.reshape(len(self), -1), strict=True
+            ):
+                values = ",".join(f"{value:.6f}" for value in row)
+                file.write(f"{frame},{time:.6f},{values}\n")
+
+
+def spans(frames: Sequence[int]) -> str:
+    """Frame numbers for a message: `3, 25-32`."""
+    pieces: list[list[int]] = []
+    for frame in frames:
+        if pieces and frame == pieces[-1][-1] + 1:
+            pieces[-1].append(frame)
+        else:
+            pieces.append([frame])
+    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in pieces)

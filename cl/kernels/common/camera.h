@@ -1,0 +1,61 @@
+// Camera projection, the counterpart of psfs/cameras/camera.py. A camera is CAMERA_FLOATS floats:
+//   0-8 R (row-major)  9-11 t  12-16 fx fy cx cy skew  17-21 k1 k2 p1 p2 k3
+//   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
+#include "common/pack.h"
+
+#define CAMERA_FLOATS 32
+// Corners of shapes further out than this, px, count as unseen: in float the lines between them
+// would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.
+#define FAR_OUT 1e5f
+
+// Project a pack of world points (x, y, z): pixels in *px and *py, returns the depth, which is <= 0
+// when the point has no image (behind the camera, or beyond the radius where the distortion turns
+// back). Selections instead of branches, and operators instead of fmin, rint and the like, which
+// PoCL does not inline: so loops around it become vector code (occupancy: 330 ms -> 60 ms).
+inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat y, vfloat z,
+                                  vfloat *px, vfloat *py)
+{
+    const vfloat cx = camera[0] * x + camera[1] * y + camera[2] * z + camera[9];
+    const vfloat cy = camera[3] * x + camera[4] * y + camera[5] * z + camera[10];
+    const vfloat cz = camera[6] * x + camera[7] * y + camera[8] * z + camera[11];
+    const vfloat inverse = 1.0f / cz;
+    const vfloat u = cx * inverse, v = cy * inverse;
+#ifdef NO_DISTORTION // set by callers whose cameras have none
+    const vfloat xd = u, yd = v;
+    const vint seen = cz > 1e-6f;
+#else
+    const vfloat r2 = u * u + v * v;
+    const vint seen = (cz > 1e-6f) & (r2 < camera[22]);
+    const float k1 = camera[17], k2 = camera[18], p1 = camera[19], p2 = camera[20];
+    const vfloat radial = 1.0f + r2 * (k1 + r2 * (k2 + r2 * camera[21]));
+    const vfloat xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
+    const vfloat yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
+#endif
+    // Before the selection: what reads memory inside of it stays a branch (occupancy: three times).
+    const vfloat image_x = camera[12] * xd + camera[16] * yd + camera[14];
+    const vfloat image_y = camera[13] * yd + camera[15];
+    *px = seen ? image_x : -1e6f;
+    *py = seen ? image_y : -1e6f;
+    return seen ? cz : (cz < 0.0f ? cz : 0.0f);
+}
+
+#if PACK == 1
+// The same for a single point.
+inline float camera_project(__global const float *camera, float x, float y, float z,
+                            float2 *pixel)
+{
+    float px, py;
+    const float depth = camera_project_pack(camera, x, y, z, &px, &py);
+    *pixel = (float2)(px, py);
+    return depth;
+}
+#endif
+
+// Offset y * width + x of the integer pixel nearest to `pixel` in an image whose rows are `width`
+// pixels apart, or -1 if it lies outside the camera's image.
+inline int camera_offset(__global const float *camera, float2 pixel, int width)
+{
+    const float x = pixel.x + 0.5f, y = pixel.y + 0.5f;
+    const int inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    return inside ? (int)y * width + (int)x : -1;
+}

@@ -1,0 +1,93 @@
+// What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the colours that
+// he wears, and his place in the pictures; twin: reference/appearance.py. Cells are CELL x CELL
+// pixels.
+// Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
+// NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
+#include "common/camera.h"
+#include "reconstruction/voxels.h"
+
+#define N_BINS (BINS * BINS * BINS)
+#define MARKS_X (CELLS_X + 2 * REACH)
+#define MARKS_Y (CELLS_Y + 2 * REACH)
+
+// Marks the cells that show a voxel. `extents` holds, per view, half the width and height of a
+// voxel's box times depth, cells m. `marks` has a border of REACH cells.
+__kernel void mark(__global const float *restrict cameras, __global const float2 *restrict extents,
+                   __global const float *restrict geometry, __global const int *restrict indices,
+                   __global const int *restrict n_surface, __global uchar *restrict marks)
+{
+    const int view = get_global_id(1), n = *n_surface;
+    __global const float *camera = cameras + view * CAMERA_FLOATS;
+    __global uchar *map = marks + (view * MARKS_Y + REACH) * MARKS_X + REACH;
+    for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
+        const float3 centre = voxel_centre(geometry, indices[i]);
+        float2 pixel;
+        const float depth = camera_project(camera, centre.x, centre.y, centre.z, &pixel);
+        if (depth <= 0.0f) continue;
+        const float2 half_size = extents[view] / depth;
+        const float2 low = fmax(ceil(pixel - half_size), 0.0f);
+        const float2 high = fmin(floor(pixel + half_size), (float2)(CELLS_X - 1, CELLS_Y - 1));
+        for (int row = (int)low.y; row <= (int)high.y; ++row)
+            for (int column = (int)low.x; column <= (int)high.x; ++column)
+                map[row * MARKS_X + column] = 1;
+    }
+}
+
+// Log odds of foreground in the next frame: by `odds` from the number of marks within REACH cells;
+// none when there is nobody. Counts the colours of marked cells that look like foreground.
+__kernel void observe(__global const uchar *restrict marks, __global const char *restrict odds,
+                      __global const int *restrict n_surface,
+                      __global const uchar *restrict images, __global const char *restrict evidence,
+                      __global char *restrict place, __global int *restrict counts)
+{
+    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
+    if (x >= CELLS_X || y >= CELLS_Y) return;
+    __global const uchar *corner = marks + (view * MARKS_Y + y) * MARKS_X + x;
+    int near = 0;
+    for (int row = 0; row <= 2 * REACH; ++row)
+        for (int column = 0; column <= 2 * REACH; ++column) near += corner[row * MARKS_X + column];
+    place[(view * CELLS_Y + y) * CELLS_X + x] = *n_surface >= MIN_SURFACE ? odds[near] : (char)0;
+
+    const int column = CELL * x + CELL / 2, row = CELL * y + CELL / 2;
+    if (!corner[REACH * MARKS_X + REACH] || column >= WIDTH || row >= HEIGHT) return;
+    const int pixel = (view * HEIGHT + row) * WIDTH + column;
+    if (evidence[pixel] <= 0) return;
+    __global const uchar *colour = images + 3 * pixel;
+    const int b = colour[0] * BINS / 256, g = colour[1] * BINS / 256, r = colour[2] * BINS / 256;
+    atomic_inc(&counts[(b * BINS + g) * BINS + r]);
+    atomic_inc(&counts[N_BINS]);
+}
+
+// memory = KEEP memory + counts, unless more than a person's share of the cells was counted.
+// The last entry is the total.
+__kernel void fade(__global const int *restrict counts, __global float *restrict memory)
+{
+    const int bin = get_global_id(0);
+    if (bin > N_BINS) return;
+    memory[bin] = KEEP * memory[bin] + (counts[N_BINS] <= MOST ? counts[bin] : 0);
+}
+
+// Log density of the person's colours over the uniform one, in 1 / STEPS nats. The histogram is
+// blurred by (1 2 1) / 4 along each channel, mixed with PRIOR samples of every colour alike, and
+// keeps a share UNIFORM of colours never seen. The counts are cleared for the next frame.
+__kernel void colour_table(__global const float *restrict memory, __global char *restrict table,
+                           __global int *restrict counts)
+{
+    const int bin = get_global_id(0);
+    if (bin <= N_BINS) counts[bin] = 0;
+    if (bin >= N_BINS) return;
+    const int b = bin / (BINS * BINS), g = bin / BINS % BINS, r = bin % BINS;
+    float sum = 0.0f;
+    for (int db = -1; db <= 1; ++db)
+        for (int dg = -1; dg <= 1; ++dg)
+            for (int dr = -1; dr <= 1; ++dr) {
+                const int i = b + db, j = g + dg, k = r + dr;
+                if (i < 0 || j < 0 || k < 0 || i >= BINS || j >= BINS || k >= BINS) continue;
+                const int weight = (2 - abs(db)) * (2 - abs(dg)) * (2 - abs(dr));
+                sum += weight * memory[(i * BINS + j) * BINS + k];
+            }
+    const float samples = sum / 64.0f * N_BINS;
+    const float density = (PRIOR + samples) / (PRIOR + memory[N_BINS]);
+    const float nats = log(UNIFORM + (1.0f - UNIFORM) * density);
+    table[bin] = (char)rint(fmin(STEPS * nats, 127.0f));
+}

@@ -1,0 +1,55 @@
+// The light on the floor, as other cameras see it; twin: reference/silhouette.py.
+// Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance);
+// CELL (px), CELLS_X, CELLS_Y of the cells.
+#include "reconstruction/background.h"
+#include "common/camera.h"
+
+// Light factor that explains the colour of a pixel of the background best, and in *left the squared
+// distance that it leaves. `plane` points to the pixel in the first of the view's planes.
+inline float light_factor(__global const uchar *colour, __global const float *plane, float *left)
+{
+    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
+    const float alpha = fitting(w, shown, mean);
+    *left = distance_left(w, shown, alpha, mean);
+    return alpha;
+}
+
+// The light on the floor behind every cell: the brightest that any other camera sees there, told
+// in steps of 1 / 127, times 2, plus 1 where there is floor at all. A camera whose pixel cannot be
+// floor, shaded or not, has no say; where nobody has, the floor is lit. The person who hides
+// the floor from some cameras may be dark like a shadow, but others see the floor beside him.
+// A cell whose middle shows the floor lit asks nobody.
+// `points` holds the floor behind a cell (x, y), NaN if there is none. `light` has a border of one
+// cell, which repeats the outermost.
+__kernel void floor_light(__global const float *restrict cameras,
+                          __global const float2 *restrict points,
+                          __global const uchar *restrict images,
+                          __global const float *restrict background,
+                          __global uchar *restrict light)
+{
+    const int column = get_global_id(0), row = get_global_id(1), view = get_global_id(2);
+    if (column >= CELLS_X + 2 || row >= CELLS_Y + 2) return;
+    const int x = min(max(column - 1, 0), CELLS_X - 1), y = min(max(row - 1, 0), CELLS_Y - 1);
+    const float2 point = points[(view * CELLS_Y + y) * CELLS_X + x];
+    const int on_floor = point.x == point.x;
+    const int middle = min(CELL * y + CELL / 2, HEIGHT - 1) * WIDTH +
+                       min(CELL * x + CELL / 2, WIDTH - 1);
+    float left;
+    const float own = light_factor(images + 3 * (view * PIXELS + middle),
+                                   background + (size_t)view * 8 * PIXELS + middle, &left);
+    const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
+    float brightest = 0.0f;
+    for (int other = 0; asks && other < VIEWS; ++other) {
+        if (other == view) continue;
+        __global const float *camera = cameras + other * CAMERA_FLOATS;
+        float2 pixel;
+        const float depth = camera_project(camera, point.x, point.y, FLOOR, &pixel);
+        const int at = camera_offset(camera, pixel, WIDTH);
+        if (depth <= 0.0f || at < 0) continue;
+        const float alpha = light_factor(images + 3 * (other * PIXELS + at),
+                                         background + (size_t)other * 8 * PIXELS + at, &left);
+        if (left < FLOOR_LEFT && alpha < SHADOW_HIGH && alpha > brightest) brightest = alpha;
+    }
+    const int told = brightest > 0.0f && brightest < 1.0f ? (int)(127.0f * brightest + 0.5f) : 127;
+    light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * told + on_floor;
+}

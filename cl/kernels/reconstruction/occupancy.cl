@@ -1,0 +1,297 @@
+// Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
+// Defines: NX NY NZ of the grid, N_CAMERAS, WIDTH, HEIGHT of the evidence maps, MIN_CAMERAS,
+// THRESHOLD; LANES items per work-group, LANES_Z of them along z; NO_DISTORTION if no camera has
+// any; HALO: 0 for dense, 1 for sparse; CAPACITY (bricks) for sparse.
+//
+// A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
+// selections for this reason). A camera whose evidence is the same all over a brick (mostly the
+// background's) is added once instead of being looked up for every voxel: that changes nothing
+// but the time. Dense and sparse mode share the functions that project and sum up, so that they
+// agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
+#include "reconstruction/bricks.h"
+
+#define BX 8
+#define BY 8
+#define BZ 16
+// Voxels of a brick, with its halo.
+#define DX (BX + 2 * HALO)
+#define DY (BY + 2 * HALO)
+#define DZ (BZ + 2 * HALO)
+#define ROWS (DX * DY)
+#define BRICK_VOXELS (BX * BY * BZ)
+// A group of one item needs neither local memory nor barriers. PoCL's compiler fails on some of
+// these, and only knows of private memory that nothing else points there (else no vector code).
+#if LANES > 1
+#define SYNC barrier(CLK_LOCAL_MEM_FENCE)
+#define SCRATCH __local
+#else
+#define SYNC
+#define SCRATCH __private
+#endif
+// A voxel's sum of evidence counts and, above it, the number of cameras that see it.
+#define SEEN 65536
+#define FOR_ROWS(row, n) for (int row = lane / LANES_Z; row < (n); row += LANES / LANES_Z)
+#define FOR_Z(z, n) for (int z = lane % LANES_Z; z < (n); z += LANES_Z)
+
+// Least and greatest evidence of the tiles, one work-group per coarse tile. Resets n_active.
+__kernel void evidence_tiles(__global const char *restrict evidence, __global char2 *restrict tiles,
+                             __global int *restrict n_active)
+{
+    SCRATCH char2 fine[COARSE / FINE * (COARSE / FINE)];
+    const int lane = get_local_id(0), view = get_group_id(1);
+    const int coarse_x = get_group_id(0) % COARSE_X, coarse_y = get_group_id(0) / COARSE_X;
+    __global const char *map = evidence + view * (WIDTH * HEIGHT);
+    tiles += view * VIEW_TILES;
+    if (lane == 0 && view == 0 && get_group_id(0) == 0) *n_active = 0;
+    for (int t = lane; t < 16; t += TILE_LANES) {
+        const int x = coarse_x * 4 + t % 4, y = coarse_y * 4 + t / 4;
+        char low[FINE], high[FINE]; // per column of the tile
+        for (int i = 0; i < FINE; ++i) {
+            low[i] = 127;
+            high[i] = -127;
+        }
+        for (int j = y * FINE; j < y * FINE + FINE && j < HEIGHT; ++j)
+            for (int i = 0; i < FINE; ++i) {
+                const int at = x * FINE + i;
+                // Columns beyond the picture repeat its last one.
+                const char value = map[j * WIDTH + (at < WIDTH ? at : WIDTH - 1)];
+                low[i] = value < low[i] ? value : low[i];
+                high[i] = value > high[i] ? value : high[i];
+            }
+        for (int i = 1; i < FINE; ++i) {
+            low[0] = low[i] < low[0] ? low[i] : low[0];
+            high[0] = high[i] > high[0] ? high[i] : high[0];
+        }
+        fine[t] = (char2)(low[0], high[0]);
+        if (x < FINE_X && y < FINE_Y) tiles[y * FINE_X + x] = fine[t];
+    }
+    SYNC;
+    if (lane > 0) return;
+    char2 all = fine[0];
+    for (int t = 1; t < 16; ++t) {
+        all.x = fine[t].x < all.x ? fine[t].x : all.x;
+        all.y = fine[t].y > all.y ? fine[t].y : all.y;
+    }
+    tiles[FINE_X * FINE_Y + coarse_y * COARSE_X + coarse_x] = all;
+}
+
+// World coordinate of the centre of padded voxel i along an axis (the padding shifts by one).
+inline float centre_of(__global const float *geometry, int axis, float i)
+{
+    return geometry[axis] + (i - 0.5f) * geometry[3];
+}
+
+// Evidence of all cameras for the voxels of a brick whose first padded voxel is (x0, y0, z0).
+inline void sum_evidence(__global const float *restrict cameras,
+                         __global const float *restrict reach,
+                         __global const char2 *restrict tiles,
+                         __global const char *restrict evidence,
+                         __global const float *restrict geometry, int x0, int y0, int z0,
+                         SCRATCH int *sums, SCRATCH int *fixed, SCRATCH int *open)
+{
+    const int lane = get_local_id(0);
+    const float3 centre = (float3)(centre_of(geometry, 0, x0 + 0.5f * (DX - 1)),
+                                   centre_of(geometry, 1, y0 + 0.5f * (DY - 1)),
+                                   centre_of(geometry, 2, z0 + 0.5f * (DZ - 1)));
+    const float3 h = 0.5f * geometry[3] * (float3)(DX - 1, DY - 1, DZ - 1);
+    for (int k = lane; k < N_CAMERAS; k += LANES) {
+        const EvidenceRange range = evidence_range(cameras + k * CAMERA_FLOATS,
+                                                   reach + k * REACH_FLOATS,
+                                                   tiles + k * VIEW_TILES, centre, h);
+        open[k] = range.seen == 1 || range.low != range.high;
+        fixed[k] = open[k] || range.seen == 0 ? 0 : range.low + SEEN;
+    }
+    SYNC;
+    int base = 0;
+    for (int k = 0; k < N_CAMERAS; ++k) base += fixed[k];
+    FOR_ROWS(row, ROWS)
+        FOR_Z(z, DZ) sums[row * DZ + z] = base;
+    for (int k = 0; k < N_CAMERAS; ++k) {
+        if (!open[k]) continue;
+        __global const float *camera = cameras + k * CAMERA_FLOATS;
+        __global const char *map = evidence + k * (WIDTH * HEIGHT);
+        FOR_ROWS(row, ROWS) {
+            const float px = centre_of(geometry, 0, x0 + row / DY);
+            const float py = centre_of(geometry, 1, y0 + row % DY);
+            FOR_Z(z, DZ) {
+                float2 pixel;
+                camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
+                const int at = camera_offset(camera, pixel, WIDTH);
+                const int counts = map[at >= 0 ? at : 0];
+                sums[row * DZ + z] += at >= 0 ? counts + SEEN : 0;
+            }
+        }
+    }
+}
+
+// P(V = 1) by a voxel's sum.
+inline float occupancy_of(__global const float *restrict table, int packed)
+{
+    const int seeing = (packed + SEEN / 2) / SEEN;
+    const float seen = table[packed - seeing * SEEN + 127 * N_CAMERAS];
+    return seeing >= MIN_CAMERAS ? seen : 0.0f;
+}
+
+#if HALO == 0
+// All voxels of the padded grid, one work-group per brick.
+__kernel void occupancy(__global const float *restrict cameras,
+                        __global const float *restrict reach,
+                        __global const char2 *restrict tiles,
+                        __global const char *restrict evidence,
+                        __global const float *restrict table, // P(V=1) by sum of evidence
+                        __global const float *restrict geometry, // origin (3), voxel size
+                        __global float *restrict probability)
+{
+    SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
+    const int lane = get_local_id(0);
+    const int x0 = get_group_id(2) * BX, y0 = get_group_id(1) * BY, z0 = get_group_id(0) * BZ;
+    sum_evidence(cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+    const int n_z = NZ + 2 - z0 < DZ ? NZ + 2 - z0 : DZ;
+    FOR_ROWS(row, ROWS) {
+        const int x = x0 + row / DY, y = y0 + row % DY;
+        if (x >= NX + 2 || y >= NY + 2) continue;
+        __global float *out = probability + (x * (NY + 2) + y) * (NZ + 2) + z0;
+        FOR_Z(z, n_z) out[z] = occupancy_of(table, sums[row * DZ + z]);
+    }
+}
+#else
+#define BRICKS_X ((NX + BX - 1) / BX)
+#define BRICKS_Y ((NY + BY - 1) / BY)
+#define BRICKS_Z ((NZ + BZ - 1) / BZ)
+// Bricks of a coarse brick along x, y, z.
+#define CX 4
+#define CY 4
+#define CZ 2
+
+// Can a voxel of the box be occupied, or smoothed into being so? Padded voxel (x0, y0, z0) is its
+// first, `n` its number of voxels along the axes.
+inline int may_hold(__global const float *cameras, __global const float *reach,
+                    __global const char2 *tiles, __global const float *table,
+                    __global const float *geometry, int3 first, int3 n)
+{
+    const float3 centre = (float3)(centre_of(geometry, 0, first.x + 0.5f * (n.x - 1)),
+                                   centre_of(geometry, 1, first.y + 0.5f * (n.y - 1)),
+                                   centre_of(geometry, 2, first.z + 0.5f * (n.z - 1)));
+    const float3 h = 0.5f * geometry[3] * (float3)(n.x - 1, n.y - 1, n.z - 1);
+    int high = 0, seeing = 0;
+    for (int k = 0; k < N_CAMERAS; ++k) {
+        const EvidenceRange range = evidence_range(cameras + k * CAMERA_FLOATS,
+                                                   reach + k * REACH_FLOATS,
+                                                   tiles + k * VIEW_TILES, centre, h);
+        high += range.high;
+        seeing += range.seen > 0;
+    }
+    // A mean of 27 rounded numbers may exceed their largest by a few roundings.
+    return seeing >= MIN_CAMERAS && table[high + 127 * N_CAMERAS] > THRESHOLD * (1.0f - 1e-5f);
+}
+
+// Lists the bricks in or beside which a voxel can be occupied after smoothing: `slots` is their
+// place in the list, or -1. One work-group per coarse brick. What lies two voxels beyond the
+// brick counts: so its neighbours' values are exact as well.
+__kernel void find_bricks(__global const float *restrict cameras,
+                          __global const float *restrict reach,
+                          __global const char2 *restrict tiles,
+                          __global const float *restrict table,
+                          __global const float *restrict geometry,
+                          __global int *restrict slots, __global int *restrict bricks,
+                          __global int *restrict n_active)
+{
+    const int3 corner = (int3)(get_group_id(2) * CX, get_group_id(1) * CY, get_group_id(0) * CZ);
+    const int3 size = (int3)(BX, BY, BZ);
+    const int whole = may_hold(cameras, reach, tiles, table, geometry, corner * size - 1,
+                               (int3)(CX, CY, CZ) * size + 4);
+    for (int child = get_local_id(0); child < CX * CY * CZ; child += FIND_LANES) {
+        const int3 brick = corner + (int3)(child / (CY * CZ), child / CZ % CY, child % CZ);
+        if (brick.x >= BRICKS_X || brick.y >= BRICKS_Y || brick.z >= BRICKS_Z) continue;
+        const int at = (brick.x * BRICKS_Y + brick.y) * BRICKS_Z + brick.z;
+        int slot = -1;
+        if (whole && may_hold(cameras, reach, tiles, table, geometry, brick * size - 1, size + 4)) {
+            slot = atomic_inc(n_active);
+            bricks[slot] = at;
+        }
+        slots[at] = slot;
+    }
+}
+
+// Smoothed probability of the voxels of the listed bricks, and which of them are occupied: a bit
+// each, ushort per brick and row along z. A few work-groups share the list. Bricks beyond CAPACITY
+// have no room for their probability.
+__kernel void sparse_occupancy(__global const float *restrict cameras,
+                               __global const float *restrict reach,
+                               __global const char2 *restrict tiles,
+                               __global const char *restrict evidence,
+                               __global const float *restrict table,
+                               __global const float *restrict geometry,
+                               __global const int *restrict bricks,
+                               __global const int *restrict n_active,
+                               __global float *restrict pool, __global ushort *restrict bits)
+{
+    SCRATCH int sums[ROWS * DZ], fixed[N_CAMERAS], open[N_CAMERAS];
+    SCRATCH float p[ROWS * DZ], smoothed[BRICK_VOXELS];
+    const int lane = get_local_id(0), n = *n_active;
+    for (int slot = get_group_id(0); slot < n; slot += get_num_groups(0)) {
+        const int brick = bricks[slot];
+        const int x0 = brick / (BRICKS_Y * BRICKS_Z) * BX;
+        const int y0 = brick / BRICKS_Z % BRICKS_Y * BY, z0 = brick % BRICKS_Z * BZ;
+        sum_evidence(cameras, reach, tiles, evidence, geometry, x0, y0, z0, sums, fixed, open);
+        FOR_ROWS(row, ROWS)
+            FOR_Z(z, DZ) p[row * DZ + z] = occupancy_of(table, sums[row * DZ + z]);
+        SYNC;
+        FOR_ROWS(row, BX * BY) {
+            SCRATCH const float *near = p + (row / BY * DY + row % BY) * DZ;
+            FOR_Z(z, BZ) {
+                // The same order of summation as `smooth` of surface.cl.
+                float sum = 0.0f;
+#pragma unroll
+                for (int dx = 0; dx < 3; ++dx)
+#pragma unroll
+                    for (int dy = 0; dy < 3; ++dy) {
+                        const int at = (dx * DY + dy) * DZ + z;
+                        sum += near[at] + near[at + 1] + near[at + 2];
+                    }
+                smoothed[row * BZ + z] = sum * (1.0f / 27.0f);
+            }
+        }
+        SYNC;
+        if (slot < CAPACITY)
+            for (int i = lane; i < BRICK_VOXELS; i += LANES)
+                pool[slot * BRICK_VOXELS + i] = smoothed[i];
+        for (int row = lane; row < BX * BY; row += LANES) {
+            const int x = x0 + row / BY, y = y0 + row % BY;
+            if (x >= NX || y >= NY) continue;
+            uint mask = 0;
+            for (int z = 0; z < BZ; ++z)
+                mask |= (uint)(smoothed[row * BZ + z] > THRESHOLD) << z;
+            if (NZ - z0 < BZ) mask &= (1u << (NZ - z0)) - 1u;
+            bits[(x * NY + y) * BRICKS_Z + z0 / BZ] = (ushort)mask;
+        }
+        SYNC;
+    }
+}
+
+// Dense copy of the pool, 0 where there is no brick.
+__kernel void spread(__global const float *restrict pool, __global const int *restrict slots,
+                     __global float *restrict probability)
+{
+    const int z = get_global_id(0), y = get_global_id(1), x = get_global_id(2);
+    if (z >= NZ || y >= NY || x >= NX) return;
+    const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
+    const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
+    probability[(x * NY + y) * NZ + z] =
+        slot >= 0 && slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
+}
+
+// Probabilities of the surface voxels, in their order.
+__kernel void sparse_gather(__global const float *restrict pool, __global const int *restrict slots,
+                            __global const int *restrict indices,
+                            __global const int *restrict n_surface, __global float *restrict out)
+{
+    const int n = *n_surface;
+    for (int i = get_global_id(0); i < n; i += get_global_size(0)) {
+        const int x = indices[i] / (NY * NZ), y = indices[i] / NZ % NY, z = indices[i] % NZ;
+        const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
+        const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
+        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
+    }
+}
+#endif

@@ -1,0 +1,252 @@
+// Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py);
+// twin: reference/silhouette.py. A work-item has PACK neighbouring pixels of a row; the last of a
+// row begin earlier where its width is not a multiple.
+// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_WEIGHT and LIT_WEIGHT (1 /
+// variance of the light factor in shadows and where the light is above FULLY_LIT), FLOOR_DEPTH (1 /
+// variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST
+// and HIGHEST (counts), BINS of a colour channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
+#include "reconstruction/background.h"
+#include "reconstruction/ratios.h"
+
+// The first pixel of a pack.
+#define PACK_BEGIN(index) ((index) * PACK < WIDTH - PACK ? (index) * PACK : WIDTH - PACK)
+
+// Are the pixels inside the picture of their view, which may be smaller than the stack of views?
+inline vint in_picture(__global const int2 *sizes, int view, int x, int y)
+{
+    const int2 size = sizes[view];
+    return x + LANE_NUMBERS < (y < size.y ? size.x : 0);
+}
+
+// Cells of a row that a pack may lie in, and those whose middles are around it.
+#define PACK_CELLS ((CELL + PACK - 2) / CELL + 1)
+#define PACK_MIDDLES ((2 * PACK + 2 * CELL - 3) / (2 * CELL) + 2)
+
+// What a row of cells has for the pixels from column x on.
+inline vint by_cell(__global const char *cells, int x)
+{
+    const vint cell = (x % CELL + LANE_NUMBERS) / CELL;
+    vint values = 0;
+#pragma unroll
+    for (int k = 0; k < PACK_CELLS; ++k) {
+        const int value = cells[x / CELL + k < CELLS_X ? x / CELL + k : CELLS_X - 1];
+        values = cell == k ? value : values;
+    }
+    return values;
+}
+
+// What a map of cells has for the pixels from (x, y) on, linearly between the cells' middles, times
+// (2 * CELL)^2. `cells` has a border of one cell; the lowest bit of its values is left out.
+inline vint between_cells(__global const uchar *cells, int x, int y)
+{
+    const int u = 2 * x - (CELL - 1) + 2 * CELL, v = 2 * y - (CELL - 1) + 2 * CELL;
+    const int column = u / (2 * CELL), below = v % (2 * CELL);
+    __global const uchar *row = cells + v / (2 * CELL) * (CELLS_X + 2);
+    const vint place = u % (2 * CELL) + 2 * LANE_NUMBERS;
+    vint sum = 0;
+#pragma unroll
+    for (int k = 0; k < PACK_MIDDLES; ++k) {
+        const int at = column + k < CELLS_X + 1 ? column + k : CELLS_X + 1;
+        const int value = (2 * CELL - below) * (row[at] & 254) +
+                          below * (row[CELLS_X + 2 + at] & 254);
+        const vint away = place < 2 * CELL * k ? 2 * CELL * k - place : place - 2 * CELL * k;
+        sum += away < 2 * CELL ? (2 * CELL - away) * value : 0;
+    }
+    return sum;
+}
+
+// What a table has for the pixels' colours.
+inline vint by_colour(__global const char *table, __global const uchar *pixel)
+{
+#define BIN(value) ((value) * BINS >> 8)
+#define ENTRY(l) \
+    table[(BIN(pixel[3 * 0x##l]) * BINS + BIN(pixel[3 * 0x##l + 1])) * BINS + \
+          BIN(pixel[3 * 0x##l + 2])]
+    return PACK_OF(vint, ENTRY);
+#undef ENTRY
+}
+
+// Log of the background's density over the foreground's, in counts of 1 / STEPS nats.
+// `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
+// channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
+// of the light factor. `colours` holds the log of the foreground's density over the uniform one,
+// `place` the log odds of foreground by cell, both in counts; `light` that of floor_light.cl.
+// `ratios` has a border of one pixel.
+__kernel void log_ratio(__global const uchar *restrict images,
+                        __global const float *restrict background,
+                        __global const int2 *restrict sizes,
+                        __global const char *restrict colours,
+                        __global const char *restrict place,
+                        __global const uchar *restrict light,
+                        __global char *restrict ratios)
+{
+    const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
+    if (get_global_id(0) * PACK >= WIDTH || y >= HEIGHT) return;
+    const int pixel = y * WIDTH + x;
+    __global const uchar *colour = images + 3 * (view * PIXELS + pixel);
+    __global const float *plane = background + (size_t)view * 8 * PIXELS + pixel;
+    const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
+
+    // Squared distances to the background's colour in plain light; under less light; and, on the
+    // floor, instead of that under the light that other cameras see, in between cells linearly.
+    const vfloat factor = fitting(w, shown, mean);
+    const vfloat plain = distance_left(w, shown, 1.0f, mean);
+
+    const vfloat alpha = within(factor, SHADOW_LOW, SHADOW_HIGH);
+    const vfloat shaded = distance_left(w, shown, alpha, mean) +
+                          LOAD_PACK(plane + 7 * PIXELS) * (1.0f - alpha) * (1.0f - alpha);
+
+    __global const uchar *lights = light + view * (CELLS_Y + 2) * (CELLS_X + 2);
+    __global const uchar *floors = lights + (y / CELL + 1) * (CELLS_X + 2) + 1;
+    const vint on_floor = (by_cell((__global const char *)floors, x) & 1) == 1;
+    const vfloat seen = TO_FLOAT(between_cells(lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
+    const vfloat dim = within(factor, FLOOR_LOW, SHADOW_HIGH);
+    const vfloat off = seen - dim, darker = most(off, 0.0f);
+    const vfloat price = seen > FULLY_LIT ? LIT_WEIGHT * off * off : FLOOR_WEIGHT * darker * darker;
+    const vfloat on_it = distance_left(w, shown, dim, mean) + price +
+                         FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
+    const vfloat nearest = least(plain, on_floor ? on_it : shaded);
+
+    const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - 0.5f * nearest;
+    const vint known = by_colour(colours, colour) +
+                       by_cell(place + (view * CELLS_Y + y / CELL) * CELLS_X, x);
+    const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
+    STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
+               ratios + ratio_place(view, x, y));
+}
+
+// Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each.
+inline vchar evidence_of(__global const char *ratios, __global const int2 *sizes,
+                         __global const char *table, int view, int x, int y)
+{
+    __global const char *corner = ratios + ratio_place(view, x - 1, y - 1);
+    vint sum = -9 * LOWEST;
+#pragma unroll
+    for (int row = 0; row < 3; ++row)
+#pragma unroll
+        for (int column = 0; column < 3; ++column)
+            sum += TO_INT(LOAD_CHARS(corner + row * (WIDTH + 2) + column));
+#define EVIDENCE(l) table[LANE_OF(sum, l)]
+    const vint counts = PACK_OF(vint, EVIDENCE);
+#undef EVIDENCE
+    return TO_CHAR(in_picture(sizes, view, x, y) ? counts : 0);
+}
+
+__kernel void silhouette(__global const char *restrict ratios, __global const int2 *restrict sizes,
+                         __global const char *restrict table, __global char *restrict evidence)
+{
+    const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
+    if (get_global_id(0) * PACK >= WIDTH || y >= HEIGHT) return;
+    STORE_PACK(evidence_of(ratios, sizes, table, view, x, y),
+               evidence + view * PIXELS + y * WIDTH + x);
+}
+
+// Log ratio of pixels of the rim: how well the background's colour mixed with the person's, not
+// more than RIM_SHARE of it his, explains the pixel. The person is two pixels ahead, in one of
+// eight directions, and the background as far behind, as `person`, the evidence at the pixel, has
+// it. Less than LOWEST, if no direction is so. All pointers point to the pixel.
+inline vfloat mixed(__global const uchar *colour, __global const float *plane,
+                    __global const char *person)
+{
+    const Colour w = planes_of(plane, 3);
+    const Colour here = less(colour_of(colour), 1.0f, planes_of(plane, 0));
+    vfloat nearest = 1e9f;
+#pragma unroll
+    for (int direction = 0; direction < 9; ++direction) {
+        const int step = 2 * (direction / 3 - 1) * WIDTH + 2 * (direction % 3 - 1);
+        const vint on_rim =
+            (TO_INT(LOAD_CHARS(person + step)) > 0) & (TO_INT(LOAD_CHARS(person - step)) < 0);
+        if (!PACK_ANY(on_rim)) continue;
+        const Colour ahead = less(colour_of(colour + 3 * step), 1.0f, planes_of(plane + step, 0));
+        const vfloat share = within(fitting(w, here, ahead), 0.0f, RIM_SHARE);
+        const vfloat left = distance_left(w, here, share, ahead);
+        nearest = (on_rim & (left < nearest)) ? left : nearest;
+    }
+    return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - RIM_COST - 0.5f * nearest);
+}
+
+// Blocks of the picture: as high as a cell, as wide as a cell or a pack.
+#define BLOCK (CELL > PACK ? CELL : PACK)
+#define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
+
+// Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are
+// higher. `evidence` is that of the ratios as they came. `changed` says which blocks have new
+// ratios; it has a border of one block.
+__kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
+                  __global const char *restrict colours, __global const char *restrict place,
+                  __global const char *restrict evidence, __global char *restrict ratios,
+                  __global uchar *restrict changed)
+{
+    const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
+    if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
+    const int begin_x = max(BLOCK * block_x, 2), end_x = min(BLOCK * block_x + BLOCK, WIDTH - 2);
+    const int begin_y = max(CELL * block_y, 2), end_y = min(CELL * block_y + CELL, HEIGHT - 2);
+    __global const char *odds = place + (view * CELLS_Y + block_y) * CELLS_X;
+    int any = 0;
+    for (int y = begin_y; y < end_y; ++y)
+        for (int first = begin_x; first < end_x; first += PACK) {
+            const int x = first < WIDTH - 2 - PACK ? first : WIDTH - 2 - PACK;
+            const int here = view * PIXELS + y * WIDTH + x;
+            const vint column = x + LANE_NUMBERS;
+            const vint asked = (column >= first) & (column < end_x) &
+                               (TO_INT(LOAD_CHARS(evidence + here)) > 0);
+            if (!PACK_ANY(asked)) continue;
+            __global const uchar *colour = images + 3 * here;
+            const vfloat ratio = mixed(colour, background + (size_t)(7 * view) * PIXELS + here,
+                                       evidence + here) -
+                                 TO_FLOAT(by_colour(colours, colour) + by_cell(odds, x));
+            __global char *old = ratios + ratio_place(view, x, y);
+            const vchar counts = in_counts(ratio);
+            const vint better = asked & (TO_INT(counts) > TO_INT(LOAD_CHARS(old)));
+            if (!PACK_ANY(better)) continue;
+            // One by one: other pixels of the pack may be another work-item's.
+            char values[PACK];
+            int taken[PACK];
+            STORE_PACK(counts, values);
+            STORE_PACK(better, taken);
+            for (int k = 0; k < PACK; ++k)
+                if (taken[k]) old[k] = values[k];
+            any = 1;
+        }
+    changed[(view * (CELLS_Y + 2) + block_y + 1) * (BLOCKS_X + 2) + block_x + 1] = any;
+}
+
+// The evidence once more, of the blocks that are changed or have such neighbours.
+__kernel void silhouette_again(__global const uchar *restrict changed,
+                               __global const char *restrict ratios,
+                               __global const int2 *restrict sizes,
+                               __global const char *restrict table,
+                               __global char *restrict evidence)
+{
+    const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
+    if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
+    __global const uchar *corner =
+        changed + (view * (CELLS_Y + 2) + block_y) * (BLOCKS_X + 2) + block_x;
+    int any = 0;
+#pragma unroll
+    for (int row = 0; row < 3; ++row)
+#pragma unroll
+        for (int column = 0; column < 3; ++column) any |= corner[row * (BLOCKS_X + 2) + column];
+    if (!any) return;
+    const int end_x = min(BLOCK * block_x + BLOCK, WIDTH);
+    const int end_y = min(CELL * block_y + CELL, HEIGHT);
+    for (int y = CELL * block_y; y < end_y; ++y)
+        for (int first = BLOCK * block_x; first < end_x; first += PACK) {
+            const int x = first < WIDTH - PACK ? first : WIDTH - PACK;
+            STORE_PACK(evidence_of(ratios, sizes, table, view, x, y),
+                       evidence + view * PIXELS + y * WIDTH + x);
+        }
+}
+
+// Ready masks, 0..255; `table` holds the evidence of the 256 values.
+__kernel void mask_silhouette(__global const uchar *restrict masks,
+                              __global const int2 *restrict sizes,
+                              __global const char *restrict table,
+                              __global char *restrict evidence)
+{
+    const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
+    if (x >= WIDTH || y >= HEIGHT) return;
+    const int at = view * PIXELS + y * WIDTH + x;
+    const int2 size = sizes[view];
+    evidence[at] = ((x < size.x) & (y < size.y)) ? table[masks[at]] : (char)0;
+}

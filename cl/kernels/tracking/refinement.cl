@@ -1,0 +1,339 @@
+// Gauss-Newton steps of the estimate against the surface voxels; twin: reference/refinement.py.
+// Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2) over the pose,
+// d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
+// that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,
+// Blake & Zisserman 1987). Every step is one launch of each kernel.
+// Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is
+// one of voxels, the pose the same in all its lanes, or one of columns of the linear system.
+#include "common/packed_cones.h"
+#include "common/reduction.h"
+
+// Numbers per row of the linear system: N_DOF derivatives, the distance, zeros up to whole packs.
+#define ROW_PACKS ((N_DOF + PACK) / PACK)
+#define ROW (ROW_PACKS * PACK)
+// What a group of voxels adds to the system, in packs: N_DOF rows, then its share of the cost.
+#define PART (N_DOF * ROW_PACKS + 1)
+// Rows or columns that an item works on at once, and parts that it waits for together.
+#define LINES 4
+#define TOGETHER 8
+// A voxel's normal, moment (point x normal), distance, square root of its weight, nearest cone.
+#define VOXEL_FLOATS 9
+
+// What a work-group keeps while it adds a part up.
+typedef struct {
+    vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS], hinges[6 * N_DOF];
+    vfloat posed[N_CONES * CONE_FLOATS], spans[N_CONES * SPAN_FLOATS];
+    vfloat twists[6 * ROW_PACKS], rows[(BLOCK + 1) * ROW_PACKS];
+    float voxels[BLOCK * VOXEL_FLOATS], scratch[GROUP], body[BODY_FLOATS];
+} workspace;
+
+// A number that is the same in all lanes.
+inline float single(__local const vfloat *place) { return *(__local const float *)place; }
+
+// Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
+// with normal n moves by moment . (p x n) + velocity . n along the normal.
+inline void find_twists(__local const float *body, __local const vfloat *hinges,
+                        __local float *twists)
+{
+    for (int i = get_local_id(0); i < 6 * ROW; i += GROUP) twists[i] = 0.0f;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int a = get_local_id(0); a < N_DOF; a += GROUP) {
+        __local const float *free = body + BODY_AXES + a * AXIS_FLOATS;
+        const int dof = (int)free[2];
+        __local const vfloat *hinge = hinges + 6 * dof;
+        for (int i = 0; i < 3; ++i) {
+            const int k = (i + 1) % 3, l = (i + 2) % 3;
+            const float axis = single(hinge + i);
+            const float across = single(hinge + 3 + k) * single(hinge + l) -
+                                 single(hinge + 3 + l) * single(hinge + k);
+            const bool slides = free[0] < 3.0f;
+            twists[i * ROW + dof] = slides ? 0.0f : axis;
+            twists[(3 + i) * ROW + dof] = slides ? axis : across;
+        }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+// What the linear system needs of a voxel, see VOXEL_FLOATS: its normal is the unit gradient of the
+// distance; along the side the radius changes with the place.
+inline void describe(float4 point, float distance, float root, int nearest,
+                     __local const vfloat *posed, __local const vfloat *spans,
+                     __local float *voxel)
+{
+    __local const vfloat *cone = posed + nearest * CONE_FLOATS;
+    __local const vfloat *span = spans + nearest * SPAN_FLOATS;
+    const float p[3] = {point.x, point.y, point.z};
+    float along = single(span + 3), u = single(span + 6), v = single(span + 7), normal[3];
+    for (int i = 0; i < 3; ++i) {
+        along += single(span + i) * p[i];
+        u += single(cone + 8 + i) * p[i];
+        v += single(cone + 12 + i) * p[i];
+    }
+    const float t = along < 0.0f ? 0.0f : along < 1.0f ? along : 1.0f;
+    const float to_axis = distance + single(cone + 3) + t * single(span + 5);
+    const float inverse = 1.0f / (to_axis > 1e-9f ? to_axis : 1e-9f);
+    const float lengthwise = along == t ? -single(span + 5)
+                                        : (along - t) * single(span + 4) * inverse;
+    for (int i = 0; i < 3; ++i)
+        normal[i] = (u * single(cone + 8 + i) + v * single(cone + 12 + i)) * inverse +
+                    lengthwise * single(span + i);
+    for (int i = 0; i < 3; ++i) {
+        const int k = (i + 1) % 3, l = (i + 2) % 3;
+        voxel[i] = normal[i];
+        voxel[3 + i] = p[k] * normal[l] - p[l] * normal[k];
+    }
+    voxel[6] = distance;
+    voxel[7] = root;
+    voxel[8] = nearest;
+}
+
+// Looks at a pack of the `n` voxels; returns the shares that they leave unexplained. The weight of
+// no distance is 1 (Geman & McClure 1987).
+inline float look_at(__global const float4 *points, int first, int n, float scale, float reach,
+                     __local const vfloat *posed, __local const vfloat *spans,
+                     __local float *voxels)
+{
+#define POINT(l) points[lane_index(first, 0x##l, n)]
+#define X(l) POINT(l).x
+#define Y(l) POINT(l).y
+#define Z(l) POINT(l).z
+#define THERE(l) POINT(l).w
+    const vpoint here = {PACK_OF(vfloat, X), PACK_OF(vfloat, Y), PACK_OF(vfloat, Z)};
+    const vint there = PACK_OF(vfloat, THERE) > 0.0f;
+    vint nearest = 0;
+    vfloat distance = INFINITY;
+    for (int c = 0; c < N_CONES; ++c) {
+        const vfloat d = packed_distance(posed + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
+        const vint nearer = d * d < distance * distance;
+        distance = nearer ? d : distance;
+        nearest = nearer ? c : nearest;
+    }
+    const vfloat d2 = distance * distance;
+    float distances[PACK], roots[PACK], which[PACK], shares[PACK], sum = 0.0f;
+    STORE_PACK(distance, distances);
+    STORE_PACK(there ? 1.0f / (1.0f + d2 / (reach * reach)) : 0.0f, roots);
+    STORE_PACK(TO_FLOAT(nearest), which);
+    STORE_PACK(there ? d2 / (d2 + scale * scale) : 1.0f, shares);
+    for (int l = 0; l < PACK && first + l < n; ++l) {
+        describe(points[first + l], distances[l], roots[l], (int)which[l], posed, spans,
+                 voxels + (first + l) * VOXEL_FLOATS);
+        sum += shares[l];
+    }
+    return sum;
+}
+
+// Linear system of the work-group's BLOCK voxels at `pose`, and their share of the cost, as a
+// `part`. moves: N_CONES x ROW, 1 where a degree of freedom moves a cone.
+inline void add_up(int n_points, float scale, float reach, __global const float4 *points,
+                   __global const float *pose, __global const float *table,
+                   __global const vfloat *moves, __local workspace *w, __global vfloat *part)
+{
+    __local float *numbers = (__local float *)w->rows;
+    const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
+    const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
+    take_body(table, w->body);
+    take_pose(pose, 0, 1, w->body, w->turns);
+    pose_bones(w->turns, w->body, w->frames, w->hinges);
+    place_cones(w->body, w->frames, w->posed);
+    for (int c = lane; c < N_CONES; c += GROUP)
+        cone_span(w->posed + c * CONE_FLOATS, w->spans + c * SPAN_FLOATS);
+    find_twists(w->body, w->hinges, (__local float *)w->twists);
+
+    float cost = 0.0f;
+    for (int k = lane * PACK; k < n; k += GROUP * PACK)
+        cost += look_at(points + first, k, n, scale, reach, w->posed, w->spans, w->voxels);
+    cost = group_sum(w->scratch, cost);  // waits for the voxels, too
+    for (int item = lane; item < n * ROW_PACKS; item += GROUP) {
+        const int k = item / ROW_PACKS, j = item % ROW_PACKS;
+        __local const float *voxel = w->voxels + k * VOXEL_FLOATS;
+        vfloat by = 0.0f;
+#pragma unroll
+        for (int i = 0; i < 6; ++i) by += voxel[(3 + i) % 6] * w->twists[i * ROW_PACKS + j];
+        w->rows[item] = -voxel[7] * moves[(int)voxel[8] * ROW_PACKS + j] * by;
+        if (j == N_DOF / PACK) numbers[k * ROW + N_DOF] = voxel[7] * voxel[6];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int item = lane; item < (N_DOF + LINES - 1) / LINES * ROW_PACKS; item += GROUP) {
+        const int i = item / ROW_PACKS * LINES, j = item % ROW_PACKS;
+        if ((j + 1) * PACK <= i) continue;  // below the diagonal: known from above it
+        vfloat sums[LINES];
+        for (int r = 0; r < LINES; ++r) sums[r] = 0.0f;
+        for (int k = 0; k < n; ++k) {
+            const vfloat right = w->rows[k * ROW_PACKS + j];
+#pragma unroll
+            for (int r = 0; r < LINES; ++r) sums[r] += numbers[k * ROW + i + r] * right;
+        }
+        for (int r = 0; r < LINES && i + r < N_DOF; ++r) part[(i + r) * ROW_PACKS + j] = sums[r];
+    }
+    if (lane == 0) part[PART - 1] = cost;
+}
+
+// Adds the parts up to the linear system, its upper triangle and right side alone, with those of
+// the prior. weight: of one voxel.
+inline void sum_parts(int n_parts, float weight, __global const vfloat *parts,
+                      __global const float *sigma, __global const float *pose,
+                      __global const float *mean, __local vfloat *system)
+{
+    __local float *numbers = (__local float *)system;
+    for (int first = get_local_id(0); first < N_DOF * ROW_PACKS; first += LINES * GROUP) {
+        vfloat sums[LINES];
+        int end[LINES];  // of the parts that say something there
+        for (int r = 0; r < LINES; ++r) {
+            const int item = first + r * GROUP, i = item / ROW_PACKS, j = item % ROW_PACKS;
+            end[r] = i < N_DOF && (j + 1) * PACK > i ? n_parts : 0;
+            sums[r] = 0.0f;
+        }
+        for (int part = 0; part < n_parts; part += TOGETHER)
+            for (int p = part; p < part + TOGETHER; ++p)
+                for (int r = 0; r < LINES; ++r)
+                    if (p < end[r]) sums[r] += parts[p * PART + first + r * GROUP];
+        for (int r = 0; r < LINES; ++r)
+            if (first + r * GROUP < N_DOF * ROW_PACKS) system[first + r * GROUP] = weight * sums[r];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
+        const float prior = 1.0f / (sigma[dof] * sigma[dof]);
+        numbers[dof * ROW + dof] += prior;
+        numbers[dof * ROW + N_DOF] += prior * (pose[dof] - mean[dof]);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+// Solves the N_DOF equations of `system`, their right side in column N_DOF, by Gauss and Jordan's
+// method: no step reads what another item writes in it, and no matrix of this kind needs pivots.
+// What is left of it stays symmetric, so that the upper triangle suffices. Row i ends as diagonal
+// times the solution's element i. Some items share a row, so that they find its factor once.
+inline void solve(__local vfloat *system)
+{
+    __local float *numbers = (__local float *)system;
+    const int share = GROUP < 8 ? GROUP : 8, lane = get_local_id(0);
+    for (int k = 0; k < N_DOF; ++k) {
+        const float inverse = 1.0f / numbers[k * ROW + k];
+        for (int i = lane / share; i < N_DOF; i += GROUP / share) {
+            if (i == k) continue;
+            const float factor = numbers[i < k ? i * ROW + k : k * ROW + i] * inverse;
+            __local vfloat *row = system + i * ROW_PACKS, *pivot = system + k * ROW_PACKS;
+            for (int j = (k + 1) / PACK + lane % share; j < ROW_PACKS; j += LINES * share) {
+                vfloat left[LINES];
+                for (int r = 0; r < LINES; ++r)
+                    if (j + r * share < ROW_PACKS)
+                        left[r] = row[j + r * share] - factor * pivot[j + r * share];
+                for (int r = 0; r < LINES; ++r)
+                    if (j + r * share < ROW_PACKS) row[j + r * share] = left[r];
+            }
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+}
+
+// Keeps the best pose met, which may be this one: its difference from the `mean`, `shift`, and its
+// cost, `least`. Where several groups are at the same pose, one of them `tells`.
+// strength: that of the voxels' mean.
+inline void keep_best(bool first, bool tells, int n_parts, float strength,
+                      __global const vfloat *parts, __global const float *sigma,
+                      __global const float *pose, __global const float *mean,
+                      __local float *scratch, __global float *least, __global float *shift)
+{
+    const int lane = get_local_id(0);
+    float cost = 0.0f;
+    for (int part = lane; part < n_parts; part += GROUP)
+        cost += strength * *(__global const float *)(parts + part * PART + PART - 1);
+    for (int dof = lane; dof < N_DOF; dof += GROUP) {
+        const float away = (pose[dof] - mean[dof]) / sigma[dof];
+        cost += away * away;
+    }
+    cost = group_sum(scratch, cost);
+    const bool better = tells && (first || cost < *least);
+    for (int dof = lane; dof < (better ? N_DOF : 0); dof += GROUP)
+        shift[dof] = pose[dof] - mean[dof];
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    if (lane == 0 && better) *least = cost;
+}
+
+// The pose behind the step that the linear system says.
+inline void move_on(__local vfloat *system, __global const float2 *limits,
+                    __global const float *pose, __global float *next)
+{
+    __local const float *numbers = (__local const float *)system;
+    solve(system);
+    for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
+        const float step = numbers[dof * ROW + N_DOF] / numbers[dof * ROW + dof];
+        next[dof] = clamp(pose[dof] - step, limits[dof].x, limits[dof].y);
+    }
+}
+
+// The parts at each of `poses`, along dimension 1: PART packs per work-group.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_system(int n_points, float scale, float reach, __global const float4 *points,
+                   __global const float *table, __global const vfloat *moves,
+                   __global const float *poses, __global vfloat *parts)
+{
+    __local workspace work;
+    const int which = get_group_id(1);
+    add_up(n_points, scale, reach, points, poses + which * N_DOF, table, moves, &work,
+           parts + (which * get_num_groups(0) + get_group_id(0)) * PART);
+}
+
+// A step from each of `poses`, one per work-group, to `next`.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_step(int first, int n_parts, float strength, float weight,
+                 __global const float *sigma, __global const float2 *limits,
+                 __global const float *means, __global const float *poses,
+                 __global const vfloat *parts, __global float *least, __global float *shifts,
+                 __global float *next)
+{
+    __local vfloat system[N_DOF * ROW_PACKS];
+    __local float scratch[GROUP];
+    const int which = get_group_id(0), place = which * N_DOF;
+    parts += which * n_parts * PART;
+    keep_best(first, true, n_parts, strength, parts, sigma, poses + place, means + place, scratch,
+              least + which, shifts + place);
+    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
+    move_on(system, limits, poses + place, next + place);
+}
+
+// `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
+// pose take the same step, and write the same `next`.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_on(int first, int n_points, float scale, float reach, float strength, float weight,
+               __global const float4 *points, __global const float *table,
+               __global const vfloat *moves, __global const float *sigma,
+               __global const float2 *limits, __global const float *means,
+               __global const float *poses, __global const vfloat *parts, __global float *least,
+               __global float *shifts, __global float *next, __global vfloat *next_parts)
+{
+    __local workspace work;
+    __local vfloat system[N_DOF * ROW_PACKS];
+    const int which = get_group_id(1), place = which * N_DOF, n_parts = get_num_groups(0);
+    parts += which * n_parts * PART;
+    keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + place,
+              means + place, work.scratch, least + which, shifts + place);
+    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
+    move_on(system, limits, poses + place, next + place);
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    add_up(n_points, scale, reach, points, next + place, table, moves, &work,
+           next_parts + (which * n_parts + get_group_id(0)) * PART);
+}
+
+// Moves each of `means`, one per work-group, to the best pose met, the last one being that of
+// `poses`; the lower triangle of that one's linear system becomes its `information`, row by row.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void refine_end(int n_parts, float strength, float weight, __global const float *sigma,
+                __global const float *poses, __global const vfloat *parts,
+                __global float *least, __global float *shifts, __global float *information,
+                __global float *means)
+{
+    __local vfloat system[N_DOF * ROW_PACKS];
+    __local float scratch[GROUP];
+    const int lane = get_local_id(0), which = get_group_id(0), place = which * N_DOF;
+    parts += which * n_parts * PART;
+    information += which * (N_DOF * (N_DOF + 1) / 2);
+    keep_best(false, true, n_parts, strength, parts, sigma, poses + place, means + place, scratch,
+              least + which, shifts + place);
+    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
+    for (int dof = lane; dof < N_DOF; dof += GROUP) means[place + dof] += shifts[place + dof];
+    for (int e = lane; e < N_DOF * N_DOF; e += GROUP) {
+        const int i = e / N_DOF, j = e % N_DOF;
+        if (j <= i) information[i * (i + 1) / 2 + j] = ((__local float *)system)[j * ROW + i];
+    }
+}

@@ -1,0 +1,133 @@
+"""The empty scene: per-pixel mean and standard deviation (Song et al. eq. (1))."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.footage.media import Media
+
+#: Lowest standard deviation, grey levels: a noiseless background must not make N(I; mu, sigma)
+#: explode.
+STD_FLOOR = 2.0
+#: What is believed of the noise before any frame is seen: this standard deviation, with the
+#: weight of so many frames. A single image as background thus gets 4.9 grey levels.
+STD_PRIOR, PRIOR_FRAMES = 6.0, 2.0
+#: Deviations beyond so many standard deviations are left out of the mean.
+CLIP = 3.0
+#: Frames that a background is learnt from when the scene is not empty.
+SAMPLES = 25
+_BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """mean, std: (V, H, W, 3) float32 grey levels, BGR. H, W are the rig's; views that are
+    smaller are padded with zeros in `mean` and with `STD_FLOOR` in `std`.
+    """
+
+    mean: np.ndarray
+    std: np.ndarray
+
+
+def background_from_plates(rig: CameraRig, plates: Sequence[Media]) -> Background:
+    """From all frames of an empty scene, one video or list of images per view."""
+    return _stacked(rig, plates, clipped_moments)
+
+
+def background_from_frames(rig: CameraRig, media: Sequence[Media]) -> Background:
+    """From `SAMPLES` frames spread over the sequence itself: per-pixel median and median
+    absolute deviation. Where somebody stands for more than half of them, he is the background.
+    """
+
+    def moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
+        return median_moments(np.stack(list(view.frames(view.spread(SAMPLES)))))
+
+    return _stacked(rig, media, moments)
+
+
+def clipped_moments(frames: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8, iterated twice.
+
+    The second pass leaves out what lies beyond `CLIP` deviations of the first (a passing
+    shadow, a compression artefact). Holds a handful of pictures, not the video.
+    """
+    mean, variance, count = _moments(frames, None)
+    std = with_prior(variance, count)
+    mean, variance, count = _moments(frames, (mean, CLIP * std))
+    return mean.astype(np.float32), with_prior(variance, count).astype(np.float32)
+
+
+def _moments(
+    frames: Iterable[np.ndarray], clip: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, variance and number of the values used, per pixel and channel; `clip` holds the
+    centre and the largest deviation from it.
+    """
+    total = squares = number = reference = np.zeros(0, np.float32)
+    for frame in frames:
+        if not reference.size:  # sums of small differences stay exact enough in float32
+            reference = frame.astype(np.float32) if clip is None else clip[0]
+            total, squares, number = (np.zeros_like(reference) for _ in range(3))
+        difference = frame - reference
+        use = np.ones((), bool) if clip is None else np.abs(difference) <= clip[1]
+        difference = difference * use
+        total += difference
+        squares += difference * difference
+        number += use
+    shift = total / np.maximum(number, 1)
+    variance = np.maximum(squares / np.maximum(number, 1) - shift * shift, 0)
+    return reference + shift, variance, number
+
+
+def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
+
+    For even n the upper of the two middle values.
+    """
+    count, height = frames.shape[:2]
+    mean, spread = np.empty(frames.shape[1:], np.uint8), np.empty(frames.shape[1:], np.uint8)
+    rows = max(1, _BAND_BYTES // frames[:, 0].size)
+    for top in range(0, height, rows):
+        band = frames[:, top : top + rows].copy()
+        middle = _sorted(band)[count // 2].copy()
+        mean[top : top + rows] = middle
+        deviation = np.maximum(band, middle) - np.minimum(band, middle)
+        spread[top : top + rows] = _sorted(deviation)[count // 2]
+    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
+    return mean.astype(np.float32), std.astype(np.float32)
+
+
+def _sorted(stack: np.ndarray) -> np.ndarray:
+    """Sort along the first axis, in place: odd-even transposition, whole rows at a time, which
+    is eight times as fast as np.sort or np.partition across the first axis.
+    """
+    count = len(stack)
+    for step in range(count):
+        low, high = stack[step % 2 : count - 1 : 2], stack[step % 2 + 1 :: 2]
+        smaller = np.minimum(low, high)
+        np.maximum(low, high, out=high)
+        low[...] = smaller
+    return stack
+
+
+def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:
+    """Standard deviation from the variance of `count` frames and the prior, floored."""
+    prior = PRIOR_FRAMES * STD_PRIOR**2
+    return np.maximum(np.sqrt((count * variance + prior) / (count + PRIOR_FRAMES)), STD_FLOOR)
+
+
+def _stacked(
+    rig: CameraRig,
+    media: Sequence[Media],
+    moments: Callable[[Media], tuple[np.ndarray, np.ndarray]],
+) -> Background:
+    shape = (len(rig), rig.height, rig.width, 3)
+    mean, std = np.zeros(shape, np.float32), np.full(shape, STD_FLOOR, np.float32)
+    for view, item in enumerate(media):
+        height, width = item.size[1], item.size[0]
+        mean[view, :height, :width], std[view, :height, :width] = moments(item)
+    return Background(mean, std)

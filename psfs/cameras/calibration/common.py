@@ -1,0 +1,115 @@
+"""What the calibration readers share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
+
+Size = tuple[int, int]
+#: Picture sizes (width, height) for files that lack them: one for all, one per camera name, or
+#: a function from all the names to their sizes.
+Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | None
+
+#: Deviations of R from a rotation up to this are rounding in the file, and are mended.
+ROUNDING = 1e-3
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before every InputError raised inside."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected a calibration") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def numbers(words: Sequence[str], what: str) -> np.ndarray:
+    """The words as float64. Raises InputError naming the first that is no number."""
+    values = []
+    for word in words:
+        try:
+            values.append(float(word))
+        except ValueError:
+            raise InputError(f"{what}: found {word!r}; expected a number") from None
+    return np.array(values)
+
+
+def array(value: Any, count: int | None, what: str) -> np.ndarray:
+    """`value` as `count` finite float64 numbers; None for any number of them."""
+    try:
+        flat = np.asarray(value, np.float64).ravel()
+    except (TypeError, ValueError):
+        raise InputError(f"{what} is {value!r}; expected a list of numbers") from None
+    if count is not None and flat.size != count:
+        raise InputError(f"{what} has {flat.size} numbers; expected {count}")
+    if not np.isfinite(flat).all():
+        raise InputError(f"{what} holds a number that is not finite")
+    return flat
+
+
+def rotation_matrix(value: Any, what: str) -> np.ndarray:
+    """(3, 3) from a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major).
+
+    A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); others are
+    passed on for `Camera` to refuse.
+    """
+    flat = array(value, None, what)
+    if flat.size == 3:
+        return cv2.Rodrigues(flat)[0]
+    if flat.size != 9:
+        raise InputError(f"{what} has {flat.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)")
+    R = flat.reshape(3, 3)
+    if np.abs(R @ R.T - np.eye(3)).max() < ROUNDING:
+        left, _, right = np.linalg.svd(R)
+        R = left @ right
+    return R
+
+
+def sizes_for(names: Sequence[str], sizes: Sizes) -> list[Size]:
+    """The size of each named camera. Raises InputError where it is not known."""
+    if callable(sizes):
+        return list(sizes(names))
+    if isinstance(sizes, Mapping):
+        missing = [name for name in names if name not in sizes]
+        if missing:
+            raise InputError(f"no picture size is known for camera {', '.join(missing)}")
+        return [sizes[name] for name in names]
+    if sizes is None:
+        raise InputError("the file holds no picture sizes; pass sizes=(width, height)")
+    return [sizes] * len(names)
+
+
+def rig_of(
+    names: Sequence[str],
+    sizes: Sizes,
+    camera: Callable[[str, Size], Camera],
+    unit: Unit | None,
+    default: Unit,
+) -> CameraRig:
+    """The rig, in metres, of what `camera(name, size)` makes of each of the names."""
+    pairs = zip(names, sizes_for(names, sizes), strict=True)
+    return in_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
+
+
+def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> CameraRig:
+    """The rig as read, in `unit` or the format's `default` unit, converted to metres."""
+    metres = metres_per_unit(default if unit is None else unit)
+    return rig if metres == 1.0 else scaled_rig(rig, metres)

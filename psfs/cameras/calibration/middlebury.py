@@ -1,0 +1,50 @@
+"""Middlebury multi-view `*_par.txt`: the number of views, then per line the image's name, K (9,
+row-major), R (9) and t (3); P = K [R t].
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cl import InputError
+from psfs.cameras.calibration.common import (
+    Size,
+    Sizes,
+    naming,
+    numbers,
+    read_text,
+    rig_of,
+    rotation_matrix,
+)
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.units import Unit
+
+_NUMBERS = 21
+
+
+def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+    """Cameras in the order of the file, named after their images without suffix. Metres unless
+    `unit` says otherwise. No distortion.
+    """
+    with naming(path):
+        lines = [line.split() for line in read_text(path).splitlines() if line.strip()]
+        promised = " ".join(lines.pop(0)) if lines else "nothing"
+        if promised != str(len(lines)):
+            raise InputError(f"{len(lines)} views; the first line promises {promised}")
+        names = [Path(words[0]).stem for words in lines]
+        of_view = dict(zip(names, lines, strict=True))
+        return rig_of(names, sizes, lambda n, size: _camera(n, of_view[n][1:], size), unit, "m")
+
+
+def _camera(name: str, words: list[str], size: Size) -> Camera:
+    if len(words) != _NUMBERS:
+        raise InputError(f"view {name}: {len(words)} numbers; expected {_NUMBERS}")
+    values = numbers(words, f"view {name}")
+    return Camera(
+        name=name,
+        K=values[:9] / values[8],
+        distortion=values[:0],
+        R=rotation_matrix(values[9:18], f"view {name}: R"),
+        t=values[18:],
+        size=size,
+    )

@@ -1,0 +1,217 @@
+"""Calibrated cameras: what they are and how they project (Brown-Conrady, OpenCV conventions).
+
+World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right,
+y down; pixel centres at integer coordinates. `cl/kernels/camera.h` is the OpenCL counterpart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from cl import InputError
+
+#: Floats per camera in `CameraRig.packed()`; the same number stands in `camera.h`.
+CAMERA_FLOATS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera.
+
+    K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m
+    take world to camera. size: (width, height) px. Raises InputError if R is not a rotation, a
+    number is not finite or a shape is wrong.
+    """
+
+    name: str
+    K: np.ndarray
+    distortion: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        distortion = np.zeros(5)
+        given = np.asarray(self.distortion, np.float64).ravel()
+        if given.size > 5 and np.any(given[5:]):
+            raise InputError(
+                f"camera {self.name}: {given.size} distortion coefficients; "
+                "expected at most 5 (k1 k2 p1 p2 k3)"
+            )
+        distortion[: min(5, given.size)] = given[:5]
+        values = {"K": (self.K, (3, 3)), "R": (self.R, (3, 3)), "t": (self.t, (3,))}
+        for field, (value, shape) in values.items():
+            array = np.asarray(value, np.float64)
+            if array.size != np.prod(shape):
+                raise InputError(
+                    f"camera {self.name}: {field} has {array.size} values; expected {shape}"
+                )
+            object.__setattr__(self, field, array.reshape(shape))
+        object.__setattr__(self, "distortion", distortion)
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        self._check()
+
+    def _check(self) -> None:
+        for field in ("K", "distortion", "R", "t"):
+            if not np.isfinite(getattr(self, field)).all():
+                raise InputError(f"camera {self.name}: {field} holds a number that is not finite")
+        if np.abs(self.R @ self.R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(self.R) < 0:
+            raise InputError(
+                f"camera {self.name}: R is not a rotation (R R^T differs from the identity by "
+                f"{np.abs(self.R @ self.R.T - np.eye(3)).max():.3g}, "
+                f"determinant {np.linalg.det(self.R):.3g}; expected 0 and 1)"
+            )
+        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise InputError(
+                f"camera {self.name}: focal lengths {self.K[0, 0]:g}, {self.K[1, 1]:g}; "
+                "expected positive numbers of pixels"
+            )
+        if min(self.size) <= 0:
+            raise InputError(f"camera {self.name}: size {self.size}; expected positive pixels")
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) position of the camera in the world, m."""
+        return -self.R.T @ self.t
+
+    @cached_property
+    def max_radius2(self) -> float:
+        """Largest squared normalised radius at which the distortion is still one to one.
+
+        Beyond it the polynomial turns back and would project points far outside the view into
+        the image; such points count as unseen.
+        """
+        k1, k2, _, _, k3 = self.distortion
+        r = np.linspace(0.0, 10.0, 100_001)
+        slope = 1 + 3 * k1 * r**2 + 5 * k2 * r**4 + 7 * k3 * r**6
+        turning = np.flatnonzero(slope <= 0)
+        return float(r[turning[0]] ** 2) if turning.size else float("inf")
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (..., 2) and depths (...) m of world points (..., 3).
+
+        The depth of a point that has no image (behind the camera, or beyond `max_radius2`) is
+        negative or zero, and its pixel is (-1e6, -1e6). Whether a pixel lies inside the image is
+        left to the caller, or to `look_up`.
+        """
+        camera = np.asarray(points, np.float64) @ self.R.T + self.t
+        depth = camera[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = camera[..., 0] / depth, camera[..., 1] / depth
+            r2 = x * x + y * y
+            seen = (depth > 1e-6) & (r2 < self.max_radius2)
+            k1, k2, p1, p2, k3 = self.distortion
+            if self.distortion.any():
+                radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+                xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+                yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+                x, y = xd, yd
+            u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
+            v = self.K[1, 1] * y + self.K[1, 2]
+        pixels = np.where(seen[..., None], np.stack([u, v], -1), -1e6)
+        return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
+
+    def look_up(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Which of world points (N, 3) lie in the picture, (N,) bool; row and column of the pixel
+        nearest to each of these (K,), and their depths (K,) m."""
+        pixels, depth = self.project(points)
+        nearest = np.floor(pixels + 0.5)
+        x, y = nearest[..., 0], nearest[..., 1]
+        inside = (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1]) & (depth > 0)
+        column, row = nearest[inside].astype(int).T
+        return inside, row, column, depth[inside]
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 3) world directions, of depth 1, of the rays through pixels (N, 2)."""
+        distorted = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+        plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
+        rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
+        return rays
+
+    def scaled(self, factor: float) -> Camera:
+        """The camera of the picture resized by `factor` (pixel centres stay at integers)."""
+        K = self.K.copy()
+        K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
+        K[:2] *= factor
+        K[0, 2], K[1, 2] = K[0, 2] - 0.5, K[1, 2] - 0.5
+        size = (round(self.size[0] * factor), round(self.size[1] * factor))
+        return replace(self, K=K, size=size)
+
+    def packed(self) -> np.ndarray:
+        """(CAMERA_FLOATS,) float32 for the kernels; the order is written in `camera.h`."""
+        out = np.zeros(CAMERA_FLOATS, np.float32)
+        out[0:9] = self.R.ravel()
+        out[9:12] = self.t
+        out[12:17] = self.K[0, 0], self.K[1, 1], self.K[0, 2], self.K[1, 2], self.K[0, 1]
+        out[17:22] = self.distortion
+        out[22] = min(self.max_radius2, 1e30)
+        out[23:25] = self.size
+        out[25:28] = self.centre
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRig:
+    """Cameras that look at one scene at one time. `width` and `height` are the largest of them:
+    pictures of all views are stacked into one array (V, height, width, ...), padded with zeros.
+    """
+
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        if not self.cameras:
+            raise InputError("a rig needs at least one camera; found none")
+        names = [camera.name for camera in self.cameras]
+        if len(set(names)) < len(names):
+            raise InputError(f"camera names must differ; found {', '.join(names)}")
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def __iter__(self) -> Iterator[Camera]:
+        return iter(self.cameras)
+
+    def __getitem__(self, index: int) -> Camera:
+        return self.cameras[index]
+
+    @property
+    def names(self) -> list[str]:
+        return [camera.name for camera in self.cameras]
+
+    @property
+    def width(self) -> int:
+        return max(camera.size[0] for camera in self.cameras)
+
+    @property
+    def height(self) -> int:
+        return max(camera.size[1] for camera in self.cameras)
+
+    @property
+    def distorted(self) -> bool:
+        """Has any camera's lens a distortion?"""
+        return any(camera.distortion.any() for camera in self)
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(V, 3) camera positions, m."""
+        return np.stack([camera.centre for camera in self.cameras])
+
+    def scaled(self, factor: float) -> CameraRig:
+        return CameraRig(tuple(camera.scaled(factor) for camera in self.cameras))
+
+    def subset(self, names: Sequence[str]) -> CameraRig:
+        by_name = {camera.name: camera for camera in self.cameras}
+        missing = [name for name in names if name not in by_name]
+        if missing:
+            raise InputError(f"no camera {', '.join(missing)}; the rig has {', '.join(self.names)}")
+        return CameraRig(tuple(by_name[name] for name in names))
+
+    def packed(self) -> np.ndarray:
+        """(V, CAMERA_FLOATS) float32 for the kernels."""
+        return np.stack([camera.packed() for camera in self.cameras])

@@ -1,0 +1,59 @@
+"""Camera names: their natural order, and which file belongs to which camera."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from cl import InputError
+
+
+def name_tokens(name: str) -> tuple[str, ...]:
+    """Words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
+    tokens = re.findall(r"[^\W\d_]+|\d+", name.lower())
+    return tuple(str(int(token)) if token.isdigit() else token for token in tokens)
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorting key that puts cam_2 before cam_10."""
+    return tuple((0, int(t), "") if t.isdigit() else (1, 0, t) for t in name_tokens(name))
+
+
+def contains_name(text: str, name: str) -> bool:
+    """Whether the tokens of `name` occur together in `text` (`silh_cam01_00023` has `cam01`)."""
+    inner, outer = name_tokens(name), name_tokens(text)
+    starts = range(len(outer) - len(inner) + 1)
+    return bool(inner) and any(outer[i : i + len(inner)] == inner for i in starts)
+
+
+def listed(names: Iterable[str]) -> str:
+    """The names for a message: `a, b, c` or `none`."""
+    return ", ".join(names) or "none"
+
+
+def matched(
+    cameras: Sequence[str], found: Sequence[str], where: str, wanted: Sequence[str] | None = None
+) -> tuple[dict[str, str], str | None]:
+    """Which of the `found` files belongs to which camera, and a remark if that was guessed.
+
+    By name without regard to case, separators and leading zeros; else by natural order if the
+    numbers agree. With `wanted` (a subset of the cameras) further files may be there. Raises
+    InputError, naming both lists, when they do not fit.
+    """
+    by_tokens = {name_tokens(name): name for name in found}
+    pairs = {camera: by_tokens.get(name_tokens(camera)) for camera in cameras}
+    named = {camera: name for camera, name in pairs.items() if name is not None}
+    needed = cameras if wanted is None else wanted
+    if all(camera in named for camera in needed) and len(by_tokens) == len(found):
+        if wanted is not None or len(found) == len(cameras):
+            return named, None
+    elif len(found) == len(cameras):
+        ordered = dict(
+            zip(sorted(cameras, key=natural_key), sorted(found, key=natural_key), strict=True)
+        )
+        guess = ", ".join(f"{name} for {camera}" for camera, name in ordered.items())
+        return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
+    raise InputError(
+        f"{where}: {len(found)} of them ({listed(found)}) for {len(needed)} cameras "
+        f"({listed(needed)}); expected one per camera, or --cameras to choose some"
+    )

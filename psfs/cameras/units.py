@@ -1,0 +1,62 @@
+"""Length units and up axes: from what a calibration file means to metres with Z up."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.camera import CameraRig
+
+#: A unit of length: "m", "cm", "mm", with a factor ("0.76mm"), or metres per unit as a number.
+Unit = str | float
+
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+#: For each up axis a proper rotation that takes it to +Z; the rows are the new X, Y and Z.
+_Z_UP = {
+    "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "y": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
+    "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+}
+
+
+def metres_per_unit(unit: Unit) -> float:
+    """Metres in one `unit`. Raises InputError for what is no positive length."""
+    match = re.fullmatch(r"\s*([0-9.eE+-]*)\s*(m|cm|mm|)\s*", str(unit))
+    try:
+        if not match or not (match[1] or match[2]):
+            raise ValueError
+        metres = float(match[1] or 1) * _METRES[match[2] or "m"]
+        if not (math.isfinite(metres) and metres > 0):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"unit {unit!r} is no length; expected m, cm, mm, a factor as in 0.76mm, "
+            "or metres per unit"
+        ) from None
+    return metres
+
+
+def z_up_from(up: str) -> np.ndarray:
+    """(3, 3) rotation that takes the axis `up` ("z", "-z", "y", ...) to +Z."""
+    key = str(up).strip().lower().lstrip("+")
+    if key not in _Z_UP:
+        raise InputError(f"up axis {up!r}; expected one of {', '.join(_Z_UP)}")
+    return np.array(_Z_UP[key], np.float64)
+
+
+def scaled_rig(rig: CameraRig, metres: float) -> CameraRig:
+    """The rig whose translations were given in units of `metres`: t' = s t."""
+    return CameraRig(tuple(replace(camera, t=camera.t * metres) for camera in rig))
+
+
+def turned_rig(rig: CameraRig, rotation: np.ndarray) -> CameraRig:
+    """The rig in the world x' = A x, A = `rotation` (3, 3): R' = R A^T, t unchanged."""
+    return CameraRig(tuple(replace(camera, R=camera.R @ rotation.T) for camera in rig))

@@ -1,0 +1,18 @@
+"""The command `psfs`."""
+
+from __future__ import annotations
+
+import argparse
+
+from psfs.cli import check, devices, info, mesh, reconstruct, view
+from psfs.cli.commandline import run_command
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="psfs", description="Probabilistic shape from silhouette: calibrated views to voxels."
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in (info, reconstruct, check, mesh, view, devices):
+        command.register(commands)
+    return run_command(parser, argv)

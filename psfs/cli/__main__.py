@@ -1,0 +1,7 @@
+"""`python -m psfs.cli`."""
+
+import sys
+
+from psfs.cli import main
+
+sys.exit(main())

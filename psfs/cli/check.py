@@ -1,0 +1,66 @@
+"""`psfs check OUT`: do the voxels agree with the silhouettes?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.iou import iou_table, plain
+from psfs.common.files import write_json
+from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.diagnostics.silhouette_iou import DEFINITION, Checker
+from psfs.output.runs import Run
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "compare reprojected clouds with the silhouettes of their frames"
+    parser = add_command(commands, "check", _run, help=help)
+    parser.description = f"{help}. {DEFINITION}. Writes OUT/check.json."
+    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+    add_device_flag(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    run = Run.open(args.out)
+    if not run.indices:
+        raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
+    sequence = run.sequence()
+    device = select_device(args.device)
+    checker = Checker(device, sequence, run)
+    scores = []
+    first, last = run.indices[0], run.indices[-1]
+    step = run.indices[1] - first if len(run.indices) > 1 else 1
+    frames = sequence.frames(slice(first, last + 1, step))
+    with progress_bar() as bar:
+        for frame in bar.track(frames, len(run.indices), description="checking"):
+            scores.append(checker(frame, run.cloud(frame.index)))
+    bad = suspects(sequence, run.config.silhouette, device)
+    _report(args.out, run, sequence.rig.names, np.array(scores), bad)
+
+
+def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:
+    """scores: (frames, V) IoU, NaN where there was nothing to compare."""
+    masked = np.ma.masked_invalid(scores)
+    stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
+    left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
+    disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
+    for reason in disagreeing.values():
+        warn(reason, stdout)
+    report = {
+        "definition": DEFINITION,
+        "mean_iou": plain(masked.mean()),
+        "cameras": {
+            name: {"mean_iou": plain(column.mean()), "worst_iou": plain(column.min())}
+            for name, column in zip(names, masked.T, strict=True)
+        },
+        "disagreeing": disagreeing,
+        "frames": {
+            str(index): [plain(score) for score in row]
+            for index, row in zip(run.indices, scores, strict=True)
+        },
+    }
+    write_json(out / "check.json", report)

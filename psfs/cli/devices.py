@@ -1,0 +1,30 @@
+"""`psfs devices`: the OpenCL devices of this machine."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.table import Table
+
+from cl import InputError, list_devices
+from psfs.cli.commandline import add_command, stdout
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    add_command(commands, "devices", _run, help="list the OpenCL devices")
+
+
+def _run(args: argparse.Namespace) -> None:
+    devices = list_devices()
+    if not devices:
+        raise InputError(
+            "no OpenCL device found; `pip install pyopencl[pocl]` brings one for the CPU"
+        )
+    table = Table("name", "kind", "platform", "driver")
+    table.add_column("compute units", justify="right")
+    table.add_column("memory GiB", justify="right")
+    for info in devices:
+        memory = f"{info.memory / 2**30:.1f}"
+        units = str(info.compute_units)
+        table.add_row(info.name, info.kind, info.platform, info.driver, units, memory)
+    stdout.print(table)

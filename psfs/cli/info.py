@@ -1,0 +1,80 @@
+"""`psfs info FOLDER`: what a sequence is, and what looks wrong about it."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from psfs.cli.commandline import add_command, stdout, warn
+from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
+from psfs.diagnostics.camera_consistency import suspects
+from psfs.diagnostics.sequence_info import SequenceInfo, sequence_info
+from psfs.sequence import Sequence
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "info", _run, help="cameras, frames and warnings of a sequence")
+    add_sequence_flags(parser, frames=False)
+    parser.add_argument(
+        "--no-pictures",
+        dest="pictures",
+        action="store_false",
+        help="do not compare the cameras' silhouettes with each other, which takes seconds",
+    )
+
+
+def _run(args: argparse.Namespace) -> None:
+    sequence = open_sequence(args)
+    info = sequence_info(sequence)
+    stdout.print(_cameras(info))
+    stdout.print(_facts(sequence, info))
+    for note in info.notes:
+        stdout.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
+    disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
+    for warning in [*info.warnings, *disagreeing]:
+        warn(warning, stdout)
+
+
+def _cameras(info: SequenceInfo) -> Table:
+    table = Table("camera", title="cameras", title_justify="left")
+    for column in ("size px", "focal px", "distance m", "height m", "frames"):
+        table.add_column(column, justify="right")
+    for camera in info.cameras:
+        table.add_row(
+            escape(camera.name),
+            f"{camera.size[0]} x {camera.size[1]}",
+            f"{camera.focal:.0f}",
+            f"{camera.distance:.2f}",
+            f"{camera.height:.2f}",
+            str(camera.frames),
+        )
+    return table
+
+
+def _facts(sequence: Sequence, info: SequenceInfo) -> Table:
+    shared = "nothing"
+    if info.shared:
+        low, high = info.shared
+        shared = f"{_point(low)} to {_point(high)} m"
+    facts = {
+        "folder": f"{sequence.folder} ({info.layout})",
+        "frames": f"{info.frames} at {info.fps:g} per second",
+        "background": info.background_kind,
+        "unit, up axis": f"{info.unit}, {info.up} (of the calibration; here metres, Z up)",
+        "axes meet at": f"{_point(info.centre)} m",
+        "rig": f"{info.extent:.2f} m across",
+        f"{info.needed} cameras see": shared,
+    }
+    if sequence.volume is not None:
+        facts["volume"] = f"{_point(sequence.volume[0])} to {_point(sequence.volume[1])} m"
+    table = Table.grid("fact", "value", padding=(0, 2))
+    for fact, value in facts.items():
+        table.add_row(fact, escape(value))
+    return table
+
+
+def _point(point: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in point) + ")"

@@ -1,0 +1,145 @@
+"""`psfs mesh OUT`: closed, smooth surfaces of the reconstructed frames."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from cl import InputError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.iou import iou_table, plain
+from psfs.common.files import write_json
+from psfs.diagnostics.silhouette_iou import Checker
+from psfs.mesh.marching_cubes import FORMATS, SMOOTHING, Mesher, write_mesh
+from psfs.mesh.raycast import RayScene
+from psfs.output.runs import Run
+from psfs.sequence import Frame
+
+_DEFINITION = (
+    "IoU of the projected mesh (pixels whose centre's ray meets it) with the frame's own "
+    "silhouette, which psfs check defines"
+)
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "make closed surfaces of reconstructed frames"
+    parser = add_command(commands, "mesh", _run, help=help)
+    parser.description = (
+        f"{help}, coloured where the clouds are. The probability is computed again from the "
+        "frames' pictures. PLY and OBJ: metres, Z up; GLB: metres, Y up."
+    )
+    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
+    parser.add_argument(
+        "--frame",
+        type=_frame,
+        metavar="N|all",
+        help="frame to mesh (default: the first that is not empty)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="PATH",
+        help="file, or folder for --frame all (default: in OUT/meshes)",
+    )
+    parser.add_argument("--format", choices=FORMATS, help="default: the output's suffix, or ply")
+    parser.add_argument(
+        "--smooth",
+        type=int,
+        default=SMOOTHING,
+        metavar="N",
+        help=f"smoothing steps, which do not shrink (default {SMOOTHING}; 0: none)",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help=f"tell whether the mesh is watertight, and the {_DEFINITION}; "
+        "writes OUT/mesh_check.json",
+    )
+    add_device_flag(parser)
+
+
+def _frame(text: str) -> int | str:
+    try:
+        return text if text == "all" else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no frame; expected a number or all"
+        ) from None
+
+
+def _run(args: argparse.Namespace) -> None:
+    if args.smooth < 0:
+        raise InputError(f"--smooth is {args.smooth}; expected a number of steps, 0 or more")
+    run = Run.open(args.out)
+    targets = _targets(args, run)
+    device, sequence = select_device(args.device), run.sequence()
+    mesher = Mesher(device, run, sequence, args.smooth)
+    checker = Checker(device, sequence, run) if args.check else None
+    checks = {}
+    with progress_bar() as bar:
+        for index, path in bar.track(targets.items(), len(targets), description="meshing"):
+            mesh = mesher(index)
+            write_mesh(mesh, path)
+            if checker is not None:
+                checks[index] = _checked(mesh, checker, sequence.read(index))
+    if checks:
+        _report(args.out, sequence.rig.names, checks)
+    path = next(iter(targets.values()))
+    what = f"{path.parent}: {len(targets)} meshes" if args.frame == "all" else str(path)
+    stdout.print(f"wrote {what}", soft_wrap=True)
+
+
+def _targets(args: argparse.Namespace, run: Run) -> dict[int, Path]:
+    """The path of every frame's mesh."""
+    if args.frame == "all":
+        full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]
+        folder = args.output or args.out / "meshes"
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder} is a file; --frame all expects a folder")
+        if not full:
+            raise InputError(f"{args.out}: all clouds are empty; expected a body")
+        return {n: folder / f"frame_{n:06d}.{args.format or FORMATS[0]}" for n in full}
+    number = run.chosen(args.frame)
+    path = args.output
+    if path is None:
+        path = args.out / "meshes" / f"frame_{number:06d}.{args.format or FORMATS[0]}"
+    elif not path.suffix and args.format:
+        path = path.with_suffix(f".{args.format}")
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in FORMATS or suffix != (args.format or suffix):
+        expected = [args.format] if args.format else FORMATS
+        raise InputError(f"{path}: expected a name that ends in .{' or .'.join(expected)}")
+    return {number: path}
+
+
+def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
+    """Is the mesh closed, how large is it, and (V,) IoU, NaN where there is nothing to compare."""
+    scene, scores = RayScene(mesh), []
+    for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
+        ours = np.zeros_like(shown)
+        ours[: camera.size[1], : camera.size[0]] = scene.silhouette(camera)
+        union = (ours | shown).sum()
+        scores.append((ours & shown).sum() / union if union else np.nan)
+    return {"watertight": mesh.is_watertight, "volume_m3": mesh.volume, "iou": np.array(scores)}
+
+
+def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> None:
+    scores = np.ma.masked_invalid([check["iou"] for check in checks.values()])
+    stdout.print(iou_table("IoU of mesh and silhouettes", names, scores))
+    closed = sum(check["watertight"] for check in checks.values())
+    stdout.print(f"{closed} of {len(checks)} meshes are watertight")
+    report = {
+        "definition": _DEFINITION,
+        "mean_iou": plain(scores.mean()),
+        "cameras": names,
+        "frames": {
+            str(index): {**check, "iou": [plain(score) for score in check["iou"]]}
+            for index, check in checks.items()
+        },
+    }
+    write_json(out / "mesh_check.json", report)

@@ -1,0 +1,245 @@
+"""`psfs reconstruct FOLDER -o OUT`: a voxel cloud for every frame."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import Device, InputError, NumpyDevice, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.sequence_flags import (
+    add_all_cameras_flag,
+    add_sequence_flags,
+    open_trusted,
+    selected_frames,
+    stated,
+)
+from psfs.common.files import write_json, write_picture
+from psfs.config import ReconstructionConfig
+from psfs.diagnostics.camera_consistency import Suspect
+from psfs.output import runs
+from psfs.output.preview import preview
+from psfs.reconstruct import reconstructor_for
+from psfs.sequence import Sequence
+from psfs.voxels.bounding_volume import (
+    automatic_grid,
+    expected_person,
+    finest_pixel,
+    foreground_box,
+)
+from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+#: Voxels this much smaller than a pixel are warned of.
+_FINE = 2.0
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "reconstruct a voxel cloud per frame"
+    parser = add_command(commands, "reconstruct", _run, help=help)
+    parser.description = (
+        f"{help}. OUT gets clouds/frame_NNNNNN.ply and .npz, summary.json and preview.png. "
+        "Without a stated volume it is found from the cameras and the first silhouettes."
+    )
+    add_sequence_flags(parser)
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="OUT", help="new folder"
+    )
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument(
+        "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
+    )
+    size.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, metres")
+    parser.add_argument(
+        "--debris",
+        type=float,
+        default=DEBRIS_SHARE,
+        metavar="SHARE",
+        help="drop connected parts smaller than this share of the largest one "
+        f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
+    )
+    parser.add_argument(
+        "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
+    )
+    add_all_cameras_flag(parser)
+    add_device_flag(parser)
+
+
+def _shape(text: str) -> tuple[int, int, int]:
+    try:
+        nx, ny, nz = (int(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no grid; expected NX,NY,NZ") from None
+    return nx, ny, nz
+
+
+def _run(args: argparse.Namespace) -> None:
+    if not 0 <= args.debris <= 1:
+        raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
+    if args.output.exists() and not args.output.is_dir():
+        raise InputError(f"{args.output} is a file; expected a folder, or a name for a new one")
+    device = select_device(args.device, profile=True)
+    sequence, left_out = open_trusted(args, device)
+    frames = selected_frames(args, sequence)
+    grid = _grid(args, sequence, frames, device)
+    _warn_of_fine_voxels(grid, sequence)
+    job = _Job(args, sequence, grid, device, left_out)
+    try:
+        with progress_bar() as bar:
+            selection = slice(frames.start, frames.stop, frames.step)
+            for frame in bar.track(
+                sequence.frames(selection), len(frames), description="reconstructing"
+            ):
+                job.reconstruct(frame)
+    finally:
+        job.finish(len(frames))
+    if not job.done:
+        raise InputError(
+            f"{sequence.folder}: nothing stands out from the background in the volume from "
+            f"{grid.low.round(3)} to {grid.high.round(3)} m; "
+            f"expected {expected_person(sequence)}"
+        )
+    job.report()
+
+
+def _grid(
+    args: argparse.Namespace, sequence: Sequence, frames: range, device: Device | NumpyDevice
+) -> VoxelGrid:
+    """The grid that the flags ask for, around the stated or found volume."""
+    selection = slice(frames.start, frames.stop, frames.step)
+    if args.grid is None:
+        return automatic_grid(sequence, selection, args.voxel_size, device=device)
+    VoxelGrid(np.zeros(3), 1.0, args.grid)  # complains before the search
+    low, high = sequence.volume or foreground_box(sequence, selection, device=device)
+    voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
+    origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2
+    return VoxelGrid(origin, voxel_size, args.grid)
+
+
+def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
+    pixel = finest_pixel(sequence.rig, grid)
+    if grid.voxel_size > pixel / _FINE:
+        return
+    warn(
+        f"{grid.size:,} voxels of {1e3 * grid.voxel_size:.2g} mm: finer than "
+        f"the pictures, whose pixels cover {1e3 * pixel:.2g} mm there; --voxel-size {pixel:.1g} "
+        f"would show as much in {(grid.voxel_size / pixel) ** 2:.2g} of the time"
+    )
+
+
+class _Job:
+    """One run: reconstructs frame by frame and keeps the books.
+
+    Nothing is written before the first cloud that is not empty.
+    """
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        sequence: Sequence,
+        grid: VoxelGrid,
+        device: Device | NumpyDevice,
+        left_out: list[Suspect],
+    ) -> None:
+        self.left_out = left_out
+        self.out: Path = args.output
+        self.debris: float = args.debris
+        self.colour = not args.no_colour
+        self.stated = stated(args)
+        self.folder: str = args.folder
+        self.sequence, self.grid, self.device = sequence, grid, device
+        self.config = ReconstructionConfig()
+        # Sparse: the same voxels, in less time and memory.
+        self.reconstructor = reconstructor_for(
+            device, sequence.rig, grid, sequence.background, self.config, sparse=True
+        )
+        self.done: list[dict[str, Any]] = []
+        self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
+        self._ms: dict[str, list[float]] = defaultdict(list)
+
+    def reconstruct(self, frame: Any) -> None:
+        started = time.perf_counter()
+        voxels = self.reconstructor(frame)
+        if isinstance(self.device, Device):
+            self.device.finish()
+        computed = time.perf_counter()
+        colour = self.colour and frame.images is not None
+        cloud = without_debris(voxels.cloud(colour=colour), self.debris)
+        downloaded = time.perf_counter()
+        self._waiting.append((frame.index, cloud))
+        if len(cloud) or self.done:
+            self._write()
+        written = time.perf_counter()
+        self._ms["reconstruct (whole)"].append(1e3 * (computed - started))
+        self._ms["colour, download, debris"].append(1e3 * (downloaded - computed))
+        self._ms["write"].append(1e3 * (written - downloaded))
+
+    def _write(self) -> None:
+        if not self.done:
+            for suffix in ("ply", "npz"):  # clouds of an earlier run
+                for old in (self.out / "clouds").glob(f"frame_*.{suffix}"):
+                    old.unlink()
+        for index, cloud in self._waiting:
+            write_cloud(cloud, runs.cloud_stem(self.out, index))
+            fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
+            self.done.append(fact)
+        self._waiting.clear()
+
+    def finish(self, expected: int) -> None:
+        """Summary and preview of what is done, also after an interruption."""
+        if not self.done:
+            return
+        write_json(self.out / runs.SUMMARY, self._summary(expected))
+        full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
+        index = full[len(full) // 2]
+        run = runs.Run.open(self.out)
+        title = f"{self.sequence.name}, frame {index}"
+        picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
+        write_picture(self.out / "preview.png", picture)
+
+    def _summary(self, expected: int) -> dict[str, Any]:
+        return {
+            "sequence": {
+                "folder": self.folder,
+                "absolute": str(Path(self.folder).resolve()),
+                "overrides": self.stated,
+                "cameras": self.sequence.rig.names,
+                "left_out": {suspect.camera: str(suspect) for suspect in self.left_out},
+                "background": self.sequence.background_kind,
+                "fps": self.sequence.fps,
+            },
+            "complete": len(self.done) == expected,
+            "grid": runs.grid_facts(self.grid),
+            "config": self.config.to_dict(),
+            "debris_share": self.debris,
+            "device": runs.device_facts(self.device),
+            "versions": runs.versions(),
+            "median_ms": self.timings(),
+            "frames": self.done,
+        }
+
+    def timings(self) -> dict[str, float]:
+        """Median ms by stage: what the host saw, then the device's own times."""
+        rows = {name: float(np.median(ms)) for name, ms in self._ms.items()}
+        profiler = self.device.profiler if isinstance(self.device, Device) else None
+        if profiler is not None:
+            rows |= {f"device: {name}": median for name, _, median, _ in profiler.table()}
+        return {name: round(ms, 3) for name, ms in rows.items()}
+
+    def report(self) -> None:
+        nx, ny, nz = self.grid.shape
+        counts = [frame["surface_voxels"] for frame in self.done]
+        volumes = [frame["volume_m3"] * 1e3 for frame in self.done]
+        whole = self.timings()["reconstruct (whole)"]
+        stdout.print(
+            f"{len(self.done)} frames, grid {nx} x {ny} x {nz} of "
+            f"{self.grid.voxel_size * 1e3:.3g} mm, median {np.median(counts):,.0f} surface voxels, "
+            f"{np.median(volumes):.3g} litres, {whole:.1f} ms per frame on {self.device.name}",
+            soft_wrap=True,
+        )
+        stdout.print(f"wrote {self.out}", soft_wrap=True)

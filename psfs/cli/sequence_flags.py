@@ -1,0 +1,129 @@
+"""Flags that say what `sequence.toml` says, for every command that reads a sequence."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from cl import Device, InputError, NumpyDevice
+from psfs.cli.commandline import frame_range, warn
+from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.footage.settings import BACKGROUND_KINDS
+from psfs.sequence import Sequence
+
+#: The flags that become overrides of `Sequence.open`.
+_KEYS = (
+    *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
+    *("volume", "cameras"),
+)
+
+
+def add_sequence_flags(
+    parser: argparse.ArgumentParser, frames: bool = True, fps: bool = True, several: bool = False
+) -> None:
+    """The positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
+    takes several folders, as `folders`."""
+    parser.set_defaults(fps=None)
+    # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
+    # argument looks like a negative number, by this pattern.
+    parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
+    name, count = ("folders", "+") if several else ("folder", None)
+    parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
+    group = parser.add_argument_group(
+        "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
+    )
+    group.add_argument("--calibration", metavar="PATH", help="calibration file or folder")
+    group.add_argument(
+        "--unit", metavar="U", help="unit of the calibration: m, cm, mm, 0.76mm or metres per unit"
+    )
+    group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
+    if fps:
+        group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+    group.add_argument(
+        "--background", choices=BACKGROUND_KINDS, help="how silhouettes are told from the scene"
+    )
+    group.add_argument(
+        "--key",
+        metavar="#rrggbb",
+        help="the screen's colour for --background chroma (default: found in the pictures)",
+    )
+    group.add_argument(
+        "--threshold", type=float, metavar="T", help="brightness 0..1 for --background threshold"
+    )
+    group.add_argument(
+        "--volume",
+        type=volume_box,
+        metavar="x0,x1,y0,y1,z0,z1",
+        help="the box to reconstruct, in metres with Z up",
+    )
+    group.add_argument(
+        "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="use only these"
+    )
+    if frames:
+        group.add_argument(
+            "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
+        )
+
+
+def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
+    """--all-cameras, for commands that `open_trusted` sequences."""
+    parser.add_argument(
+        "--all-cameras",
+        action="store_true",
+        help="keep cameras whose silhouettes disagree with the others' (default: left out, with a "
+        "warning; --cameras states which to take)",
+    )
+
+
+def volume_box(text: str) -> list[list[float]]:
+    """`x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
+    try:
+        x0, x1, y0, y1, z0, z1 = (float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no box; expected x0,x1,y0,y1,z0,z1 in metres"
+        ) from None
+    return [[x0, y0, z0], [x1, y1, z1]]
+
+
+def stated(args: argparse.Namespace) -> dict[str, Any]:
+    """What the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
+    flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
+    if "calibration" in flags:
+        flags["calibration"] = str(Path(flags["calibration"]).resolve())
+    return flags
+
+
+def open_sequence(args: argparse.Namespace) -> Sequence:
+    """The sequence that the flags describe."""
+    return Sequence.open(args.folder, **stated(args))
+
+
+def open_trusted(
+    args: argparse.Namespace, device: Device | NumpyDevice
+) -> tuple[Sequence, list[Suspect]]:
+    """The sequence without the cameras that disagree with the others, and those, which are warned
+    of. Flags that state the cameras, or ask for all, are obeyed."""
+    sequence = open_sequence(args)
+    if args.all_cameras or args.cameras is not None:
+        return sequence, []
+    bad = suspects(sequence, device=device)
+    if not bad:
+        return sequence, []
+    for suspect in bad:
+        warn(f"{sequence.name}: left out: {suspect}")
+    named = {suspect.camera for suspect in bad}
+    args.cameras = [name for name in sequence.rig.names if name not in named]
+    return open_sequence(args), bad
+
+
+def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
+    """The frame numbers of --frames, or all. Raises InputError if there is none such."""
+    chosen = range(len(sequence))[args.frames or slice(None)]
+    if not chosen:
+        raise InputError(
+            f"--frames chooses none of the {len(sequence)} frames of {sequence.folder}"
+        )
+    return chosen

@@ -1,1 +1,0 @@
-"""The subcommands of `psfs`, one module each; `register(commands)` adds it to the parser."""

@@ -1,0 +1,225 @@
+"""Which cameras disagree with the others, and why.
+
+A camera is judged by the shape that all the others see: carved without it, projected into it, and
+compared with its own silhouette.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cl import Device, NumpyDevice
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.cameras.rig_geometry import seen_box
+from psfs.config import OccupancyConfig, SilhouetteConfig
+from psfs.reconstruct import frame_input
+from psfs.reference.reconstruct import frame_evidence
+from psfs.reference.reprojection import voxel_silhouette
+from psfs.reference.surface import surface_voxels
+from psfs.sequence import Sequence
+from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.grid import VoxelGrid
+
+#: A camera is named when its IoU is below this share of the others' median.
+LOW_SHARE = 0.7
+#: Where the others' median is lower, they do not agree among themselves, or see nobody.
+AGREEING = 0.2
+#: Voxels of the coarse shapes, at most.
+_VOXELS = 250_000
+#: Silhouettes that fill more of the picture are no person.
+_FULL = 0.5
+#: Lags tried, frames, and by how much the IoU must rise for one to be believed.
+_LAGS, _RISE = (-20, -15, -10, -5, 5, 10, 15, 20), 0.1
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A camera that disagrees: its IoU with the others' shape, theirs, and the likely reason."""
+
+    camera: str
+    iou: float
+    others: float
+    reason: str
+
+    def __str__(self) -> str:
+        return (
+            f"camera {self.camera} disagrees with the others (IoU {self.iou:.2f} with their "
+            f"shape; theirs {self.others:.2f}): {self.reason}"
+        )
+
+
+def suspects(
+    sequence: Sequence,
+    config: SilhouetteConfig | None = None,
+    device: Device | NumpyDevice | None = None,
+    samples: int = 4,
+) -> list[Suspect]:
+    """The cameras that disagree with the others in frames spread over the sequence, worst first.
+
+    Needs four cameras; with fewer nobody can tell which one is wrong. At most a third of the
+    cameras is named: where most disagree, the calibration or the background of all is wrong.
+    """
+    rig = sequence.rig
+    judge = _Judge(sequence, config or SilhouetteConfig(), device, samples)
+    named: list[Suspect] = []
+    left = list(range(len(rig)))
+    while len(left) >= 4 and len(named) < len(rig) // 3:
+        scores = judge.scores(left)
+        if not np.isfinite(scores).any():
+            break
+        worst = int(np.nanargmin(scores))
+        others = float(np.nanmedian(np.delete(scores, worst)))
+        if others < AGREEING or not scores[worst] < LOW_SHARE * others:
+            break
+        view = left.pop(worst)
+        reason = judge.reason(view, left)
+        named.append(Suspect(rig.names[view], float(scores[worst]), others, reason))
+    return named
+
+
+class _Judge:
+    """Evidence of some frames at the voxels of a coarse grid, one camera at a time."""
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        config: SilhouetteConfig,
+        device: Device | NumpyDevice | None,
+        samples: int,
+    ) -> None:
+        self.sequence, self.rig, self.config = sequence, sequence.rig, config
+        last = len(sequence) - 1
+        picks = np.linspace(0.1 * last, 0.9 * last, samples).round().astype(int)
+        self.frames = [int(i) for i in np.unique(picks)]
+        self._silhouette = (
+            Silhouette(device, self.rig, sequence.background, config)
+            if isinstance(device, Device)
+            else None
+        )
+        self._evidence = {i: self._read(i) for i in self.frames}
+        self._take(_coarse_grid(sequence))
+        self._take(self._around_person())
+
+    def _take(self, grid: VoxelGrid) -> None:
+        """Work on `grid`: where its voxels project to."""
+        self.grid = grid
+        centres = grid.centres()
+        self._at = []
+        for camera in self.rig:
+            inside, row, column, _ = camera.look_up(centres)
+            pixels = row.astype(np.int32), column.astype(np.int32)
+            self._at.append((np.flatnonzero(inside), pixels))
+        self._extents = footprints(self.rig, grid.voxel_size)
+
+    def _around_person(self) -> VoxelGrid:
+        """A grid around what is occupied even if one camera says it is not."""
+        views = list(range(len(self.rig)))
+        needed = OccupancyConfig().seeing_cameras(len(views))
+        veto = -int(self.config.counts(np.zeros(1))[0])
+        occupied = np.zeros(self.grid.size, bool)
+        for index in self.frames:
+            votes = self._votes(index, views)
+            occupied |= (votes[0] + veto > 0) & (votes[1] >= needed)
+        if not occupied.any():
+            return self.grid
+        centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
+        return _grid_of(centres.min(0) - margin, centres.max(0) + margin)
+
+    def _read(self, index: int) -> np.ndarray:
+        frame, background = self.sequence.read(index), self.sequence.background
+        if self._silhouette is not None:
+            return self._silhouette(frame_input(frame, background)).get()
+        return frame_evidence(frame, self.rig, background, self.config)
+
+    def scores(self, views: list[int]) -> np.ndarray:
+        """(len(views),) mean IoU of each camera's silhouette with the shape of the others."""
+        scores = []
+        for index in self.frames:
+            votes, evidence = self._votes(index, views), self._evidence[index]
+            shapes = [self._shape(index, votes, len(views), view) for view in views]
+            scores.append(
+                [
+                    self._iou(view, shape, evidence)
+                    for view, shape in zip(views, shapes, strict=True)
+                ]
+            )
+        empty = np.isnan(scores).all(axis=0)
+        return np.where(empty, np.nan, np.nanmean(np.where(empty, 0, scores), axis=0))
+
+    def _votes(self, index: int, views: list[int]) -> np.ndarray:
+        """(2, voxels) int32: sum of the evidence of `views` in a frame, and how many see them."""
+        votes = np.zeros((2, self.grid.size), np.int32)
+        for view in views:
+            voxels, pixels = self._at[view]
+            votes[0, voxels] += self._evidence[index][view][pixels]
+            votes[1, voxels] += 1
+        return votes
+
+    def _shape(self, index: int, votes: np.ndarray, n_views: int, without: int) -> np.ndarray:
+        """Surface voxels (N,) by the votes of `n_views` cameras less those of one."""
+        others = votes.copy()
+        voxels, pixels = self._at[without]
+        others[0, voxels] -= self._evidence[index][without][pixels]
+        others[1, voxels] -= 1
+        needed = OccupancyConfig().seeing_cameras(n_views - 1)
+        occupied = (others[0] > 0) & (others[1] >= needed)
+        return surface_voxels(occupied.reshape(self.grid.shape))
+
+    def _iou(self, view: int, shape: np.ndarray, evidence: np.ndarray) -> float:
+        """NaN where neither shows anything."""
+        size = (self.rig.height, self.rig.width)
+        camera = self.rig.cameras[view]
+        expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
+        shown = evidence[view] > 0
+        union = (expected | shown).sum()
+        return float((expected & shown).sum() / union) if union else np.nan
+
+    def reason(self, view: int, others: list[int]) -> str:
+        """Why camera `view` may disagree with the shape that `others` see."""
+        images = self.sequence.read(self.frames[0]).images
+        width, height = self.rig.cameras[view].size
+        if images is not None and images[view, :height, :width].std() < 2:
+            return f"its picture is one colour, {images[view, :height, :width].mean():.0f} grey"
+        maps = [self._evidence[i][view, :height, :width] for i in self.frames]
+        shown = float(np.mean([(m > 0).mean() for m in maps]))
+        if shown > _FULL:
+            return (
+                f"{shown:.0%} of its picture looks like foreground; noise, or a background that "
+                "is not this camera's?"
+            )
+        if not shown:
+            return "it shows nobody"
+        lag = self._lag(view, others)
+        if lag:
+            return f"its pictures come about {abs(lag)} frames {'late' if lag > 0 else 'early'}"
+        return "its silhouettes are elsewhere; moved camera, or wrong calibration?"
+
+    def _lag(self, view: int, others: list[int]) -> int:
+        """By how many frames its pictures come late (or early, if negative); 0 if neither."""
+        middle = self.frames[len(self.frames) // 2]
+        votes = self._votes(middle, [view, *others])
+        shape = self._shape(middle, votes, len(others) + 1, view)
+        scores = {0: self._iou(view, shape, self._evidence[middle])}
+        for lag in _LAGS:
+            if 0 <= middle + lag < len(self.sequence):
+                scores[lag] = self._iou(view, shape, self._read(middle + lag))
+        best = max(scores, key=lambda lag: scores[lag])
+        return best if scores[best] > scores[0] + _RISE else 0
+
+
+def _coarse_grid(sequence: Sequence) -> VoxelGrid:
+    volume = sequence.volume or seen_box(sequence.rig, _needed(sequence.rig))
+    if volume is None:
+        volume = seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
+    return _grid_of(*(np.asarray(corner, np.float64) for corner in volume))
+
+
+def _grid_of(low: np.ndarray, high: np.ndarray) -> VoxelGrid:
+    return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
+
+
+def _needed(rig: CameraRig) -> int:
+    return max(1, (len(rig) + 1) // 2)

@@ -1,0 +1,137 @@
+"""What `psfs info` tells of a sequence: facts, and warnings of what looks wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import axes_meet, seen_box, seen_points, views_needed
+from psfs.sequence import Sequence
+
+#: A rig of people or things is this large, m; anything else hints at a wrong unit.
+PLAUSIBLE_EXTENT = (0.05, 100.0)
+
+
+@dataclass(frozen=True)
+class CameraFacts:
+    """size: px. focal: mean focal length, px. distance: m to where the axes meet. height: m
+    above z = 0. frames: that its pictures hold.
+    """
+
+    name: str
+    size: tuple[int, int]
+    focal: float
+    distance: float
+    height: float
+    frames: int
+
+
+@dataclass(frozen=True)
+class SequenceInfo:
+    """centre: (3,) m where the optical axes meet. shared: box (low, high) m that `needed`
+    cameras see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or
+    left out when reading; warnings: what looks wrong.
+    """
+
+    cameras: list[CameraFacts]
+    frames: int
+    fps: float
+    layout: str
+    background_kind: str
+    unit: str
+    up: str
+    centre: np.ndarray
+    shared: tuple[np.ndarray, np.ndarray] | None
+    needed: int
+    extent: float
+    notes: list[str]
+    warnings: list[str]
+
+
+def sequence_info(sequence: Sequence) -> SequenceInfo:
+    """Facts and warnings. Decodes nothing but what opening the sequence has decoded."""
+    rig = sequence.rig
+    centre, needed = axes_meet(rig), views_needed(rig)
+    media = sequence.footage.images or sequence.footage.masks or ()
+    cameras = [
+        CameraFacts(
+            camera.name,
+            camera.size,
+            float((camera.K[0, 0] + camera.K[1, 1]) / 2),
+            float(np.linalg.norm(camera.centre - centre)),
+            float(camera.centre[2]),
+            pictures.count,
+        )
+        for camera, pictures in zip(rig, media, strict=True)
+    ]
+    settings = sequence.settings
+    return SequenceInfo(
+        cameras=cameras,
+        frames=len(sequence),
+        fps=sequence.fps,
+        layout=sequence.layout,
+        background_kind=sequence.background_kind,
+        unit="the format's own" if settings.unit is None else str(settings.unit),
+        up=settings.up or "z",
+        centre=centre,
+        shared=seen_box(rig, needed),
+        needed=needed,
+        extent=rig_extent(rig),
+        notes=sequence.notes,
+        warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
+    )
+
+
+def rig_extent(rig: CameraRig) -> float:
+    """Largest distance between two cameras, m; for one camera its distance to the origin."""
+    centres = rig.centres
+    if len(rig) == 1:
+        return float(np.linalg.norm(centres[0]))
+    return float(np.linalg.norm(centres[:, None] - centres[None], axis=-1).max())
+
+
+def rig_warnings(rig: CameraRig) -> list[str]:
+    """What looks wrong about cameras in metres with Z up."""
+    warnings = []
+    extent = rig_extent(rig)
+    low, high = PLAUSIBLE_EXTENT
+    if not low <= extent <= high:
+        guess = "millimetres read as metres" if extent > high else "metres read as millimetres"
+        warnings.append(f"the rig is {extent:.3g} m across; {guess}? State the unit (--unit)")
+    below = [camera.name for camera in rig if camera.centre[2] < 0]
+    if len(below) == len(rig):
+        warnings.append("all cameras lie below z = 0; is the up axis right? State it (--up)")
+    return warnings + _blind_warnings(rig)
+
+
+def _blind_warnings(rig: CameraRig) -> list[str]:
+    """Cameras that see nothing of what most of the others share."""
+    if len(rig) == 1:
+        return []
+    warnings = []
+    for camera in rig:
+        others = CameraRig(tuple(other for other in rig if other is not camera))
+        shared = seen_points(others, views_needed(others))
+        if len(shared) and not camera.look_up(shared)[0].any():
+            warnings.append(f"camera {camera.name} sees nothing of the volume the others share")
+    if seen_box(rig, 2) is None:
+        warnings.append("no place is seen by two cameras")
+    return warnings
+
+
+def _count_warnings(sequence: Sequence) -> list[str]:
+    warnings = []
+    for what in ("images", "masks"):
+        media = getattr(sequence.footage, what) or ()
+        counts = {item.name: item.count for item in media}
+        if len(set(counts.values())) > 1:
+            listed = ", ".join(f"{name} {count}" for name, count in counts.items())
+            warnings.append(
+                f"unequal numbers of {what}: {listed}; the first {len(sequence)} are used"
+            )
+    images, masks = sequence.footage.images, sequence.footage.masks
+    if images and masks and min(m.count for m in images) != min(m.count for m in masks):
+        warnings.append("there are not as many masks as images; the shorter of both is used")
+    return warnings

@@ -1,0 +1,93 @@
+"""How well voxel clouds agree with the silhouettes that they were made of."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from cl import Device, NumpyDevice
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.output.runs import Run
+from psfs.reconstruct import reconstructor_for
+from psfs.reference.reprojection import voxel_silhouette
+from psfs.sequence import Frame, Sequence
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+#: Parts of a silhouette smaller than this share of its largest part are speckle.
+SPECKLE_SHARE = 0.02
+
+DEFINITION = (
+    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
+    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume, "
+    f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
+)
+
+
+class Checker:
+    """`checker(frame, cloud)`: (V,) IoU per camera as `DEFINITION` says; NaN where the frame
+    shows nothing and the cloud reprojects to nothing.
+
+    The silhouettes are the run's: its reconstruction is done again with the same parameters, so
+    what was learnt from the frames before is learnt again. Give the frames in the run's order; a
+    frame for itself learns from itself.
+    """
+
+    def __init__(self, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> None:
+        self.rig = sequence.rig
+        self._reconstruct = reconstructor_for(
+            device, self.rig, run.grid, sequence.background, run.config, sparse=True
+        )
+        self._volume = volume_region(self.rig, run.grid)
+        self._extents = footprints(self.rig, run.grid.voxel_size)
+
+    def silhouettes(self, frame: Frame) -> np.ndarray:
+        """(V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
+        self._reconstruct(frame)
+        shown = (self._reconstruct.evidence() > 0) & self._volume
+        return np.stack([without_speckle(view) for view in shown])
+
+    def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
+        shape = (self.rig.height, self.rig.width)
+        shown = self.silhouettes(frame)
+        scores = []
+        for view, camera in enumerate(self.rig):
+            voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
+            union = (voxels | shown[view]).sum()
+            scores.append((voxels & shown[view]).sum() / union if union else np.nan)
+        return np.array(scores)
+
+
+def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
+    """`silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
+    largest one."""
+    smooth = cv2.medianBlur(silhouette.astype(np.uint8), 5)
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
+    areas = np.asarray(facts)[:, cv2.CC_STAT_AREA].copy()
+    areas[0] = 0  # the background
+    kept = areas >= max(1.0, share * areas.max())
+    remaining: np.ndarray = kept[np.asarray(labels)]
+    return remaining
+
+
+def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
+    """(V, H, W) bool: pixels that look into the volume."""
+    region = np.zeros((len(rig), rig.height, rig.width), bool)
+    for view, camera in enumerate(rig):
+        region[view] = _hits_box(camera, grid, (rig.height, rig.width))
+    return region
+
+
+def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
+    """Pixels (H, W) whose ray meets the box, by the slabs between its faces."""
+    width, height = camera.size
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_low = (grid.low - camera.centre) / directions
+        to_high = (grid.high - camera.centre) / directions
+    enter = np.nanmax(np.minimum(to_low, to_high), axis=1)
+    leave = np.nanmin(np.maximum(to_low, to_high), axis=1)
+    region = np.zeros(shape, bool)
+    region[:height, :width] = ((leave >= enter) & (leave > 0)).reshape(height, width)
+    return region

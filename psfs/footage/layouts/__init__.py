@@ -1,0 +1,33 @@
+"""Folder layouts, one small module each. `recognised(folder)` tells which one a folder has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cl import InputError
+from psfs.footage.layouts.bodytrack import BODYTRACK
+from psfs.footage.layouts.common import Footage, Layout
+from psfs.footage.layouts.flat import FLAT
+from psfs.footage.layouts.middlebury import MIDDLEBURY
+from psfs.footage.layouts.native import NATIVE
+from psfs.footage.layouts.utrecht import UTRECHT
+from psfs.footage.settings import Settings
+
+__all__ = ["LAYOUTS", "Footage", "Layout", "recognised"]
+
+#: The most specific first: flat takes whatever lies beside a calibration.
+LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, MIDDLEBURY, FLAT)
+
+
+def recognised(folder: Path, settings: Settings) -> Layout:
+    """The layout of `folder`. Raises InputError if it has none."""
+    if not folder.is_dir():
+        found = "a file" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {found}; expected a folder with calibrated views")
+    for layout in LAYOUTS:
+        if layout.matches(folder, settings):
+            return layout
+    raise InputError(
+        f"{folder}: no sequence is recognised; expected a calibration beside videos/, "
+        "images/<camera>/ or masks/<camera>/, or a bodytrack, Utrecht or Middlebury folder"
+    )

@@ -1,0 +1,71 @@
+"""A flat folder: pictures beside a calibration, whose names contain the cameras' names, such as
+`silh_cam01_00023.pbm` for camera `cam01`. Several images of a camera are its frames, in order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cl import InputError
+from psfs.cameras.calibration import Size, find_calibration, read_calibration
+from psfs.cameras.names import contains_name, name_tokens, natural_key
+from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
+from psfs.footage.layouts.native import calibration_of
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from psfs.footage.settings import Settings
+
+_MASK_WORDS = {"mask", "masks", "silh", "silhouette", "fg", "foreground"}
+_BACKGROUND_WORDS = {"background", "bg", "empty"}
+
+
+def _matches(folder: Path, settings: Settings) -> bool:
+    return settings.calibration is not None or find_calibration(folder) is not None
+
+
+def _kind(path: Path) -> str:
+    words = set(name_tokens(path.stem))
+    if words & _MASK_WORDS or path.suffix.lower() == ".pbm":
+        return "masks"
+    return "background" if words & _BACKGROUND_WORDS else "images"
+
+
+def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[Path]]]:
+    """Files by kind and camera."""
+    found: dict[str, dict[str, list[Path]]] = {"images": {}, "masks": {}, "background": {}}
+    for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
+        if path.suffix.lower() not in IMAGE_SUFFIXES | VIDEO_SUFFIXES:
+            continue
+        owners = [name for name in cameras if contains_name(path.stem, name)]
+        if len(owners) > 1:
+            raise InputError(f"{path}: the name fits several cameras: {', '.join(owners)}")
+        if owners:
+            found[_kind(path)].setdefault(owners[0], []).append(path)
+    return found
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    calibration = calibration_of(folder, settings)
+
+    def sizes(names: Sequence[str]) -> list[Size]:
+        kinds = _pictures(folder, names)
+        return measured_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
+
+    rig = chosen(read_calibration(calibration, settings.unit, sizes), settings)
+    notes = []
+    media = {}
+    for kind, found in _pictures(folder, rig.names).items():
+        if len(found) == len(rig):
+            media[kind], _ = assigned(rig, found, folder, settings)
+        elif found:
+            missing = [name for name in rig.names if name not in found]
+            notes.append(f"{kind} are not used: none for {', '.join(missing)}")
+    if not media.get("images") and not media.get("masks"):
+        raise InputError(
+            f"{folder}: no pictures for every camera ({', '.join(rig.names)}); expected "
+            "videos/, images/<camera>/, masks/<camera>/ or files whose names contain the cameras'"
+        )
+    return Footage(rig, notes=notes, **media)
+
+
+FLAT = Layout("flat", _matches, _read)

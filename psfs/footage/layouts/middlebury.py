@@ -1,0 +1,48 @@
+"""Middlebury multi-view sets: `*_par.txt` beside one image per view, a single frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from cl import InputError
+from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
+from psfs.footage.media import IMAGE_SUFFIXES
+from psfs.footage.settings import Settings
+
+
+def _matches(folder: Path, settings: Settings) -> bool:
+    return len(list(folder.glob("*_par.txt"))) == 1
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    calibration = next(folder.glob("*_par.txt"))
+    if settings.calibration is not None:
+        calibration = folder / settings.calibration
+    found = {
+        path.stem: [path] for path in sorted(folder.iterdir()) if path.suffix in IMAGE_SUFFIXES
+    }
+    rig = read_rig(calibration, settings, found, folder)
+    good = folder / calibration.name.replace("_par.txt", "_good_silhouette_images.txt")
+    notes = []
+    if settings.cameras is None and good.is_file() and good != calibration:
+        names = {Path(line.strip()).stem for line in good.read_text().splitlines()}
+        kept = tuple(name for name in rig.names if name in names)
+        if not kept:
+            raise InputError(f"{good}: names no view of {calibration.name}")
+        if len(kept) < len(rig):
+            notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
+        settings = replace(settings, cameras=kept)
+    rig = chosen(rig, settings)
+    images, remarks = assigned(rig, found, folder, settings, extras=True)
+    return Footage(rig, images=images, notes=notes + remarks)
+
+
+#: The objects stand along y. Silhouettes by the authors' recipe, in the README: threshold, dilate,
+#: erode.
+MIDDLEBURY = Layout(
+    "middlebury",
+    _matches,
+    _read,
+    Settings(up="y", background="threshold", threshold=0.19, dilate=10, erode=7, fps=1.0),
+)

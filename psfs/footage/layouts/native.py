@@ -1,0 +1,58 @@
+"""The native folder: a calibration beside `videos/*`, `images/<camera>/*` or `masks/<camera>/*`,
+and `background/*` (a video or image per camera, or a subfolder of images per camera).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cl import InputError
+from psfs.cameras.calibration import find_calibration
+from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
+from psfs.footage.media import media_in
+from psfs.footage.settings import Settings
+
+_IMAGES = ("videos", "images")
+
+
+def _matches(folder: Path, settings: Settings) -> bool:
+    return any((folder / name).is_dir() for name in (*_IMAGES, "masks"))
+
+
+def calibration_of(folder: Path, settings: Settings) -> Path:
+    """The calibration that the settings name, else the one that lies in the folder."""
+    if settings.calibration is not None:
+        return folder / settings.calibration
+    path = find_calibration(folder)
+    if path is None:
+        raise InputError(f"{folder}: no calibration; expected calibration.toml or --calibration")
+    return path
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    calibration = calibration_of(folder, settings)
+    places = {name: folder / name for name in (*_IMAGES, "masks", "background")}
+    found = {name: media_in(path) for name, path in places.items() if path.is_dir()}
+    images = next((name for name in _IMAGES if found.get(name)), None)
+    primary = images or "masks"
+    if not found.get(primary):
+        raise InputError(f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/")
+    rig = read_rig(calibration, settings, found[primary], places[primary])
+    media: dict[str, tuple] = {}
+    notes: list[str] = []
+    rig = chosen(rig, settings)
+    for name in (images, "masks", "background"):
+        if name and found.get(name):
+            extras = name == "background"
+            media[name], remarks = assigned(rig, found[name], places[name], settings, extras)
+            notes += remarks
+    return Footage(
+        rig,
+        images=media[images] if images else None,
+        masks=media.get("masks"),
+        background=media.get("background"),
+        notes=notes,
+    )
+
+
+NATIVE = Layout("native", _matches, _read)

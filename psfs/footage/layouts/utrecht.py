@@ -1,0 +1,52 @@
+"""The folder of Utrecht's INFOMCV course: camN/config.xml, camN/video.avi, camN/background.avi."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from psfs.cameras.calibration import read_calibration, read_filestorage
+from psfs.cameras.names import natural_key
+from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
+from psfs.footage.settings import Settings
+
+_UNIT = "0.76mm"
+
+
+def _matches(folder: Path, settings: Settings) -> bool:
+    return any(folder.glob("cam*/config.xml"))
+
+
+def _videos(folder: Path, stem: str) -> Found:
+    paths = sorted(folder.glob(f"cam*/{stem}.avi"), key=lambda path: natural_key(str(path)))
+    return {path.parent.name: [path] for path in paths}
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    videos, plates = _videos(folder, "video"), _videos(folder, "background")
+    where = folder / "cam*" / "video.avi"
+    sizes = sizes_of(videos, where, settings)
+    if settings.calibration is None:
+        files = sorted(folder.glob("cam*/config.xml"), key=lambda path: natural_key(str(path)))
+        names = [path.parent.name for path in files]
+        rig = read_filestorage(files, settings.unit, sizes, names)
+    else:
+        rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
+    rig = chosen(rig, settings)
+    images, notes = assigned(rig, videos, where, settings)
+    if settings.unit == _UNIT:
+        notes = [
+            *notes,
+            f"the unit {_UNIT} comes from a board of 115 mm that measures 151: uncertain",
+        ]
+    background = None
+    if plates:
+        background, remarks = assigned(
+            rig, plates, folder / "cam*" / "background.avi", settings, extras=True
+        )
+        notes = notes + remarks
+    return Footage(rig, images=images, background=background, notes=notes)
+
+
+#: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 mm, but
+#: the boards in the pictures fit about 151 units, so that one unit is 115 mm / 151 = 0.76 mm.
+UTRECHT = Layout("utrecht", _matches, _read, Settings(unit=_UNIT, up="-z"))

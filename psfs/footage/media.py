@@ -1,0 +1,225 @@
+"""The pictures of one camera: a video or a list of image files, and reading frames from them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; errors are ours to tell
+
+import cv2
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.names import natural_key
+
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg"}
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif", ".tiff"}
+
+#: Containers that count their frames; the others' counts are guesses from the duration.
+_COUNTING = {".mp4", ".mov", ".m4v", ".avi"}
+#: Frames at the end that are decoded to verify a header's frame count.
+_TAIL = 16
+#: A jump ahead of at most this many frames is decoded through rather than sought.
+_SHORT_JUMP = 32
+
+
+class Decoder(Protocol):
+    """Reads the frames of one `Media`, cheapest in ascending order."""
+
+    def read(self, index: int) -> np.ndarray: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Media:
+    """One camera's pictures. paths: one video or the images in order. size: (width, height) px.
+
+    count: frames that can be decoded. fps: the video's, else None. Iterating decodes all frames,
+    each time anew.
+    """
+
+    name: str
+    paths: tuple[Path, ...]
+    size: tuple[int, int]
+    count: int
+    fps: float | None = None
+
+    @property
+    def is_video(self) -> bool:
+        return self.paths[0].suffix.lower() in VIDEO_SUFFIXES
+
+    @property
+    def where(self) -> str:
+        """What messages call it."""
+        return str(self.paths[0] if len(self.paths) == 1 else self.paths[0].parent)
+
+    def open(self) -> Decoder:
+        return VideoDecoder(self) if self.is_video else ImagesDecoder(self)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return self.frames(range(self.count))
+
+    def frames(self, indices: Iterable[int]) -> Iterator[np.ndarray]:
+        """The frames with these numbers, (h, w, 3) uint8 BGR each."""
+        with closing(self.open()) as decoder:
+            for index in indices:
+                yield decoder.read(index)
+
+    def spread(self, n: int) -> list[int]:
+        """The numbers of `n` frames from the first to the last; of all, if there are fewer."""
+        places = np.linspace(0, self.count - 1, n).round().astype(int)
+        return [int(index) for index in np.unique(places)]
+
+
+def open_media(name: str, paths: Sequence[Path]) -> Media:
+    """Look into a video or images. Raises InputError if the start cannot be decoded, or if a
+    video ends early, which tells a truncated file.
+    """
+    if paths[0].suffix.lower() not in VIDEO_SUFFIXES:
+        return Media(name, tuple(paths), picture_size(paths[0]), len(paths))
+    path = paths[0]
+    size = picture_size(path)
+    capture = _open_capture(path)
+    try:
+        count = _true_count(capture, path)
+        fps = capture.get(cv2.CAP_PROP_FPS)
+    finally:
+        capture.release()
+    return Media(name, (path,), size, count, fps if fps > 0 else None)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) px of an image or of a video's first frame."""
+    if path.suffix.lower() not in VIDEO_SUFFIXES:
+        image = _read_image(path)
+    else:
+        capture = _open_capture(path)
+        _, image = capture.read()
+        capture.release()
+        if image is None:
+            raise InputError(f"{path}: no frame can be decoded; expected a video")
+    return image.shape[1], image.shape[0]
+
+
+def media_in(folder: Path) -> dict[str, list[Path]]:
+    """Pictures by camera name in a folder: a video or image per camera, or a subfolder of images
+    per camera. The names are those of the files without suffix, or of the subfolders.
+    """
+    found: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
+        if path.is_dir():
+            images = images_in(path)
+            if images:
+                found[path.name] = images
+        elif path.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
+            if path.stem in found:
+                raise InputError(f"{folder}: two files for {path.stem}; expected one per camera")
+            found[path.stem] = [path]
+    return found
+
+
+def images_in(folder: Path) -> list[Path]:
+    """The image files of a folder in natural order of their names."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    return sorted(images, key=lambda path: natural_key(path.name))
+
+
+class VideoDecoder:
+    """Frames of a video. Ascending reads decode on; only jumps seek."""
+
+    def __init__(self, media: Media) -> None:
+        self._media = media
+        self._capture = _open_capture(media.paths[0])
+        self._next = 0
+
+    def read(self, index: int) -> np.ndarray:
+        """(h, w, 3) uint8 BGR. Raises InputError naming the file and the frame."""
+        if not self._next <= index <= self._next + _SHORT_JUMP:
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, index)
+            self._next = index
+        while self._next < index and self._capture.grab():
+            self._next += 1
+        _, image = self._capture.read() if self._next == index else (False, None)
+        if image is None:
+            raise InputError(
+                f"{self._media.where}: frame {index} of {self._media.count} cannot be decoded; "
+                "the file is damaged or truncated"
+            )
+        self._next += 1
+        return image
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+class ImagesDecoder:
+    """Frames of numbered image files, all of one size."""
+
+    def __init__(self, media: Media) -> None:
+        self._media = media
+
+    def read(self, index: int) -> np.ndarray:
+        """(h, w, 3) uint8 BGR. Raises InputError naming the file."""
+        path = self._media.paths[index]
+        image = _read_image(path)
+        found, expected = (image.shape[1], image.shape[0]), self._media.size
+        if found != expected:
+            raise InputError(
+                f"{path}: {found[0]} x {found[1]} pixels; "
+                f"expected {expected[0]} x {expected[1]} as in the first picture"
+            )
+        return image
+
+    def close(self) -> None:
+        pass
+
+
+def _read_image(path: Path) -> np.ndarray:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise InputError(f"{path}: cannot be decoded; expected an image")
+    return image
+
+
+def _open_capture(path: Path) -> cv2.VideoCapture:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a video")
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")
+    return capture
+
+
+def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
+    """Frames that really decode. The header's count is believed if the last `_TAIL` frames
+    before that count are there; else all are decoded and counted.
+    """
+    promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    if promised > _TAIL:
+        capture.set(cv2.CAP_PROP_POS_FRAMES, promised - _TAIL)
+        if _grabbed(capture) == _TAIL:
+            return promised
+    capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
+    count = _grabbed(capture)
+    # Headers are a few frames wrong where an encoder dropped frames at the end; more is damage.
+    if path.suffix.lower() in _COUNTING and promised - count > max(5, promised // 100):
+        raise InputError(
+            f"{path}: only {count} of the {promised} frames that its header promises can be "
+            "decoded; the file is damaged or truncated"
+        )
+    return count
+
+
+def _grabbed(capture: cv2.VideoCapture) -> int:
+    count = 0
+    while capture.grab():
+        count += 1
+    return count

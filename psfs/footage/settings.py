@@ -1,0 +1,108 @@
+"""What files cannot say about themselves: `sequence.toml`, or the same as flags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cl import InputError
+from psfs.background.chroma_key import parse_colour
+from psfs.cameras.calibration.common import naming
+from psfs.cameras.names import listed
+from psfs.cameras.units import Unit, metres_per_unit, z_up_from
+from psfs.common.ranges import check_range
+from psfs.common.toml import read_toml
+
+#: How silhouettes are told from the background. "gaussian": empty plate (`background/`);
+#: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
+#: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
+#: from the empty plate or, without one, from the sequence's own frames; "chroma": a screen of one
+#: colour, `key` or found in the empty plate or the frames.
+BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "chroma")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The keys of `sequence.toml`; None where nothing is said.
+
+    unit: of the calibration. up: axis of the calibration's world. fps: frames per second.
+    background: one of `BACKGROUND_KINDS`. key: the screen's colour, "#rrggbb". threshold: 0..1;
+    dilate, erode: pixels. volume:
+    ((x0, y0, z0), (x1, y1, z1)) in metres, Z up. calibration: path, relative to the folder.
+    cameras: names of those to use.
+    """
+
+    unit: Unit | None = None
+    up: str | None = None
+    fps: float | None = None
+    background: str | None = None
+    key: str | None = None
+    threshold: float | None = None
+    dilate: int | None = None
+    erode: int | None = None
+    volume: Any = None
+    calibration: str | None = None
+    cameras: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit is not None:
+            metres_per_unit(self.unit)
+        if self.up is not None:
+            z_up_from(self.up)
+        if self.fps is not None:
+            check_range("fps", self.fps, 0)
+        if self.threshold is not None:
+            check_range("threshold", self.threshold, 0, 1)
+        for key in ("dilate", "erode"):
+            if getattr(self, key) is not None:
+                check_range(key, getattr(self, key), 0, 1000, ends=True)
+        if self.background not in (None, *BACKGROUND_KINDS):
+            raise InputError(
+                f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
+            )
+        if self.key is not None:
+            parse_colour(self.key)
+        if self.volume is not None:
+            object.__setattr__(self, "volume", _volume(self.volume))
+        if self.cameras is not None:
+            if isinstance(self.cameras, str) or not self.cameras:
+                raise InputError(f"cameras = {self.cameras!r}; expected a list of names")
+            object.__setattr__(self, "cameras", tuple(str(name) for name in self.cameras))
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Settings:
+        """From a mapping. Raises InputError for unknown keys and bad values."""
+        known = [field.name for field in fields(cls)]
+        unknown = [key for key in values if key not in known]
+        if unknown:
+            raise InputError(f"unknown key {listed(unknown)}; expected {listed(known)}")
+        return cls(**values)
+
+    @classmethod
+    def read(cls, path: Path) -> Settings:
+        """From a `sequence.toml`; all None if there is none."""
+        if not path.exists():
+            return cls()
+        values = read_toml(path)
+        with naming(path):
+            return cls.of(values)
+
+    def over(self, other: Settings) -> Settings:
+        """These settings, and `other`'s where these say nothing."""
+        said = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(other, **said)
+
+
+def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        low, high = np.asarray(value, np.float64).reshape(2, 3)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"volume = {value!r}; expected [[x0, y0, z0], [x1, y1, z1]] in metres"
+        ) from None
+    if not (np.isfinite([low, high]).all() and np.all(low < high)):
+        raise InputError(f"volume from {low.tolist()} to {high.tolist()} m; expected low < high")
+    return low, high

@@ -1,0 +1,226 @@
+"""Closed surfaces: marching cubes on the smoothed probability, smoothed, coloured, written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from scipy import ndimage, spatial
+from skimage.measure import marching_cubes
+from trimesh.visual import ColorVisuals
+
+from cl import Device, InputError, NumpyDevice
+from psfs.common.files import written_whole
+from psfs.config import OccupancyConfig
+from psfs.output.runs import Run
+from psfs.reconstruct import Reconstructor, reconstructor_for
+from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.sequence import Sequence
+from psfs.voxels.clouds import DEBRIS_SHARE
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+FORMATS = ("ply", "glb", "obj")
+#: Steps of Taubin smoothing: enough to hide the voxels, too few to lose fingers and noses.
+SMOOTHING = 10
+#: Of meshes without colours, RGB 0..1.
+CLAY = (0.80, 0.70, 0.59)
+
+# Taubin 1995: each step forth by _LAMBDA is followed by one back by _MU, which leaves features
+# of spatial frequency below 1 / _LAMBDA - 1 / _MU = 0.11 as they are: nothing shrinks.
+_LAMBDA, _MU = 0.5, 0.53
+_COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
+_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def surface_mesh(
+    probability: np.ndarray,
+    grid: VoxelGrid,
+    threshold: float = OccupancyConfig.threshold,
+    smoothing: int = SMOOTHING,
+    debris: float = DEBRIS_SHARE,
+    cloud: VoxelCloud | None = None,
+) -> trimesh.Trimesh:
+    """The surface where the smoothed probability (nx, ny, nz) crosses `threshold`, in metres.
+
+    It is closed, also where the body is cut by the grid's border, and faces outwards. Connected
+    parts with less than the share `debris` of the largest one's voxels are left out, and
+    cavities are filled, since no silhouette can show one. smoothing: steps after Taubin 1995,
+    which do not shrink. cloud: its colours, where it has some, become those of the nearest
+    vertices. Raises InputError if no voxel is above the threshold.
+    """
+    solid = _cleaned(np.asarray(probability, np.float32), threshold, debris)
+    # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
+    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    if smoothing:
+        trimesh.smoothing.filter_taubin(mesh, _LAMBDA, _MU, smoothing)
+    if cloud is not None and cloud.colour is not None and len(cloud):
+        _, nearest = spatial.cKDTree(cloud.centres).query(mesh.vertices)
+        mesh.visual = ColorVisuals(mesh, vertex_colors=cloud.colour[nearest])
+    return mesh
+
+
+def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
+    """`probability` with debris at 0 and cavities at 1."""
+    occupied = probability > threshold
+    labels, parts = ndimage.label(occupied, np.ones((3, 3, 3)))
+    if not parts:
+        raise InputError(f"no voxel has a probability above {threshold:g}; expected a body")
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0  # what is not occupied
+    kept = (sizes >= debris * sizes.max())[labels] & occupied
+    cavities = ndimage.binary_fill_holes(kept) & ~kept
+    cleaned: np.ndarray = np.where(occupied & ~kept, np.float32(0), probability)
+    cleaned[cavities] = 1
+    return cleaned
+
+
+class Mesher:
+    """`mesher(index)`: the mesh of a frame of a finished run.
+
+    The clouds on disk hold surface voxels only, so the probability is computed again, from the
+    frame's pictures, in the box that the cloud occupies. It says where between two voxels the
+    surface passes; which voxels it contains, the cloud says: silhouettes that learn from earlier
+    frames may come out a little different for a frame alone.
+    """
+
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        run: Run,
+        sequence: Sequence,
+        smoothing: int = SMOOTHING,
+    ) -> None:
+        self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
+        self._config = run.config
+        self._reconstructor: Reconstructor | None = None
+
+    def __call__(self, index: int) -> trimesh.Trimesh:
+        """Raises InputError if the frame's cloud is empty."""
+        cloud = self.run.cloud(index)
+        if not len(cloud):
+            raise InputError(f"{self.run.out}: the cloud of frame {index} is empty")
+        box, threshold = occupied_box(cloud), self._config.occupancy.threshold
+        probability = agreeing(self._probability(index, box), cloud_solid(cloud, box), threshold)
+        return surface_mesh(probability, box, threshold, self.smoothing, 0.0, cloud)
+
+    def _probability(self, index: int, box: VoxelGrid) -> np.ndarray:
+        """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
+        frame, (nx, ny, nz) = self.sequence.read(index), box.shape
+        probability = self._placed(box)(frame).probability
+        if not isinstance(probability, np.ndarray):
+            probability = probability.get()
+        return probability[:nx, :ny, :nz]
+
+    def _placed(self, box: VoxelGrid) -> Reconstructor | NumpyReconstructor:
+        """A reconstructor of a grid that begins with `box`. One that has the room is used again,
+        for a grid of another shape means other kernels."""
+        room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape
+        if self._reconstructor is not None and np.all(np.array(box.shape) <= room):
+            self._reconstructor.place(VoxelGrid(box.origin, box.voxel_size, room))
+            return self._reconstructor
+        nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, room, strict=True))
+        grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))
+        reconstructor = reconstructor_for(
+            self.device, self.sequence.rig, grid, self.sequence.background, self._config
+        )
+        if isinstance(reconstructor, Reconstructor):  # the twin has nothing to build anew
+            self._reconstructor = reconstructor
+        return reconstructor
+
+
+def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
+    """The part of the cloud's grid that holds it and, where there is one, a voxel around it."""
+    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
+    low = np.maximum(ijk.min(1) - 1, 0)
+    nx, ny, nz = np.minimum(ijk.max(1) + 2, cloud.grid.shape) - low
+    origin = cloud.grid.origin + low * cloud.grid.voxel_size
+    return VoxelGrid(origin, cloud.grid.voxel_size, (nx, ny, nz))
+
+
+def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
+    """(nx, ny, nz) bool: the voxels of `box` (see `occupied_box`) that the cloud's surface
+    encloses, itself included."""
+    low = np.rint((box.origin - cloud.grid.origin) / box.voxel_size).astype(int)
+    i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
+    surface = np.zeros(box.shape, bool)
+    surface[i - low[0], j - low[1], k - low[2]] = True
+    solid: np.ndarray = ndimage.binary_fill_holes(surface)
+    return solid
+
+
+def agreeing(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
+    """`probability` with the voxels on the wrong side of the threshold moved to the other one."""
+    agrees = (probability > threshold) == solid
+    moved = np.where(solid, np.float32((threshold + 1) / 2), np.float32(threshold / 2))
+    return np.where(agrees, probability, moved)
+
+
+def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
+    """Write PLY (binary), OBJ or GLB, as the suffix says, with normals and the vertices' colours.
+
+    PLY and OBJ: metres, Z up, which a comment says. GLB: metres, +Y up, and linear colours, as
+    glTF 2.0 asks (3.4, 3.9.2). Raises InputError for another suffix.
+    """
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in FORMATS:
+        raise InputError(f"{path}: no mesh format; expected a name that ends in {_endings()}")
+    content = {"ply": _ply, "glb": _glb, "obj": _obj}[suffix](mesh)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _endings() -> str:
+    return ", ".join(f".{name}" for name in FORMATS)
+
+
+def _ply(mesh: trimesh.Trimesh) -> bytes:
+    content: bytes = trimesh.exchange.ply.export_ply(mesh, vertex_normal=True)
+    first, rest = content.split(b"\ncomment ", 1)
+    return b"%s\ncomment %s\ncomment %s" % (first, _COMMENT.encode(), rest)
+
+
+def _obj(mesh: trimesh.Trimesh) -> bytes:
+    text = trimesh.exchange.obj.export_obj(mesh, include_normals=True, digits=6, header=_COMMENT)
+    return str(text).encode()
+
+
+def _glb(mesh: trimesh.Trimesh) -> bytes:
+    turned = mesh.copy()
+    turned.apply_transform(_Y_UP)
+    colours = vertex_colours(mesh)
+    base = _linear(np.array(CLAY))
+    if colours is not None:
+        base = np.ones(3)
+        linear = np.rint(255 * _linear(colours / 255)).astype(np.uint8)
+        turned.visual = ColorVisuals(turned, vertex_colors=linear)
+
+    def matte(tree: dict[str, Any]) -> None:
+        """Without a material glTF means polished metal."""
+        surface = {"baseColorFactor": [*base.tolist(), 1.0], "metallicFactor": 0.0}
+        tree["materials"] = [{"pbrMetallicRoughness": surface | {"roughnessFactor": 0.9}}]
+        for part in tree["meshes"]:
+            for primitive in part["primitives"]:
+                primitive["material"] = 0
+
+    scene = trimesh.Scene(turned)
+    content = trimesh.exchange.gltf.export_glb(
+        scene, include_normals=True, tree_postprocessor=matte
+    )
+    return bytes(content)
+
+
+def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
+    """(N, 3) uint8 RGB of the vertices, or None if the mesh has no colours."""
+    visual = mesh.visual
+    if not isinstance(visual, ColorVisuals) or visual.kind != "vertex":
+        return None
+    return np.asarray(visual.vertex_colors)[:, :3]
+
+
+def _linear(srgb: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB values 0..1 (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

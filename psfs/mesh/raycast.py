@@ -1,0 +1,79 @@
+"""Rays against meshes (Open3D's, which is Embree): exact silhouettes and pictures."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from functools import cache
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from psfs.cameras.camera import Camera
+
+
+@cache
+def load_open3d() -> Any:
+    """Open3D, imported here only, since it takes a second. Its libusb comes from the package
+    `libusb-package`, as bare machines have none."""
+    import libusb_package
+
+    library = libusb_package.get_library_path()
+    if library:
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    # In notebooks Open3D would start a web server, and say so.
+    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
+    import open3d
+
+    return open3d
+
+
+class RayScene:
+    """A mesh that rays can be cast at."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self.mesh = mesh
+        self._tensor: Any = load_open3d().core.Tensor
+        self._scene = load_open3d().t.geometry.RaycastingScene()
+        # Embree counts in float32: what lies around the mesh's own middle loses nothing.
+        self._middle = mesh.bounds.mean(0)
+        self._scene.add_triangles(
+            self._tensor((mesh.vertices - self._middle).astype(np.float32)),
+            self._tensor(np.asarray(mesh.faces, np.uint32)),
+        )
+
+    def _rays(self, origins: np.ndarray, directions: np.ndarray) -> Any:
+        """(N, 6) float32; origins and directions broadcast."""
+        origins, directions = np.broadcast_arrays(origins - self._middle, directions)
+        return self._tensor(np.concatenate([origins, directions], -1).astype(np.float32))
+
+    def hits(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(N,) bool: does the ray meet the mesh?"""
+        return self._scene.test_occlusions(self._rays(origins, directions)).numpy()
+
+    def first_hits(
+        self, origins: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N,) bool hit or not; of those that hit, the three vertices (M, 3) of the triangle and
+        their barycentric weights (M, 3)."""
+        answer = self._scene.cast_rays(self._rays(origins, directions))
+        hit = np.isfinite(answer["t_hit"].numpy())
+        corners = np.asarray(self.mesh.faces)[answer["primitive_ids"].numpy()[hit]]
+        u, v = answer["primitive_uvs"].numpy()[hit].T
+        return hit, corners, np.stack([1 - u - v, u, v], -1)
+
+    def silhouette(self, camera: Camera) -> np.ndarray:
+        """(h, w) bool: pixels whose centre's ray meets the mesh, lens distortion included."""
+        width, height = camera.size
+        low, high = np.zeros(2, int), np.array([width, height])
+        pixels, depth = camera.project(self.mesh.vertices)
+        if (depth > 0).all():  # else no rectangle is known to contain the mesh
+            low = np.clip(np.floor(pixels.min(0)), low, high).astype(int)
+            high = np.clip(np.ceil(pixels.max(0)) + 1, low, high).astype(int)
+        columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+        shown = np.zeros((height, width), bool)
+        if columns.size:
+            directions = camera.rays(np.stack([columns.ravel(), rows.ravel()], -1))
+            shown[rows.ravel(), columns.ravel()] = self.hits(camera.centre, directions)
+        return shown

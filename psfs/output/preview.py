@@ -1,0 +1,253 @@
+"""A picture of a voxel cloud: shaded views from around it, and its outline in the input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.reference.reprojection import voxel_silhouette
+from psfs.sequence import Frame
+from psfs.voxels.clouds import coarsened
+from psfs.voxels.grid import VoxelCloud
+
+#: Azimuth and elevation of the views, degrees.
+VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
+PANEL = (300, 420)  # width, height of a view, px
+SUPERSAMPLING = 2
+BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
+CLAY = np.array([150, 178, 205], np.float32)
+#: Voxels along the longest side of a cloud, at most, in a picture of `PANEL`.
+_FINEST = 250
+_OUTLINE = (60, 220, 60)
+_INK = (90, 80, 70)
+_MASK_GREY = 0.55  # brightness of a mask drawn as a picture, so that lines stand out
+
+
+def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
+    """(h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
+    the outline of the reprojected cloud is drawn."""
+    shown = _for_pictures(cloud)
+    normals = normals_of(shown)
+    views = [shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
+    edge = cloud.grid.voxel_size
+    text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
+    if cloud.volume:
+        text += f"   volume {cloud.volume * 1e3:.3g} l"
+    extents = footprints(rig, edge)
+
+    def silhouette(view: int) -> np.ndarray:
+        columns, rows = rig[view].size
+        return voxel_silhouette(rig[view], cloud.centres, extents[view], (rows, columns))
+
+    return sheet(views, text, silhouette, rig, frame)
+
+
+def _for_pictures(cloud: VoxelCloud) -> VoxelCloud:
+    """The cloud in voxels no finer than a small picture shows."""
+    if not len(cloud):
+        return cloud
+    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
+    longest = int(np.ptp(ijk, axis=1).max()) + 1
+    return coarsened(cloud, -(-longest // _FINEST))
+
+
+def sheet(
+    views: list[np.ndarray],
+    text: str,
+    silhouette: Callable[[int], np.ndarray],
+    rig: CameraRig,
+    frame: Frame,
+) -> np.ndarray:
+    """(h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame with
+    the outline of `silhouette(view)`, (h, w) bool."""
+    above = np.hstack(views)
+    cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
+    return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
+
+
+def shaded_view(
+    cloud: VoxelCloud,
+    normals: np.ndarray,
+    azimuth: float,
+    elevation: float,
+    size: tuple[int, int],
+) -> np.ndarray:
+    """(h, w, 3) uint8 BGR orthographic view of a cloud with `normals_of` it, `size` = (width,
+    height) px.
+
+    azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
+    the horizon. Voxels are splatted into a z-buffer and lit by their normals.
+    """
+    size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
+    if not len(cloud):
+        picture = np.broadcast_to(BACKDROP, (size[1], size[0], 3)).copy()
+    else:
+        margin = 2 * cloud.grid.voxel_size
+        view = View.around(cloud.centres, margin, azimuth, elevation, size)
+        nearest = _z_buffer(cloud, view, size)
+        picture = _lit(cloud, normals @ view.axes.T, view.scale, nearest)
+    return shrunk(picture)
+
+
+def shrunk(picture: np.ndarray) -> np.ndarray:
+    """The final uint8 picture of one that was computed with SUPERSAMPLING."""
+    factor = 1 / SUPERSAMPLING
+    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    return np.clip(small, 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class View:
+    """Orthographic: rows of `axes` are right, down and away from the viewer; px per m."""
+
+    axes: np.ndarray
+    centre: np.ndarray
+    scale: float
+    middle: np.ndarray
+
+    @classmethod
+    def around(
+        cls,
+        points: np.ndarray,
+        margin: float,
+        azimuth: float,
+        elevation: float,
+        size: tuple[int, int],
+    ) -> View:
+        """All `points` (N, 3) m, with a margin (m) around them, in a picture of `size` px."""
+        a, e = np.radians([azimuth, elevation])
+        away = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        axes = np.stack([right, np.cross(away, right), away])
+        low, high = points.min(0), points.max(0)
+        # One scale for all azimuths: the box turned about the vertical.
+        across = float(np.linalg.norm((high - low)[:2]))
+        tall = float(high[2] - low[2]) * np.cos(e) + across * np.sin(e)
+        extent = np.array([across, tall]) + 2 * margin
+        scale = 0.86 * float(np.min(np.array(size) / extent))
+        return cls(axes, (low + high) / 2, scale, np.array(size) * [0.5, 0.52])
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turned = (points - self.centre) @ self.axes.T
+        return turned[:, :2] * self.scale + self.middle, turned[:, 2]
+
+
+def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarray:
+    """(h, w) number of the voxel nearest to the viewer, or -1."""
+    pixels, depth = view.project(cloud.centres)
+    order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
+    half = 0.75 * cloud.grid.voxel_size * view.scale
+    reach = np.arange(-int(np.ceil(half)), int(np.ceil(half)) + 1)
+    dy, dx = np.meshgrid(reach, reach, indexing="ij")
+    disc = dx**2 + dy**2 <= half**2 + 1
+    corner = np.rint(pixels[order]).astype(int)
+    column = corner[:, :1] + dx[disc]
+    row = corner[:, 1:] + dy[disc]
+    inside = (column >= 0) & (row >= 0) & (column < size[0]) & (row < size[1])
+    nearest = np.full((size[1], size[0]), -1)
+    nearest[row[inside], column[inside]] = np.broadcast_to(order[:, None], row.shape)[inside]
+    return nearest
+
+
+def _lit(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left; `normals` along
+    the view's axes, `scale` px per m."""
+    seen = nearest >= 0
+    field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
+    # Normals flow from voxel to voxel, which hides their steps.
+    width = max(1.0, 0.8 * cloud.grid.voxel_size * scale)
+    field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
+    field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
+    light = lighting(field)
+    base = CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
+    return np.where(seen[..., None], base * light[..., None], BACKDROP).astype(np.float32)
+
+
+def lighting(normals: np.ndarray) -> np.ndarray:
+    """Brightness of surfaces with unit `normals` (..., 3) along the axes of the view: a key light
+    from the viewer's upper left, a weaker one from the right, and light from everywhere."""
+    key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
+    fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
+    return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
+
+
+def normals_of(cloud: VoxelCloud) -> np.ndarray:
+    """(N, 3) outward unit normals of the surface voxels, from the slope of the smoothed solid."""
+    if not len(cloud):
+        return np.zeros((0, 3))
+    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
+    i, j, k = ijk - ijk.min(1, keepdims=True) + 2  # in the box around the cloud, and 2 voxels
+    solid = np.zeros((i.max() + 3, j.max() + 3, k.max() + 3), bool)
+    solid[i, j, k] = True
+    solid = ndimage.binary_fill_holes(solid)
+    smooth = ndimage.gaussian_filter(solid.astype(np.float32), 1.5, mode="constant")
+    slope = np.stack([g[i, j, k] for g in np.gradient(smooth)], -1)
+    normals: np.ndarray = -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
+    return normals
+
+
+def outlined(
+    picture: np.ndarray, silhouette: np.ndarray, colour: tuple[int, int, int] = _OUTLINE
+) -> np.ndarray:
+    """`picture` (h, w, 3) with the outline of `silhouette` (h, w) bool drawn on it."""
+    contours, _ = cv2.findContours(
+        silhouette.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+    )
+    drawn = picture.copy()
+    width = max(1, round(picture.shape[1] / 400))
+    cv2.drawContours(drawn, contours, -1, colour, width, cv2.LINE_AA)
+    return drawn
+
+
+def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
+    """(h, w, 3) uint8 BGR of one view without the rig's padding; a darkened mask if there is no
+    picture."""
+    width, height = camera.size
+    if frame.images is not None:
+        return frame.images[view, :height, :width]
+    if frame.masks is None:
+        return np.zeros((height, width, 3), np.uint8)
+    grey = (frame.masks[view, :height, :width] * _MASK_GREY).astype(np.uint8)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+
+
+def _picture_row(
+    silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
+) -> np.ndarray:
+    """Up to six of the frame's pictures with an outline, filling `width` px."""
+    chosen = np.unique(np.linspace(0, len(rig) - 1, min(6, len(rig))).round().astype(int))
+    panels = []
+    for view in chosen:
+        camera = rig[int(view)]
+        columns, rows = camera.size
+        panel = outlined(picture_of(frame, int(view), camera), silhouette(int(view)))
+        cell = width // len(chosen)
+        panel = cv2.resize(
+            panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA
+        )
+        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3)
+        cv2.putText(panel, camera.name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
+        panels.append(panel)
+    height = max(panel.shape[0] for panel in panels)
+    row = np.zeros((height, width, 3), np.uint8)
+    row[:] = BACKDROP.astype(np.uint8)
+    left = 0
+    for panel in panels:
+        row[: panel.shape[0], left : left + panel.shape[1]] = panel
+        left += panel.shape[1]
+    return row
+
+
+def _unit(x: float, y: float, z: float) -> np.ndarray:
+    vector = np.array([x, y, z], np.float32)
+    return vector / np.float32(np.linalg.norm(vector))
+
+
+def _length(metres: float) -> str:
+    return f"{metres * 100:.3g} cm" if metres >= 0.01 else f"{metres * 1000:.3g} mm"

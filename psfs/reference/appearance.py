@@ -1,0 +1,90 @@
+"""The NumPy twin of `psfs.silhouettes.appearance.Foreground`."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.config import SilhouetteConfig
+from psfs.silhouettes.appearance import (
+    BINS,
+    KEEP,
+    MIN_SURFACE,
+    PRIOR,
+    REACH,
+    UNIFORM,
+    most_samples,
+    place_odds,
+)
+from psfs.silhouettes.floor_shadow import CELL, cells
+from psfs.voxels.grid import VoxelGrid
+
+
+class NumpyForeground:
+    """Same results as `Foreground`; `learn` takes the pictures, evidence and surface."""
+
+    def __init__(self, rig: CameraRig, config: SilhouetteConfig) -> None:
+        self.rig, self.config = rig, config
+        self.colours = np.zeros(BINS**3, np.int8)
+        self.place = np.zeros((len(rig), *cells(rig)), np.int8)
+        self.marked = np.zeros(self.place.shape, bool)
+        self._memory = np.zeros((BINS,) * 3)
+        self._total = 0.0
+
+    def learn(
+        self, images: np.ndarray, evidence: np.ndarray, grid: VoxelGrid, surface: np.ndarray
+    ) -> None:
+        """images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels made of
+        them, flat indices (N,)."""
+        marked = self.marks(grid, surface)
+        self.marked = marked
+        self.place[:] = 0
+        if len(surface) >= MIN_SURFACE:
+            size = 2 * REACH + 1
+            near = [
+                ndimage.convolve(view.astype(int), np.ones((size, size), int), mode="constant")
+                for view in marked
+            ]
+            self.place = place_odds(self.config)[np.stack(near)]
+        self._count(images, evidence, marked)
+
+    def forget_place(self) -> None:
+        self.place[:] = 0
+
+    def marks(self, grid: VoxelGrid, surface: np.ndarray) -> np.ndarray:
+        """(V, rows, columns) bool: cells that show a voxel."""
+        centres = grid.centres(surface)
+        coarse = self.rig.scaled(1 / CELL)
+        extents = footprints(coarse, grid.voxel_size)
+        marked = np.zeros(self.place.shape, bool)
+        last = np.array(marked.shape[:0:-1]) - 1
+        for view, camera in enumerate(coarse):
+            pixels, depth = camera.project(centres)
+            pixels, depth = pixels[depth > 0], depth[depth > 0]
+            half = extents[view] / depth[:, None]
+            low = np.maximum(np.ceil(pixels - half), 0)
+            high = np.minimum(np.floor(pixels + half), last)
+            boxes = np.column_stack([low, high])[(low <= high).all(1)].astype(int)
+            for x0, y0, x1, y1 in np.unique(boxes, axis=0):
+                marked[view, y0 : y1 + 1, x0 : x1 + 1] = True
+        return marked
+
+    def _count(self, images: np.ndarray, evidence: np.ndarray, marked: np.ndarray) -> None:
+        middle = CELL // 2
+        seen = evidence[:, middle::CELL, middle::CELL] > 0
+        seen &= marked[:, : seen.shape[1], : seen.shape[2]]
+        samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
+        self._memory *= KEEP
+        self._total *= KEEP
+        if len(samples) <= most_samples(self.rig):
+            np.add.at(self._memory, tuple(samples.T), 1)
+            self._total += len(samples)
+        blurred = self._memory
+        for axis in range(3):
+            blurred = ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
+        density = (PRIOR + blurred * BINS**3) / (PRIOR + self._total)
+        nats = np.log(UNIFORM + (1 - UNIFORM) * density)
+        counts = np.minimum(np.rint(self.config.ratio_steps * nats), 127)
+        self.colours = counts.astype(np.int8).ravel()

@@ -1,0 +1,158 @@
+"""What the reconstructed person teaches about the next frame's silhouettes, on the device.
+
+Song et al. 2.2.1: the uniform foreground of eq. (2) is for the first frame only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cl import Array, Device, Launch
+from cl.workgroups import row_group
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.config import SilhouetteConfig
+from psfs.silhouettes.floor_shadow import CELL, cells
+
+if TYPE_CHECKING:
+    from psfs.reconstruct import Voxels
+
+#: Colour bins per channel of the histogram.
+BINS = 32
+#: Share of the histogram's weight that a frame leaves of the earlier ones.
+KEEP = 0.9
+#: Weight of the uniform foreground beside the histogram: colours never seen stay possible.
+UNIFORM = 0.1
+#: Samples that the histogram begins with, spread over all colours.
+PRIOR = 200.0
+#: Frames in which more than this share of the cells look like the person are not learnt from.
+MOST = 0.4
+#: Surface voxels below which nobody is there.
+MIN_SURFACE = 64
+#: Cells around a pixel over which the person's place is blurred, for the way to the next frame.
+REACH = 2
+#: A frame so many after the one before is too late for what was learnt of the person's place.
+MAX_GAP = 3
+
+
+class Foreground:
+    """Learns from the voxels of a frame what the silhouettes of the next one take for granted.
+
+    colours: (BINS^3,) int8, the log of the person's colour density over the uniform one, counts
+    of `config.ratio_steps`; a histogram that forgets. place: (V, cells) int8, the log odds of
+    foreground where the voxels reproject, blurred by what the person may move until the next
+    frame, in the same counts. marks: (V, cells with a border of REACH) uint8, 1 where voxels
+    reproject. They are filled in place by `learn`. Guards against learning one's
+    own mistakes: only pixels that look like foreground and lie where voxels reproject are counted,
+    never a frame that looks like foreground all over, and colours never seen stay possible.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        rig: CameraRig,
+        pictures: Array,
+        evidence: Array,
+        colours: Array,
+        place: Array,
+        config: SilhouetteConfig,
+    ) -> None:
+        self.colours, self.place = colours, place
+        self._device, self._rig, self._config = device, rig, config
+        self._pictures, self._evidence = pictures, evidence
+        self._coarse = rig.scaled(1 / CELL)
+        self._cameras = device.to_device(self._coarse.packed(), "the cameras")
+        self._odds = device.to_device(place_odds(config), "the odds of foreground")
+        self._extents = device.empty((len(rig), 2), np.float32, "the footprints")
+        self._geometry = device.empty(4, np.float32, "the grid's position")
+        views, rows, columns = place.shape
+        marked = (views, rows + 2 * REACH, columns + 2 * REACH)
+        self.marks = device.zeros(marked, np.uint8, "the person's place")
+        self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
+        self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
+        self._voxels: Voxels | None = None
+        self._position: tuple[float, ...] = ()
+        self._launches: list[Launch] = []
+
+    def learn(self, voxels: Voxels) -> None:
+        """Enqueue learning from the voxels made of the pictures on the device."""
+        if voxels is not self._voxels:
+            self._attach(voxels)
+        grid = voxels.grid
+        position = (*grid.origin, grid.voxel_size)
+        if position != self._position:
+            self._position = position
+            self._geometry.set(np.array(position, np.float32))
+            self._extents.set(footprints(self._coarse, grid.voxel_size).astype(np.float32))
+        self.marks.fill(0)
+        for launch in self._launches:
+            launch()
+
+    def forget_place(self) -> None:
+        """Nothing is known of where the person stands in the next frame; colours are kept."""
+        self.place.fill(0)
+
+    def _attach(self, voxels: Voxels) -> None:
+        self._voxels, device = voxels, self._device
+        n_bins = BINS**3
+        views, rows, columns = self.place.shape
+        defines = self._defines(voxels)
+
+        def launch(
+            name: str, size: tuple[int, ...], local: tuple[int, ...], *args: Array
+        ) -> Launch:
+            return device.launch(
+                device.kernel("reconstruction/appearance", name, **defines), size, local, *args
+            )
+
+        surface = (self._geometry, voxels.surface, voxels.count)
+        seen = (self.marks, self._odds, voxels.count, self._pictures, self._evidence)
+        self._launches = [
+            launch(
+                "mark",
+                (16384 if device.is_gpu else 512, views),
+                (64, 1),
+                *(self._cameras, self._extents, *surface, self.marks),
+            ),
+            launch(
+                "observe",
+                (columns, rows, views),
+                row_group(device, columns),
+                *(*seen, self.place, self._counts),
+            ),
+            launch("fade", (n_bins + 1,), (64,), self._counts, self._memory),
+            launch("colour_table", (n_bins + 1,), (64,), self._memory, self.colours, self._counts),
+        ]
+
+    def _defines(self, voxels: Voxels) -> dict[str, int | float]:
+        config, (_, rows, columns) = self._config, self.place.shape
+        _, ny, nz = voxels.grid.shape
+        return {
+            **{"NY": ny, "NZ": nz},
+            **{"WIDTH": self._rig.width, "HEIGHT": self._rig.height},
+            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "BINS": BINS, "REACH": REACH},
+            **{"MIN_SURFACE": MIN_SURFACE, "MOST": most_samples(self._rig)},
+            **{"KEEP": KEEP, "UNIFORM": UNIFORM, "PRIOR": PRIOR},
+            "STEPS": float(config.ratio_steps),
+        }
+
+
+def place_odds(config: SilhouetteConfig) -> np.ndarray:
+    """int8 counts of log odds by how many of the cells within `REACH` show the person."""
+    share = np.linspace(0, 1, (2 * REACH + 1) ** 2 + 1)
+    inside = config.place_outside + share * (config.place_inside - config.place_outside)
+    prior = config.foreground_prior
+    nats = np.log(inside / (1 - inside)) - np.log(prior / (1 - prior))
+    return np.rint(np.clip(config.ratio_steps * nats, -127, 127)).astype(np.int8)
+
+
+def most_samples(rig: CameraRig) -> int:
+    rows, columns = cells(rig)
+    return int(MOST * len(rig) * rows * columns)
+
+
+def follows(before: int, index: int) -> bool:
+    """Does the frame `index` come soon after the frame `before`?"""
+    return 0 <= index - before <= MAX_GAP

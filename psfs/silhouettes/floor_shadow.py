@@ -1,0 +1,38 @@
+"""Where the floor is seen: the light that falls on it is the same for all cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import axes_meet
+
+#: Edge of the cells, px, for which the floor's light and the person's place are told.
+CELL = 4
+
+
+def cells(rig: CameraRig) -> tuple[int, int]:
+    """Rows and columns of cells that cover the largest picture."""
+    return -(-rig.height // CELL), -(-rig.width // CELL)
+
+
+def floor_points(rig: CameraRig, height: float) -> np.ndarray:
+    """(V, rows, columns, 2) x and y, m, of the floor that a cell's middle shows; NaN where none.
+
+    Floor is what lies between the cameras: within a circle around the place that they look at, as
+    wide as the farthest one.
+    """
+    rows, columns = cells(rig)
+    middle = axes_meet(rig)[:2]
+    radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
+    u, v = np.meshgrid(np.arange(columns), np.arange(rows))
+    pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
+    points = np.full((len(rig), rows, columns, 2), np.nan)
+    for view, camera in enumerate(rig):
+        rays = camera.rays(pixels)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (height - camera.centre[2]) / rays[:, 2]
+            hits = camera.centre[:2] + distance[:, None] * rays[:, :2]
+            near = (np.linalg.norm(hits - middle, axis=1) < radius) & (distance > 0)
+        points[view] = np.where(near[:, None], hits, np.nan).reshape(rows, columns, 2)
+    return points

@@ -1,0 +1,148 @@
+"""What bricks of voxels share: extremes of the evidence in tiles, and how far a camera's lens
+carries a box. Counterpart of cl/kernels/bricks.h."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device
+from cl.program import Define
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.config import OccupancyConfig
+from psfs.voxels.grid import VoxelGrid, check_size
+
+#: Voxels of a brick along x, y, z, and bricks of a coarse brick.
+BRICK = (8, 8, 16)
+COARSE_BRICK = (4, 4, 2)
+#: Pixels of a tile's edge, on two levels.
+TILE, COARSE_TILE = 8, 32
+
+
+class Bricks:
+    """What the occupancy kernels of one grid have in common: maps, tables, tiles and definitions.
+
+    evidence: (V, H, W) int8 in counts of `step` nats. Calling it enqueues the tiles of the
+    evidence maps: least and greatest count of each.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        evidence: Array,
+        step: float,
+        config: OccupancyConfig | None = None,
+    ) -> None:
+        check_size(grid)
+        config = config or OccupancyConfig()
+        self.device, self.shape, self.evidence = device, grid.shape, evidence
+        views, width, height = len(rig), rig.width, rig.height
+        columns, rows = -(-width // COARSE_TILE), -(-height // COARSE_TILE)
+        fine = -(-width // TILE) * -(-height // TILE)
+        self.defines: dict[str, Define] = {
+            **dict(zip(("NX", "NY", "NZ"), grid.shape, strict=True)),
+            **{"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views},
+            "MIN_CAMERAS": config.seeing_cameras(views),
+            "THRESHOLD": float(config.threshold),
+            "FIND_LANES": 32 if device.is_gpu else 1,
+            "TILE_LANES": 16 if device.is_gpu else 1,
+        }
+        if not rig.distorted:
+            self.defines["NO_DISTORTION"] = 1
+        self.n_active = device.zeros(1, np.int32, "the number of bricks")
+        self.tiles = device.empty((views, fine + columns * rows, 2), np.int8, "the tiles")
+        self.geometry = device.empty(4, np.float32, "the grid's position")
+        table = config.probabilities(views, step).astype(np.float32)
+        self.table = device.to_device(table, "the occupancy table")
+        self.cameras = device.to_device(rig.packed(), "the cameras")
+        reach = np.stack([lens_reach(camera) for camera in rig]).astype(np.float32)
+        self.reach = device.to_device(reach, "the lenses")
+        self.place(grid)
+        lanes = int(self.defines["TILE_LANES"])
+        self._launch = device.launch(
+            device.kernel(
+                "reconstruction/occupancy", "evidence_tiles", **self.defines, **lanes_of(device, 0)
+            ),
+            (columns * rows * lanes, views),
+            (lanes, 1),
+            evidence,
+            self.tiles,
+            self.n_active,
+        )
+
+    def place(self, grid: VoxelGrid) -> None:
+        """Move to a grid of the same shape."""
+        self.geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
+
+    def __call__(self) -> None:
+        self._launch()
+
+
+def lanes_of(device: Device, halo: int) -> dict[str, Define]:
+    """Definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along z that
+    cover a whole row of the brick, and several rows."""
+    depth = BRICK[2] + 2 * halo
+    if not device.is_gpu:
+        return {"HALO": halo, "LANES": 1, "LANES_Z": 1}
+    return {"HALO": halo, "LANES": depth * (10 if halo else 8), "LANES_Z": depth}
+
+
+def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Numbers of bricks along x, y, z that cover `shape` voxels."""
+    nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
+    return nx, ny, nz
+
+
+def lens_reach(camera: Camera) -> np.ndarray:
+    """(8,) what bounds a projected box, see `bricks.h`: largest |derivatives| of the pixel by
+    normalised coordinates, px; largest normalised radius of the picture; the radius up to which
+    the derivatives hold; largest radius that has an image."""
+    largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
+    u, v = _polar(min(largest, 20.0))
+    x, y = _distorted(camera, u, v)
+    px = camera.K[0, 0] * x + camera.K[0, 1] * y + camera.K[0, 2]
+    py = camera.K[1, 1] * y + camera.K[1, 2]
+    width, height = camera.size
+    inside = (px > -2) & (px < width + 1) & (py > -2) & (py < height + 1)
+    step = np.hypot(u, v)[0]
+    # One ring further than the last that shows: the rings are samples.
+    rings = np.flatnonzero(inside.any(0))
+    picture = step[min(rings.max() + 1, len(step) - 1)] if rings.size else step[1]
+    if rings.size and rings.max() == len(step) - 1:
+        picture = largest
+    outer = 1.3 * picture
+    slopes = np.abs(_slopes(camera, *_polar(min(outer, 1e3)))).max((2, 3)) * 1.02
+    fx, fy, skew = camera.K[0, 0], camera.K[1, 1], abs(camera.K[0, 1])
+    by_x = fx * slopes[0] + skew * slopes[1]
+    return np.array([*by_x, *(fy * slopes[1]), picture, outer, largest, 0.0])
+
+
+def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Normalised coordinates (72, 400) of rays, evenly spaced in angle, up to `radius`."""
+    turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+    r = np.tan(np.linspace(0, np.arctan(radius), 400))
+    return r * np.cos(turn), r * np.sin(turn)
+
+
+def _distorted(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    k1, k2, p1, p2, k3 = camera.distortion
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
+    return x, v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
+
+
+def _slopes(camera: Camera, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(2, 2, ...) derivatives of the distorted (x, y) by (u, v)."""
+    k1, k2, p1, p2, k3 = camera.distortion
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+    mixed = 2 * u * v * slope + 2 * p1 * u + 2 * p2 * v
+    return np.array(
+        [
+            [radial + 2 * u * u * slope + 2 * p1 * v + 6 * p2 * u, mixed],
+            [mixed, radial + 2 * v * v * slope + 6 * p1 * v + 2 * p2 * u],
+        ]
+    )

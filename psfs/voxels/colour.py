@@ -1,0 +1,70 @@
+"""Colours of the surface voxels on an OpenCL device (Song et al. 3.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.surface import SurfaceList
+
+#: A voxel is visible where it lies at most this many voxels behind the nearest one.
+TOLERANCE = 1.5
+
+
+class SurfaceColour:
+    """Surface voxels, pictures and evidence in, colours out: (capacity, 4) uint8, RGB and the
+    number of cameras that they are the mean of.
+
+    All surface voxels are projected into a z-buffer per camera, each as the bounding box of its
+    cube. A camera sees a voxel that lies within `TOLERANCE` voxels of the buffer's depth. The
+    colour is the mean over the cameras that see the voxel within the person's silhouette, where
+    there are none over all that see it, else the picture with least in between.
+    """
+
+    def __init__(
+        self, device: Device, rig: CameraRig, grid: VoxelGrid, surface: SurfaceList, evidence: Array
+    ) -> None:
+        self._grid: VoxelGrid | None = None
+        views, height, width = len(rig), rig.height, rig.width
+        _, ny, nz = grid.shape
+        self.colours = device.empty((surface.capacity, 4), np.uint8, "the surface's colours")
+        self._depths = device.empty((views, height, width), np.uint32, "the z-buffers")
+        self._geometry = device.empty(4, np.float32, "the grid's position")
+        cameras = device.to_device(rig.packed(), "the cameras")
+        extents = footprints(rig, grid.voxel_size).astype(np.float32)
+        defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
+        kernels = [
+            device.kernel("reconstruction/colour", name, **defines, TOLERANCE=TOLERANCE)
+            for name in ("nearest_depth", "surface_colour")
+        ]
+        voxels = (self._geometry, surface.indices, surface.count)
+        self._splat = device.launch(
+            kernels[0],
+            (16384 if device.is_gpu else 512, views),
+            (64, 1),
+            *(cameras, device.to_device(extents, "the footprints"), *voxels, self._depths),
+        )
+        images = device.empty(1, np.uint8, "no picture")
+        self._colour = device.launch(
+            kernels[1],
+            (32768 if device.is_gpu else 512,),
+            (64,),
+            *(cameras, *voxels, self._depths, images, evidence, self.colours),
+        )
+
+    def __call__(self, grid: VoxelGrid, images: Array) -> Array:
+        """Enqueue the colours of the surface in `grid`; images: (V, H, W, 3) uint8 BGR."""
+        if grid is not self._grid:
+            self._grid = grid
+            self._geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
+        self._colour.set_arg(5, images)
+        self._depths.fill(_FAR)
+        self._splat()
+        self._colour()
+        return self.colours
+
+
+_FAR = 0x7F800000  # the bits of infinity, see colour.cl

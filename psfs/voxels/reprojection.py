@@ -1,0 +1,123 @@
+"""Silhouettes and edges of the reconstructed voxels in every camera (Song et al. 2.3.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device, InputError
+from cl.workgroups import pack_defines
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.footprints import footprints
+from psfs.reconstruct import Voxels
+from psfs.voxels.grid import VoxelGrid
+
+#: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px, as
+#: reprojection.cl has them.
+_GROUP = 256
+_TILE, _MARK = 32, 8
+#: Bytes that a CPU reads together.
+_LOT = 16
+
+
+class Reprojection:
+    """Voxels in, maps (V, H, W, 2) uint8 on the device out; the next call overwrites them.
+
+    Channel 0: silhouette of the voxels, 0 or 255. Channel 1: proximity to its boundary,
+    round(255 exp(-d^2 / (2 sigma^2))) with d the Euclidean distance in pixels to the nearest
+    boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
+    are those of `rig.scaled(scale)`. sigma: px of the maps, by default 4 px in maps 640 px wide;
+    radius: px, by default 3 sigma.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        scale: float = 1.0,
+        sigma: float | None = None,
+        radius: int | None = None,
+    ) -> None:
+        self.device = device
+        self.rig = rig if scale == 1.0 else rig.scaled(scale)
+        self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
+        self._grid: VoxelGrid | None = None
+        self._shape = grid.shape
+        self._voxels: Voxels | None = None
+        views, height, width = len(self.rig), self.rig.height, self.rig.width
+        tiles = -(-height // _TILE) * -(-width // _TILE)
+        self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
+        # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
+        marks = -(-height // _MARK) * -(-width // _MARK)
+        nbytes = (views * height + 2) * width + views * marks + _LOT
+        self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
+        self._geometry = device.empty(4, np.float32, "the grid's position")
+        self._cameras = device.to_device(self.rig.packed(), "the cameras")
+        sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
+        table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
+        _, ny, nz = grid.shape
+        self._defines = pack_defines(device, _GROUP) | {
+            "WIDTH": width, "HEIGHT": height, "RADIUS": self.radius, "NY": ny, "NZ": nz
+        }  # fmt: skip
+        group = self._defines["GROUP"]
+        self._edges = device.launch(
+            device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
+            (tiles * group, views),
+            (group, 1),
+            self._silhouette,
+            sizes,
+            table,
+            self.maps,
+        )
+
+    def __call__(self, voxels: Voxels) -> Array:
+        """Enqueue the maps of `voxels`. Raises InputError if their grid has another shape."""
+        if voxels is not self._voxels:
+            self._attach(voxels)
+        if voxels.grid is not self._grid:
+            self._grid = voxels.grid
+            geometry = np.array([*voxels.grid.origin, voxels.grid.voxel_size], np.float32)
+            self._geometry.set(geometry)
+            self._extents.set(footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
+        self._silhouette.fill(0)
+        self._splat()
+        self._edges()
+        return self.maps
+
+    def _attach(self, voxels: Voxels) -> None:
+        """Make the splatting read the buffers of `voxels`."""
+        if voxels.grid.shape != self._shape:
+            raise InputError(f"the voxels' grid is {voxels.grid.shape}; expected {self._shape}")
+        self._voxels = voxels
+        self._extents = self.device.empty((len(self.rig), 2), np.float32, "the footprints")
+        self._splat = self.device.launch(
+            self.device.kernel("reconstruction/reprojection", "splat", **self._defines),
+            (16384 if self.device.is_gpu else 512, len(self.rig)),
+            (64, 1),
+            self._cameras,
+            self._extents,
+            self._geometry,
+            voxels.surface,
+            voxels.count,
+            self._silhouette,
+        )
+        self._grid = None
+
+
+def edge_reach(rig: CameraRig, sigma: float | None, radius: int | None) -> tuple[float, int]:
+    """sigma and radius in px, with the defaults that `Reprojection` states."""
+    sigma = 4.0 * rig.width / 640 if sigma is None else float(sigma)
+    if not sigma > 0:
+        raise InputError(f"the edge width is {sigma} px; expected a positive number")
+    radius = max(1, round(3 * sigma)) if radius is None else int(radius)
+    if not 1 <= radius <= 127:
+        raise InputError(f"the edge radius is {radius} px; expected 1 to 127")
+    return sigma, radius
+
+
+def proximity_table(sigma: float, radius: int) -> np.ndarray:
+    """(radius^2 + 2,) uint8: proximity by squared distance; the last entry is "out of reach"."""
+    squared = np.arange(radius**2 + 2)
+    table = np.rint(255 * np.exp(-squared / (2 * sigma**2))).astype(np.uint8)
+    table[-1] = 0
+    return table

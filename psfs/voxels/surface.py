@@ -1,0 +1,104 @@
+"""Smoothing, threshold and surface voxels on an OpenCL device (Song et al. 2.2.2, last step)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cl import Array, Device, InputError
+from cl.workgroups import row_group
+
+#: Largest list of surface voxels: all of them up to this number, beyond it one in sixteen.
+_ROOM = 2**24
+
+
+class SurfaceList:
+    """Bits of occupied voxels in, the list of surface voxels out.
+
+    bits: (nx, ny, ceil(nz / 16)) uint16. indices: (capacity,) int32, flat indices of the occupied
+    voxels that have an empty 6-neighbour or lie on the grid's border, ascending; the first
+    `count[0]` entries are valid. occupied: (1,) int32, all occupied voxels. The order is the same
+    on every device and in every run.
+    """
+
+    def __init__(self, device: Device, shape: tuple[int, int, int], bits: Array) -> None:
+        nx, ny, nz = shape
+        size = math.prod(shape)
+        self.capacity = min(size, max(_ROOM, size // 16))
+        self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
+        self.count = device.zeros(1, np.int32, "the number of surface voxels")
+        self.occupied = device.zeros(1, np.int32, "the number of occupied voxels")
+        self._found = device.zeros(1, np.int32, "the number of surface voxels")
+        lanes = 128 if device.is_gpu else 1
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "LANES": lanes}
+        defines["CAPACITY"] = self.capacity
+        starts = device.empty(nx * ny, np.int32, "the rows of the grid")
+        totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
+        counts = (self.count, self.occupied, self._found)
+        self._launches = [
+            device.launch(
+                device.kernel("reconstruction/surface", name, THRESHOLD=0.0, **defines),
+                (nx * lanes,),
+                (lanes,),
+                *arrays,
+            )
+            for name, arrays in (
+                ("count_slabs", (bits, starts, totals)),
+                ("list_surface", (bits, starts, totals, *counts, self.indices)),
+            )
+        ]
+
+    def __call__(self) -> None:
+        for launch in self._launches:
+            launch()
+
+    def check_room(self) -> None:
+        """Raise InputError if the surface has more voxels than the list has room for (waits)."""
+        found = int(self._found.get()[0])
+        if found > self.capacity:
+            raise InputError(
+                f"the surface has {found:,} voxels; expected at most {self.capacity:,} "
+                "(are the silhouettes full of noise?)"
+            )
+
+
+class Surface:
+    """Occupancy of the padded grid in, smoothed probability and surface voxels out.
+
+    probability: (nx, ny, nz) float32, the mean over 3x3x3 voxels. list: the surface of the voxels
+    above the threshold.
+    """
+
+    def __init__(
+        self, device: Device, shape: tuple[int, int, int], padded: Array, threshold: float
+    ) -> None:
+        nx, ny, nz = shape
+        size, words = nx * ny * nz, -(-nz // 16)
+        self._device = device
+        self.probability = device.empty(shape, np.float32, f"a grid of {size:,} voxels")
+        bits = device.empty((nx, ny, words), np.uint16, f"a grid of {size:,} voxels")
+        self.list = SurfaceList(device, shape, bits)
+        defines = {"NX": nx, "NY": ny, "NZ": nz, "THRESHOLD": float(threshold)}
+        defines |= {"LANES": 1, "CAPACITY": self.list.capacity}
+        row, word = row_group(device, nz), (64,)
+        smooth, threshold_, self._gather = (
+            device.kernel("reconstruction/surface", name, **defines)
+            for name in ("smooth", "threshold", "gather")
+        )
+        self._launches = [
+            device.launch(smooth, (nz, ny, nx), row, padded, self.probability),
+            device.launch(threshold_, (nx * ny * words,), word, self.probability, bits),
+        ]
+
+    def __call__(self) -> None:
+        for launch in self._launches:
+            launch()
+        self.list()
+
+    def surface_probability(self, count: int) -> np.ndarray:
+        """(count,) float32 probabilities of the surface voxels, downloaded."""
+        out = self._device.empty(max(count, 1), np.float32, "the surface's probability")
+        arrays = (self.probability, self.list.indices, self.list.count, out)
+        self._device.launch(self._gather, (4096,), (64,), *arrays)()
+        return out.get(count)

@@ -1,0 +1,180 @@
+"""Tapered cones: outlines and distances against geometry worked out another way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+
+from apf.reference.cones import distances, outline_corners, outlines
+from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from psfs.cameras.camera import Camera
+
+
+def cone(
+    start: list,
+    end: list,
+    radii: tuple[float, float] = (0.1, 0.1),
+    side: tuple[float, float, float] = (1, 0, 0),
+    scale: tuple[float, float] = (1, 1),
+) -> np.ndarray:
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[3], row[4:7], row[7] = start, radii[0], end, radii[1]
+    axis = (row[4:7] - row[0:3]) / np.linalg.norm(row[4:7] - row[0:3])
+    x = np.array(side, float) - axis * (np.array(side) @ axis)
+    x /= np.linalg.norm(x)
+    row[8:11], row[12:15] = x / scale[0], np.cross(axis, x) / scale[1]
+    return row
+
+
+def surface(row: np.ndarray, n_rows: int = 41, n_around: int = 180) -> np.ndarray:
+    """(n_rows, n_around, 3) points on the mantle of a cone."""
+    a, b, x, y = row[0:3], row[4:7], row[8:11], row[12:15]
+    t = np.linspace(0, 1, n_rows)[:, None, None]
+    angle = np.linspace(0, 2 * np.pi, n_around, endpoint=False)[None, :, None]
+    radius = row[3] + t * (row[7] - row[3])
+    around = np.cos(angle) * x / (x @ x) + np.sin(angle) * y / (y @ y)
+    return a + t * (b - a) + radius * around
+
+
+def camera_at(centre: list, target: list, size: tuple[int, int] = (640, 480)) -> Camera:
+    return scenes.looking_at("c", np.array(centre, float), np.array(target, float), size, 500.0)
+
+
+CONES = {
+    "upright": cone([0, 0, 0], [0, 0, 1]),
+    "tapered": cone([0.2, 0.1, 0.3], [0.5, -0.2, 0.9], (0.2, 0.05)),
+    "elliptic": cone([0, 0, 0], [0.1, 0, 0.6], (0.15, 0.2), (0.2, 1, 0), (1.3, 0.5)),
+}
+
+
+@pytest.mark.parametrize("row", CONES.values(), ids=CONES)
+def test_corners_lie_on_the_rims(row: np.ndarray) -> None:
+    corners = outline_corners(np.array([3.0, 1.0, 2.0]), row)
+    np.testing.assert_allclose(distances(corners, row[None]), 0, atol=1e-12)
+    axis = row[4:7] - row[0:3]
+    np.testing.assert_allclose((corners[:2] - row[0:3]) @ axis, 0, atol=1e-12)
+    np.testing.assert_allclose((corners[2:] - row[4:7]) @ axis, 0, atol=1e-12)
+    # Opposite ends of a diameter: A + s, A - s, B - s, B + s.
+    np.testing.assert_allclose(corners[:2].mean(0), row[0:3], atol=1e-12)
+    np.testing.assert_allclose(corners[2:].mean(0), row[4:7], atol=1e-12)
+    assert (corners[0] - corners[1]) @ (corners[3] - corners[2]) > 0
+
+
+def test_round_sides_are_normal_to_axis_and_view() -> None:
+    """Kwolek & Rymut: r = normalize((B - A) x (A - C))."""
+    row, eye = CONES["tapered"], np.array([2.0, -3.0, 1.0])
+    a, b = row[0:3], row[4:7]
+    r = np.cross(b - a, a - eye)
+    r /= np.linalg.norm(r)
+    corners = outline_corners(eye, row)
+    offset = corners[0] - a
+    assert abs(offset @ r) == pytest.approx(row[3])
+    np.testing.assert_allclose(np.cross(offset, r), 0, atol=1e-12)
+    assert np.linalg.norm(corners[3] - b) == pytest.approx(row[7])
+
+
+@pytest.mark.parametrize("row", CONES.values(), ids=CONES)
+@pytest.mark.parametrize("direction", [(1, 0.2, 0.1), (-0.5, 1, 0.7), (0.3, -1, -0.4)])
+def test_outline_is_the_silhouette_seen_from_afar(row: np.ndarray, direction: tuple) -> None:
+    """Seen from far away the trapezoid spans all of the mantle, neither more nor less."""
+    eye = 500 * np.array(direction) / np.linalg.norm(direction)
+    corners = outline_corners(eye, row)
+    # Across the axis in the picture plane.
+    across = np.cross(row[4:7] - row[0:3], eye)
+    across /= np.linalg.norm(across)
+    rims = surface(row, 2) @ across
+    for rim, ends in zip(rims, (corners[:2] @ across, corners[2:] @ across), strict=True):
+        tolerance = 0.005 * np.ptp(rim)
+        assert ends.max() == pytest.approx(rim.max(), abs=tolerance)
+        assert ends.min() == pytest.approx(rim.min(), abs=tolerance)
+
+
+def test_many_cones_at_once_are_the_same() -> None:
+    body = bodies.named("song31")
+    cones = posed_cones(body, bodies.random_poses(body, 3))
+    eye = np.array([2.5, 0.4, 1.7])
+    corners = outline_corners(eye, cones)
+    assert corners.shape == (3, len(body.cones), 4, 3)
+    np.testing.assert_allclose(corners[1, 4], outline_corners(eye, cones[1, 4]))
+
+
+def test_axis_pointing_at_the_eye_still_has_a_diameter() -> None:
+    row = CONES["upright"]
+    corners = outline_corners(np.array([0.0, 0.0, 5.0]), row)
+    assert np.isfinite(corners).all()
+    assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(0.2)
+    assert np.linalg.norm(corners[2] - corners[3]) == pytest.approx(0.2)
+
+
+def test_pixels_go_through_the_full_camera() -> None:
+    camera = camera_at([3, 0.5, 1.5], [0, 0, 0.5])
+    assert np.any(camera.distortion)
+    expected, _ = camera.project(outline_corners(camera.centre, CONES["tapered"]))
+    np.testing.assert_array_equal(outlines(camera, CONES["tapered"]), expected)
+
+
+def test_cones_with_an_unseen_corner_have_no_outline() -> None:
+    camera = camera_at([3, 0, 1], [0, 0, 1])
+    behind = cone([5, 0, 0], [5, 0, 1])
+    astride = cone([2, 0, 1], [4, 0, 1.1])
+    seen = outlines(camera, np.stack([behind, astride, CONES["upright"]]))
+    assert np.isnan(seen[:2]).all() and np.isfinite(seen[2]).all()
+
+
+def test_distances_to_a_cylinder() -> None:
+    row = cone([0, 0, 0], [0, 0, 1], (0.1, 0.1))[None]
+    points = np.array(
+        [[0, 0, 0.5], [0.3, 0, 0.5], [0, -0.1, 0.2], [0, 0, 1.4], [0.3, 0, 1.4], [0.05, 0, -0.1]]
+    )
+    expected = [-0.1, 0.2, 0.0, 0.3, 0.4, np.hypot(0.05, 0.1) - 0.1]
+    np.testing.assert_allclose(distances(points, row)[:, 0], expected, atol=1e-12)
+
+
+def test_distances_follow_taper_and_section() -> None:
+    tapered = cone([0, 0, 0], [0, 0, 2], (0.2, 0.1))[None]
+    np.testing.assert_allclose(distances(np.array([[0.5, 0, 1.0]]), tapered), 0.35)
+    elliptic = cone([0, 0, 0], [0, 0, 1], (0.1, 0.1), (1, 0, 0), (2.0, 0.5))[None]
+    on_surface = np.array([[0.2, 0, 0.3], [0, 0.05, 0.6]])
+    np.testing.assert_allclose(distances(on_surface, elliptic)[:, 0], 0, atol=1e-12)
+    off_surface = distances(np.array([[0.25, 0, 0.3], [0, 0.04, 0.6]]), elliptic)[:, 0]
+    assert off_surface[0] > 0 > off_surface[1]
+
+
+@pytest.mark.parametrize("row", CONES.values(), ids=CONES)
+def test_mantles_are_at_distance_zero(row: np.ndarray) -> None:
+    points = surface(row).reshape(-1, 3)
+    np.testing.assert_allclose(distances(points, row[None]), 0, atol=1e-12)
+
+
+def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
+    """A cylinder without its rounded ends: the nearest of many points on its mantle."""
+    row = cone([0.2, 0.1, 0.3], [0.5, -0.2, 0.9], (0.1, 0.1))
+    random = np.random.default_rng(1)
+    axis = row[4:7] - row[0:3]
+    points = row[0:3] + random.uniform(0.1, 0.9, (200, 1)) * axis
+    points = points + np.cross(axis, random.normal(0, 0.4, (200, 3)))
+    mantle = surface(row, 400, 360).reshape(-1, 3)
+    nearest = [np.linalg.norm(mantle - point, axis=-1).min() for point in points]
+    found = distances(points, row[None])[:, 0]
+    assert (found < 0).any() and (found > 0).any()
+    np.testing.assert_allclose(np.abs(found), nearest, atol=2e-3)
+
+
+def test_distances_are_per_point_and_cone() -> None:
+    cones = np.stack(list(CONES.values()))
+    points = np.random.default_rng(0).normal(0, 1, (5, 3))
+    table = distances(points, cones)
+    assert table.shape == (5, 3)
+    np.testing.assert_allclose(table[3, 1], distances(points[3:4], cones[1:2])[0, 0])
+    assert distances(np.empty((0, 3)), cones).shape == (0, 3)
+
+
+def test_corners_far_out_of_the_picture_count_as_unseen() -> None:
+    """Beside the camera a corner's pixel may be at 1e17: no line to there can be drawn."""
+    camera = camera_at([3, 0, 1], [0, 0, 1])
+    assert camera.max_radius2 == np.inf
+    beside = cone([2.9, 0.5, 0.5], [2.5, 0, 1.2])
+    _, depth = camera.project(outline_corners(camera.centre, beside))
+    assert (depth > 0).all()
+    assert np.isnan(outlines(camera, beside)).all()

@@ -1,0 +1,143 @@
+"""Bodies shaped as meshes: frusta, users' meshes, and their rendering against the twin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from helpers import bodies, rendered, scenes
+
+import apf.image_objective.renderer
+from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
+from apf.body.model import BodyModel, load_body
+from apf.image_objective.objective import ImageObjective, ObjectiveConfig, objective_for
+from cl import Device, InputError, NumpyDevice
+
+
+def blob(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (M, 3) and faces of a closed surface around the stick at rest, and weights (M, B)
+    that blend its bones from below to above."""
+    ball = trimesh.creation.icosphere(2)
+    vertices = ball.vertices * [0.25, 0.25, 0.6] + [0.1, -0.15, 0.6]
+    above = np.clip((vertices[:, 2] - 0.3) / 0.6, 0, 1)
+    weights = np.zeros((len(vertices), len(body.bones)))
+    weights[:, 0], weights[:, 1] = 1 - above, above
+    return vertices, ball.faces, weights
+
+
+def soft_mesh(body: BodyModel) -> BodyMesh:
+    return skinned_mesh(*blob(body), body, body.rest_pose)
+
+
+@pytest.mark.parametrize("n", FRUSTUM_VERTICES)
+def test_frusta_are_closed_and_as_large_as_their_cones(n: int) -> None:
+    body = load_body("song31")
+    mesh = cone_mesh(body, n)
+    vertices, middles = mesh.posed(body, body.rest_pose[None])
+    for part, cone in enumerate(body.cones):
+        solid = trimesh.Trimesh(vertices[0], mesh.faces[mesh.parts == part], process=False)
+        solid.remove_unreferenced_vertices()
+        assert len(solid.vertices) == n
+        assert solid.is_watertight
+        a, b = cone.radii
+        height = np.linalg.norm(cone.end - cone.start)
+        volume = np.pi / 3 * height * (a * a + a * b + b * b) * np.prod(cone.scale)
+        ring = (n - 2) // 2
+        inscribed = 1.0 if n == 8 else ring / (2 * np.pi) * np.sin(2 * np.pi / ring)
+        assert solid.volume == pytest.approx(volume * inscribed)
+    assert middles.shape == (1, len(body.cones), 3)
+
+
+def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
+    body = bodies.named("stick")
+    vertices, _, weights = blob(body)
+    mesh = soft_mesh(body)
+    np.testing.assert_allclose(mesh.posed(body, body.rest_pose[None])[0][0], vertices, atol=1e-12)
+    bent = body.rest_pose.copy()
+    bent[0] += 0.3  # turns the upper bone alone
+    moved = np.linalg.norm(mesh.posed(body, bent[None])[0][0] - vertices, axis=-1)
+    assert moved[weights[:, 1] == 0].max() < 1e-12
+    assert moved[weights[:, 1] == 1].max() > 0.05
+    assert mesh.names == ("l_lower", "upper")
+
+
+@pytest.mark.parametrize(("name", "n"), [("song31", 8), ("song31", 18), ("stick", 66)])
+def test_pictures_of_frusta_equal_the_twins(device: Device, name: str, n: int) -> None:
+    body, rig = bodies.named(name), scenes.ring(3, (161, 123))
+    poses = rendered.scattered_poses(body, 6)
+    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, n))
+
+
+def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:
+    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
+    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6), soft_mesh(body))
+
+
+def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On any device: many work-items per picture, and bodies higher than a band of rows."""
+    monkeypatch.setattr(Device, "is_gpu", True)
+    monkeypatch.setattr(apf.image_objective.renderer, "_GPU_BYTES", 4096)
+    body, rig = bodies.named("song31"), scenes.ring(2, (161, 123))
+    poses = rendered.scattered_poses(body, 6)
+    rendered.check_pictures(device, body, rig, poses, cone_mesh(body, 18))
+
+
+@pytest.mark.parametrize("n_labels", [1, 3])
+def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
+    body, rig = load_body("song31"), scenes.ring(2, (333, 240))
+    poses = rendered.scattered_poses(body, 5)
+    rendered.check_counts(device, body, rig, poses, n_labels, cone_mesh(body, 18))
+
+
+def test_errors_equal_the_twins(device: Device) -> None:
+    body, rig = load_body("song31"), scenes.ring(2, (161, 123))
+    config = ObjectiveConfig("aosp", 0.7, 0.3, vertices_per_part=18)
+    observed, poses = rendered.random_maps(rig), rendered.scattered_poses(body, 5)
+    objective = ImageObjective(device, body, rig, 5, config)
+    objective.observe(observed.on(device))
+    twin = objective_for(NumpyDevice(), body, rig, 5, config)
+    twin.observe(observed)
+    errors = rendered.errors_of(device, objective, poses)
+    np.testing.assert_allclose(errors, twin(poses), atol=2e-3)
+
+
+def test_a_users_mesh_is_read(tmp_path: Path) -> None:
+    body = bodies.named("stick")
+    vertices, faces, weights = blob(body)
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "person.ply")
+    names = [bone.name for bone in body.bones]
+    np.savez(tmp_path / "w.npz", weights=2 * weights[:, ::-1], bones=names[::-1])
+    mesh = load_mesh(tmp_path / "person.ply", body, body.rest_pose, tmp_path / "w.npz")
+    expected = soft_mesh(body)
+    np.testing.assert_allclose(mesh.weights, expected.weights, atol=1e-6)
+    np.testing.assert_allclose(mesh.positions, expected.positions, atol=1e-6)
+    rigid = load_mesh(tmp_path / "person.ply", body, body.rest_pose)
+    assert rigid.bones.shape[1] == 1
+    assert set(rigid.bones[:, 0]) <= {0, 1, 2}
+    low = vertices[:, 2] < 0.25
+    assert (rigid.bones[low & (vertices[:, 0] > 0.05), 0] == 0).any()
+
+
+def test_wrong_meshes_are_named(tmp_path: Path) -> None:
+    body = bodies.named("stick")
+    pose = body.rest_pose
+    (tmp_path / "a.ply").write_text("no mesh")
+    with pytest.raises(InputError, match=r"a\.ply: not a mesh"):
+        load_mesh(tmp_path / "a.ply", body, pose)
+    with pytest.raises(InputError, match=r"none\.ply"):
+        load_mesh(tmp_path / "none.ply", body, pose)
+    vertices, faces, weights = blob(body)
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "b.ply")
+    for arrays, message in (
+        ({"weights": weights[1:]}, r"expected \(162, 3\)"),
+        ({"weights": 0 * weights}, "a vertex without"),
+        ({"weights": weights, "bones": ["a", "b", "c"]}, "no bone 'a' in stick"),
+        ({"other": weights}, "lacks weights"),
+    ):
+        np.savez(tmp_path / "w.npz", **arrays)
+        with pytest.raises(InputError, match=rf"w\.npz: .*{message}"):
+            load_mesh(tmp_path / "b.ply", body, pose, tmp_path / "w.npz")
+    with pytest.raises(InputError, match="20 vertices per part"):
+        cone_mesh(body, 20)

@@ -1,0 +1,241 @@
+"""Body models: what is shipped, the TOML reader and writer, scaling."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import bodies
+
+from apf.body.model import EVALUATED_JOINTS, BodyModel, load_body, save_body, sideless
+from apf.reference.kinematics import bone_matrices, posed_joints
+from cl import InputError
+
+SONG = load_body("song31")
+
+
+def assert_same(a: BodyModel, b: BodyModel) -> None:
+    assert (a.name, a.dof_names, a.edges, a.apart) == (b.name, b.dof_names, b.edges, b.apart)
+    for field in ("lower", "upper", "sigma", "rest_pose", "ease"):
+        np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+    for x, y in zip(a.bones, b.bones, strict=True):
+        assert (x.name, x.parent, x.axes) == (y.name, y.parent, y.axes)
+        np.testing.assert_array_equal(x.offset, y.offset)
+        np.testing.assert_array_equal(x.rest, y.rest)
+    for x, y in zip(a.cones, b.cones, strict=True):
+        assert (x.name, x.bone, x.radii, x.scale) == (y.name, y.bone, y.radii, y.scale)
+        assert x.in_images == y.in_images
+        np.testing.assert_array_equal(x.start, y.start)
+        np.testing.assert_array_equal(x.end, y.end)
+        np.testing.assert_allclose(x.side, y.side, atol=1e-15)
+    for x, y in zip(a.joints, b.joints, strict=True):
+        assert (x.name, x.bone) == (y.name, y.bone)
+        np.testing.assert_array_equal(x.position, y.position)
+
+
+def moved(**dofs: float) -> dict[str, np.ndarray]:
+    """How far each joint of song31 moves (3,) m when the named degrees of freedom do (. as __)."""
+    pose = SONG.rest_pose.copy()
+    for name, value in dofs.items():
+        pose[SONG.dof_names.index(name.replace("__", "."))] += value
+    step = posed_joints(SONG, np.stack([SONG.rest_pose, pose]))
+    return dict(zip(SONG.joint_names, step[1] - step[0], strict=True))
+
+
+def test_song31_has_the_degrees_of_freedom_of_the_papers() -> None:
+    count = {bone.name: len(bone.axes) for bone in SONG.bones}
+    assert count["pelvis"] == 6 and count["thorax"] == 2 and count["head"] == 3
+    for side in "lr":
+        legs_and_arms = [count[f"{side}_{n}"] for n in ("thigh", "calf", "clavicle", "upper_arm")]
+        assert legs_and_arms == [3, 1, 2, 3]
+        assert count[f"{side}_forearm"] == 1
+    assert SONG.n_dof == 31 == sum(count.values())
+    assert sum(cone.in_images for cone in SONG.cones) == 10
+
+
+def test_song31_names_every_joint_that_is_evaluated() -> None:
+    assert set(EVALUATED_JOINTS) <= set(SONG.joint_names)
+    assert np.all((SONG.lower <= SONG.rest_pose) & (SONG.rest_pose <= SONG.upper))
+    assert np.all(SONG.sigma > 0)
+
+
+def test_song31_at_rest_is_a_standing_person() -> None:
+    joints = dict(zip(SONG.joint_names, posed_joints(SONG, SONG.rest_pose[None])[0], strict=True))
+    assert 1.6 < joints["head_top"][2] < 1.9
+    assert joints["head_top"][2] > joints["neck"][2] > joints["pelvis"][2] > joints["l_knee"][2]
+    for side, sign in (("l", 1), ("r", -1)):
+        assert all(sign * joints[f"{side}_{n}"][1] > 0.05 for n in ("shoulder", "hip", "wrist"))
+        assert 0 < joints[f"{side}_ankle"][2] < 0.15
+
+
+@pytest.mark.parametrize("side", ["l", "r"])
+def test_song31_limbs_bend_the_way_a_person_does(side: str) -> None:
+    def of(**dofs: float) -> dict[str, np.ndarray]:
+        return moved(**{f"{side}_{name}": value for name, value in dofs.items()})
+
+    outwards = 1 if side == "l" else -1
+    assert of(forearm__ry=1.0)[f"{side}_wrist"][0] > 0.1  # the elbow bends forward
+    assert of(calf__ry=1.0)[f"{side}_ankle"][0] < -0.1  # the knee backward
+    assert of(thigh__ry=0.5)[f"{side}_knee"][0] > 0.1  # a positive hip swings forward
+    assert of(upper_arm__ry=0.5)[f"{side}_elbow"][0] > 0.1
+    assert outwards * of(thigh__rx=0.5)[f"{side}_knee"][1] > 0.1  # and spreads outward
+    assert outwards * of(upper_arm__rx=0.5)[f"{side}_elbow"][1] > 0.1
+    assert moved(thorax__ry=0.5)["neck"][0] > 0.1
+    assert moved(head__ry=0.5)["head_top"][0] > 0.05
+
+
+def test_song31_is_symmetric() -> None:
+    """A mirrored pose gives mirrored joints: the signs of left and right fit each other."""
+    poses = bodies.random_poses(SONG, 20, wild=True)
+    mirrored = poses.copy()
+    for place, name in enumerate(SONG.dof_names):
+        bone, kind = name.split(".")
+        if bone[:2] in ("l_", "r_"):
+            other = ("r_" if bone[0] == "l" else "l_") + bone[2:]
+            mirrored[:, SONG.dof_names.index(f"{other}.{kind}")] = poses[:, place]
+        elif kind in ("ty", "rx", "rz"):
+            mirrored[:, place] = -poses[:, place]
+    swap = {"l": "r", "r": "l"}
+    partner = [
+        SONG.joint_names.index(swap[n[0]] + n[1:] if n[1] == "_" else n) for n in SONG.joint_names
+    ]
+    expected = posed_joints(SONG, poses)[:, partner] * [1, -1, 1]
+    np.testing.assert_allclose(posed_joints(SONG, mirrored), expected, atol=1e-12)
+
+
+def test_stick_is_read_as_written() -> None:
+    stick = bodies.named("stick")
+    assert stick.dof_names == ("bend", "l_lower.rz", "upper.rx", "l_lower.tx", "l_lower.ty")
+    np.testing.assert_array_equal(stick.sigma, [0.05, 0.02, 0.03, 0.01, 0.0])
+    assert np.isinf(stick.ease).all()
+    np.testing.assert_array_equal(stick.lower, [-0.1, -np.inf, -2, -0.5, -np.inf])
+    np.testing.assert_array_equal(stick.upper, [0.2, np.inf, 2, 0.5, np.inf])
+    np.testing.assert_array_equal(stick.rest_pose, [0, 0, 0.3, 0, 0.05])
+    assert [bone.parent for bone in stick.bones] == [-1, 0, -1]
+    assert [axis.sign for bone in stick.bones for axis in bone.axes] == [-1, 1, 1, -1, 1]
+    assert stick.edges == ((0, 1),) and stick.apart == ((0, 2), (2, 1))
+    for cone in stick.cones:
+        assert np.linalg.norm(cone.side) == pytest.approx(1)
+        assert cone.side @ (cone.end - cone.start) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_saved_bodies_come_back(name: str, tmp_path: Path) -> None:
+    body = bodies.named(name)
+    save_body(tmp_path / "copy.toml", body)
+    assert_same(load_body(tmp_path / "copy.toml"), body)
+
+
+def test_scaled_bodies_come_back(tmp_path: Path) -> None:
+    body = SONG.scaled({"calf": 1.1, "thorax": 0.93}, radii=1.07)
+    save_body(tmp_path / "copy.toml", body)
+    assert_same(load_body(str(tmp_path / "copy.toml")), body)
+
+
+BAD = {
+    "unknown parent": ('parent = "l_lower"', 'parent = "nobody"', "nobody"),
+    "itself as parent": ('parent = "l_lower"', 'parent = "upper"', "upper"),
+    "two of one name": ('name = "ground"', 'name = "upper"', "same name"),
+    "unknown axis": ('axis = "rx"', 'axis = "rw"', "rw"),
+    "empty axis": ('axis = "rx"', 'axis = ""', "axis"),
+    "place taken twice": ("dof = 2", "dof = 1", "places"),
+    "place left out": ("dof = 4", "dof = 5", "places"),
+    "limits reversed": ("limits = [-0.1, 0.2]", "limits = [0.2, -0.1]", "bend"),
+    "limit not a number": ("limits = [-0.1, 0.2]", "limits = [nan, 0.2]", "bend"),
+    "one limit": ("limits = [-0.1, 0.2]", "limits = [0.2]", ""),
+    "negative sigma": ("sigma = 0.05", "sigma = -0.05", "sigma"),
+    "sigma not a number": ("sigma = 0.05", "sigma = nan", "sigma"),
+    "no sigma": ("sigma = 0.05, ", "", "sigma"),
+    "no ease": ("sigma = 0.05", "sigma = 0.05, ease = 0.0", "ease"),
+    "text for a number": ("sigma = 0.05", 'sigma = "wide"', "wide"),
+    "turned by no rotation": ("[0.0, 0.8, 0.6]]", "[0.0, 0.8, 0.7]]", "rotation"),
+    "a mirror": ("[0.0, 0.8, 0.6]]", "[0.0, -0.8, -0.6]]", "rotation"),
+    "two numbers for a point": ("offset = [0.0, 0.0, 0.05]", "offset = [0.0, 0.05]", "three"),
+    "infinite offset": ("offset = [0.0, 0.0, 0.05]", "offset = [0.0, 0.0, inf]", "three finite"),
+    "cone without length": ("end = [0.0, 0.0, 0.8]", "end = [0.0, 0.0, 0.0]", "post"),
+    "cone without radius": ("radii = [0.05, 0.15]", "radii = [0.05, 0.0]", "post"),
+    "one radius": ("radii = [0.05, 0.15]", "radii = [0.05]", ""),
+    "flat cone": ("scale = [1.4, 0.6]", "scale = [1.4, 0.0]", "lower"),
+    "side along the axis": ("side = [0.3, 1.0, 0.2]", "side = [0.02, 0.03, 0.6]", "lower"),
+    "cone of no bone": ('bone = "ground"', 'bone = "sky"', "sky"),
+    "edge to no joint": ('["base", "tip"]', '["base", "top"]', "top"),
+    "edge to nothing": ('["base", "tip"]', '["base"]', ""),
+    "apart from no cone": ('["post", "upper"]', '["post", "uppr"]', "uppr"),
+    "no edges": ('edges = [["base", "tip"]]', "", "edges"),
+    "not TOML": ('name = "stick"', "name = stick", "TOML"),
+}
+
+
+@pytest.mark.parametrize("change", BAD.values(), ids=BAD.keys())
+def test_wrong_entries_are_named(change: tuple[str, str, str], tmp_path: Path) -> None:
+    old, new, said = change
+    assert old in bodies.STICK
+    path = tmp_path / "odd.toml"
+    path.write_text(bodies.STICK.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_body(path)
+    message = str(caught.value)
+    assert message.startswith(str(path)) and said in message and "\n" not in message
+
+
+@pytest.mark.parametrize("table", ["bone", "cone", "joint"])
+def test_a_body_lacking_a_table_is_refused(table: str, tmp_path: Path) -> None:
+    path = tmp_path / "empty.toml"
+    parts = bodies.STICK.replace('apart = [["lower", "post"], ["post", "upper"]]', "")
+    parts = parts.replace('edges = [["base", "tip"]]', "edges = []").split("\n[[")
+    path.write_text("\n[[".join(part for part in parts if not part.startswith(table + "]]")))
+    with pytest.raises(InputError, match=str(path)):
+        load_body(path)
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no body model.*song31"):
+        load_body("nobody_like_this")
+    with pytest.raises(InputError, match="no body model"):
+        load_body(tmp_path)
+    (tmp_path / "picture.toml").write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(InputError, match=r"picture\.toml"):
+        load_body(tmp_path / "picture.toml")
+
+
+def test_left_and_right_are_scaled_together() -> None:
+    assert len(SONG.scale_groups) == 8
+    assert not any(group[:2] in ("l_", "r_") for group in SONG.scale_groups)
+
+
+@pytest.mark.parametrize(
+    ("group", "segments"),
+    [
+        ("forearm", ["elbow-wrist"]),
+        ("upper_arm", ["shoulder-elbow"]),
+        ("thigh", ["hip-knee"]),
+        ("calf", ["knee-ankle"]),
+    ],
+)
+def test_scaling_changes_exactly_what_is_fixed_to_the_bone(group: str, segments: list) -> None:
+    poses = bodies.random_poses(SONG, 5, wild=True)
+    body = SONG.scaled({group: 1.3})
+    before, after = posed_joints(SONG, poses), posed_joints(body, poses)
+    for a, b in SONG.edges:
+        names = [sideless(SONG.joint_names[i]) for i in (a, b)]
+        factor = 1.3 if "-".join(names) in segments else 1.0
+        length = [
+            np.linalg.norm(joints[:, a] - joints[:, b], axis=-1) for joints in (before, after)
+        ]
+        np.testing.assert_allclose(length[1], factor * length[0], rtol=1e-12)
+    for cone, old in zip(body.cones, SONG.cones, strict=True):
+        ours = body.bones[cone.bone].name.endswith(group)
+        np.testing.assert_allclose(cone.end, old.end * (1.3 if ours else 1.0))
+        assert cone.radii == old.radii
+
+
+def test_scaling_all_bones_scales_the_body() -> None:
+    body = SONG.scaled(dict.fromkeys(SONG.scale_groups, 0.8), radii=0.7)
+    poses = bodies.random_poses(SONG, 5, wild=True)
+    (_, pelvis), (_, scaled_pelvis) = bone_matrices(SONG, poses), bone_matrices(body, poses)
+    np.testing.assert_allclose(scaled_pelvis[:, 0], pelvis[:, 0])  # stays where the pose puts it
+    expected = (posed_joints(SONG, poses) - pelvis[:, :1]) * 0.8 + pelvis[:, :1]
+    np.testing.assert_allclose(posed_joints(body, poses), expected, atol=1e-12)
+    for cone, old in zip(body.cones, SONG.cones, strict=True):
+        np.testing.assert_allclose(cone.radii, np.multiply(old.radii, 0.7))

@@ -1,0 +1,114 @@
+"""The thesis's body and its halves: what they are made of, and that each can be tracked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from apf.body.model import BodyModel, load_body
+from apf.filters.method import Method, tracker_of
+from apf.image_objective.features import FeatureConfig
+from apf.initialisation.from_joints import fit_to_joints
+from apf.reference.features import proximity, region
+from apf.reference.kinematics import posed_cones, posed_joints
+from apf.reference.render import cone_edges, flat_body
+from cl import Device
+from psfs.cameras.camera import CameraRig
+
+NAMES = ("rymut31", "rymut31_upper", "rymut31_lower")
+
+
+def test_tables_4_1_and_4_6() -> None:
+    body = load_body("rymut31")
+    axes = {bone.name: len(bone.axes) for bone in body.bones}
+    expected = {"pelvis": 6, "thorax": 2, "head": 3}
+    for side in "lr":
+        expected |= {f"{side}_clavicle": 2, f"{side}_upper_arm": 3, f"{side}_forearm": 1}
+        expected |= {f"{side}_axis": 0, f"{side}_thigh": 3, f"{side}_calf": 1}
+    assert axes == expected and body.n_dof == 31
+    bones = [body.bones[cone.bone].name for cone in body.cones]
+    assert len(bones) == 15 and bones.count("l_calf") == bones.count("r_forearm") == 2
+    assert all(cone.in_images for cone in body.cones)
+    assert [load_body(name).n_dof for name in NAMES[1:]] == [23, 14]
+
+
+def common(body: BodyModel, whole: BodyModel, pose: np.ndarray) -> np.ndarray:
+    return pose[[whole.dof_names.index(name) for name in body.dof_names]]
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_halves_pose_as_the_whole_body_does(name: str) -> None:
+    whole, body = load_body("rymut31"), load_body(name)
+    pose = whole.rest_pose + np.random.default_rng(0).normal(0, 0.2, 31)
+    ours = posed_joints(body, common(body, whole, pose)[None])[0]
+    theirs = posed_joints(whole, pose[None])[0]
+    places = [whole.joint_names.index(joint) for joint in body.joint_names]
+    np.testing.assert_allclose(ours, theirs[places], atol=1e-9)
+
+
+def test_it_has_songs_degrees_of_freedom() -> None:
+    whole, song = load_body("rymut31"), load_body("song31")
+    assert sorted(whole.dof_names) == sorted(song.dof_names)
+    assert set(whole.joint_names) == set(song.joint_names)
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_lengths_can_be_fitted(name: str) -> None:
+    body = load_body(name)
+    tall = body.scaled(dict.fromkeys(body.scale_groups, 1.1))
+    joints = posed_joints(tall, body.rest_pose[None])[0]
+    fitted, _, error = fit_to_joints(body, dict(zip(body.joint_names, joints, strict=True)))
+    assert error < 0.01
+    assert fitted.cones[0].radii[0] == pytest.approx(1.1 * body.cones[0].radii[0], rel=0.05)
+
+
+@dataclass(frozen=True)
+class Film:
+    """A body seen by three cameras, drawn by the reference renderer."""
+
+    device: Device
+    body: BodyModel
+    rig: CameraRig
+
+    def features(self, pose: np.ndarray) -> SimpleNamespace:
+        cones = posed_cones(self.body, pose[None])[0]
+        table = FeatureConfig(farthest=40, decay=0.1).proximity_table(self.rig)
+        maps = np.zeros((len(self.rig), self.rig.height, self.rig.width, 2), np.uint8)
+        roi = np.zeros((len(self.rig), 4), np.int32)
+        for view, camera in enumerate(self.rig):
+            parts, edges = flat_body(camera, cones, *cone_edges(self.body))
+            height, width = parts.shape
+            maps[view, :height, :width, 0] = np.where(parts > 0, 255, 0)
+            maps[view, :height, :width, 1] = proximity(edges, table)
+            roi[view] = region(parts > 0, 4)
+        on_device = (self.device.to_device(array) for array in (maps, roi))
+        return SimpleNamespace(**dict(zip(("maps", "roi"), on_device, strict=True)))
+
+
+@cache
+def rig() -> CameraRig:
+    return scenes.ring(3, size=(160, 120))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tracked_alone(device: Device, name: str) -> None:
+    """A moving body is followed through its silhouettes and edges."""
+    body = load_body(name)
+    film = Film(device, body, rig())
+    method = Method.of("pso", "sp", n_particles=200, n_layers=12)
+    tracker = tracker_of(device, body, film.rig, None, method)
+    tracker.start(body.rest_pose)
+    random = np.random.default_rng(1)
+    direction = random.choice([-1, 1], body.n_dof) * body.sigma
+    for step in range(1, 7):
+        pose = np.clip(body.rest_pose + step * direction, body.lower, body.upper)
+        found = tracker.step(film.features(pose)).pose
+    start, end, reached = posed_joints(body, np.stack([body.rest_pose, pose, found]))
+    moved, missed = (np.linalg.norm(end - there, axis=-1) for there in (start, reached))
+    assert missed.mean() < 0.5 * moved.mean()
+    assert missed.mean() < 0.05

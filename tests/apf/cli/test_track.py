@@ -1,0 +1,179 @@
+"""`apf track` from the command line: what it writes, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import apf.tracking.pipeline
+from apf.body.model import load_body
+from apf.cli import main
+from apf.results.evaluate import evaluate, load_truth
+from apf.tracking.track import Track
+
+FRAMES = 5
+SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
+
+
+def track(folder: Path, out: Path, *more: str) -> int:
+    truth = ["--init", str(folder / "truth.npz")] if "--init" not in more else []
+    return main(["track", str(folder), "-o", str(out), *SMALL, *truth, *more])
+
+
+def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
+    assert track(walk, tmp_path / "out") == 0
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        "track.npz",
+        "joints.trc",
+        "joints.csv",
+        "body.toml",
+        "start.txt",
+        "overlay.mp4",
+    }
+    found = Track.load(tmp_path / "out")
+    assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
+    assert found.diagnostics["ess"].shape == (FRAMES, 5)
+    assert json.loads(found.config)["filter"]["n_particles"] == 60
+    evaluation = evaluate(found, load_truth(walk / "truth.npz"))
+    assert evaluation.mean_error < 0.08
+    body = load_body(tmp_path / "out" / "body.toml")
+    assert body.joint_names == list(found.joint_names)
+    video = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
+
+
+def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
+    few = ["--frames", "0:3", "--no-overlay"]
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert track(walk, tmp_path / name, "--seed", seed, *few) == 0
+    a, b, c = (Track.load(tmp_path / name).poses for name in "abc")
+    np.testing.assert_array_equal(a, b)
+    assert np.any(a != c)
+
+
+def test_several_seeds_at_once(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each as alone, in a folder of its own; how far they differ and err is said."""
+    few = ["--frames", "0:3", "--no-overlay"]
+    assert track(walk, tmp_path / "all", *few, "--seed", "3", "--seeds", "2") == 0
+    said = capsys.readouterr().out
+    assert "2 runs: joints lie" in said and "mean error:" in said
+    assert {path.name for path in (tmp_path / "all").iterdir()} == {"seed3", "seed4"}
+    assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
+    together, alone = Track.load(tmp_path / "all" / "seed4"), Track.load(tmp_path / "one")
+    np.testing.assert_array_equal(together.poses, alone.poses)
+    assert together.config == alone.config
+
+
+def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
+    assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay") == 0
+    first = Track.load(tmp_path / "a")
+    pose = tmp_path / "pose.txt"
+    pose.write_text(" ".join(f"{value:.6f}" for value in first.poses[1]))
+    body = str(tmp_path / "a" / "body.toml")
+    more = ["--body", body, "--init", str(pose), "--frames", "1:", "--no-overlay"]
+    assert track(walk, tmp_path / "b", *more) == 0
+    second = Track.load(tmp_path / "b")
+    assert second.frames.tolist() == [1, 2, 3, 4]
+    assert evaluate(second, load_truth(walk / "truth.npz")).mean_error < 0.08
+
+
+def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is done is kept, and the exit code says that it is not all."""
+    real = apf.tracking.pipeline.Sequence.frames
+
+    def two(self: object, selection: slice | None = None) -> Iterator[object]:
+        for number, frame in enumerate(real(self, selection)):
+            if number == 2:
+                raise KeyboardInterrupt
+            yield frame
+
+    monkeypatch.setattr(apf.tracking.pipeline.Sequence, "frames", two)
+    assert track(walk, tmp_path / "out", "--no-overlay") == 130
+    assert Track.load(tmp_path / "out").frames.tolist() == [0, 1]
+
+
+def without_first_video(folder: Path) -> None:
+    (folder / "videos" / "cam01.mp4").unlink()
+
+
+def cut_video(folder: Path) -> None:
+    path = folder / "videos" / "cam02.mp4"
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def all_background(folder: Path) -> None:
+    shutil.rmtree(folder / "videos")
+    shutil.copytree(folder / "background", folder / "videos")
+
+
+@pytest.mark.parametrize("damage", [without_first_video, cut_video, all_background])
+def test_bad_sequences(
+    damage: object, walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "walk"
+    shutil.copytree(walk, folder)
+    damage(folder)  # type: ignore[operator]
+    complains(folder, tmp_path / "out", capfd)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--init", "absent.npz"],
+        ["--init", "{tmp}/short.txt"],
+        ["--init", "{tmp}/words.txt"],
+        ["--body", "nobody"],
+        ["--body", "{tmp}/short.txt"],
+        ["--particles", "1"],
+        ["--layers", "0"],
+        ["--likelihood", "edge,smell"],
+        ["--likelihood", "edge", "--objective", "sp"],
+        ["--noise", "-1"],
+        ["--frames", "90:99"],
+        ["--voxel-size", "0"],
+        ["--voxel-size", "0.0002"],  # more than there is memory for
+        ["--device", "abacus"],
+        ["--cameras", "cam01,cam99"],
+        ["--height", "178"],
+        ["--seeds", "0"],
+    ],
+)
+def test_bad_flags(
+    more: list[str], walk: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "short.txt").write_text("1 2 3")
+    (tmp_path / "words.txt").write_text("one two")
+    complains(walk, tmp_path / "out", capfd, *(word.format(tmp=tmp_path) for word in more))
+
+
+def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
+    """Started by itself; what it found can be given again, and gives the same track."""
+    few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
+    plain = [*few, "--no-overlay", "-o"]
+    assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
+    found, truth = Track.load(tmp_path / "a"), load_truth(walk / "truth.npz")
+    for name in ("pelvis", "neck", "head_top", "l_hip", "l_knee", "l_ankle", "r_knee", "r_ankle"):
+        mine = found.joints[:, found.joint_names.index(name)]
+        theirs = truth.joints[:4, truth.joint_names.index(name)]
+        assert np.linalg.norm(mine - theirs, axis=1).mean() < 0.1, name
+    again = ["--body", str(tmp_path / "a/body.toml"), "--init", str(tmp_path / "a/start.txt")]
+    assert main(["track", str(walk), *plain, str(tmp_path / "b"), *again]) == 0
+    first, second = (Track.load(tmp_path / name) for name in "ab")
+    np.testing.assert_allclose(second.joints, first.joints, atol=1e-4)
+
+
+def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more: str) -> None:
+    """One line on standard error, exit code 2, and nothing written."""
+    assert track(folder, out, *more) == 2
+    lines = capfd.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines
+    assert not out.exists()

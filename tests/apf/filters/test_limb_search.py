@@ -1,0 +1,172 @@
+"""Limbs looked for elsewhere before an estimate is settled: kernels against the twin, and use."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import bodies
+
+from apf.body.limbs import limbs_of
+from apf.body.model import BodyModel, load_body
+from apf.filters.config import FilterConfig
+from apf.filters.limb_search import Alternatives
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones, posed_joints
+from apf.reference.likelihood import share
+from apf.reference.limb_search import proposals, settled
+from cl import Array, Device, Launch
+
+CONFIG = FilterConfig(n_particles=150, n_points=400, refine_steps=5, limb_spread=12.0)
+
+
+class Nearness:
+    """Scores by the surface points alone, on the host: what alternatives need of a likelihood,
+    for the kernels (launches that copy) and for the twin."""
+
+    def __init__(self, device: Device, body: BodyModel, points: np.ndarray) -> None:
+        self.device, self.body = device, body
+        self.host_points = points
+        self.points = device.to_device(np.c_[points, np.ones(len(points))].astype(np.float32))
+        self.errors = device.zeros((CONFIG.n_particles,), np.float32)
+
+    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+        seen = share(self.host_points, 0, stride)
+        nearest = [np.abs(distances(seen, c)).min(1) for c in posed_cones(self.body, poses)]
+        return np.mean(np.square(nearest) / (np.square(nearest) + 0.05**2), axis=1)
+
+    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Any]:
+        return [lambda: errors.set(self.rescore(poses.get(), stride).astype(np.float32))]
+
+
+class Twin:
+    """The part of `Nearness` that the twin sees."""
+
+    def __init__(self, nearness: Nearness) -> None:
+        self.points, self.rescore = nearness.host_points, nearness.rescore
+
+
+def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
+    """Points (n, 3) around the axes of the cones of `pose`, a radius off."""
+    random = np.random.default_rng(3)
+    cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
+    t, angle = random.uniform(0, 1, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))
+    sides = [cones[:, k : k + 3] / np.sum(cones[:, k : k + 3] ** 2, 1)[:, None] for k in (8, 12)]
+    radius = cones[:, 3:4] + t * (cones[:, 7:8] - cones[:, 3:4])
+    circle = np.cos(angle) * sides[0] + np.sin(angle) * sides[1]
+    return cones[:, :3] + t * (cones[:, 4:7] - cones[:, :3]) + radius * circle
+
+
+def settle(
+    device: Device, body: BodyModel, scorer: Any, mean: np.ndarray, config: FilterConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pose, shift and information by the kernels."""
+    alternatives = Alternatives(device, body, scorer, config)
+    frame = device.to_device(np.array([7], np.uint32))
+    result = device.to_device(mean.astype(np.float32))
+    for launch in alternatives.launcher(frame, result):
+        launch()
+    return result.get(), alternatives.shift.get()[0], alternatives.information.get()[0]
+
+
+def raised(body: BodyModel) -> np.ndarray:
+    """The rest pose with the left arm half way up to the side."""
+    pose = body.rest_pose.copy()
+    pose[body.dof_names.index("l_upper_arm.rx")] = 0.9
+    return pose
+
+
+def test_proposals_move_one_limb_within_limits() -> None:
+    body = load_body("song31")
+    mean = bodies.random_poses(body, 1)[0]
+    poses, which = proposals(body, mean, CONFIG, 3)
+    np.testing.assert_array_equal(poses[0], mean)
+    assert np.all((poses >= body.lower) & (poses <= body.upper))
+    limbs = limbs_of(body)
+    for pose, limb in zip(poses[1:], which[1:], strict=True):
+        assert np.all((pose != mean) <= limbs[limb % len(limbs)])
+    near = np.abs(poses - mean)[(which >= 0) & (which < len(limbs))].max(1)
+    assert near[-20:].mean() > 3 * near[:20].mean()
+    lower, upper = body.lower[limbs[0]], body.upper[limbs[0]]
+    share = (poses[which == len(limbs)][:, limbs[0]] - lower) / (upper - lower)
+    assert share.min() < 0.1 and share.max() > 0.9 and abs(share.mean() - 0.5) < 0.1
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_particles", [3, 150])
+def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
+    body = bodies.named(name)
+    config = replace(
+        CONFIG, n_particles=n_particles, refine_steps=2, first_survival=0.5, last_survival=0.4
+    )
+    pose = bodies.random_poses(body, 1)[0]
+    scorer = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+    scorer.errors = device.zeros((n_particles,), np.float32)
+    mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
+    found, shift, information = settle(device, body, scorer, mean, config)
+    expected, matrix = settled(body, Twin(scorer), mean, config, 7)
+    np.testing.assert_allclose(found, expected, atol=5e-4)
+    np.testing.assert_allclose(shift, found - mean, atol=1e-5)
+    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    lower = np.tril_indices(body.n_dof)
+    np.testing.assert_allclose(information / scale[lower], (matrix / scale)[lower], atol=0.02)
+
+
+def test_a_lost_arm_is_found(device: Device) -> None:
+    """Within a few frames; refinement alone leaves it where it is."""
+    body = load_body("song31")
+    pose, wrist = raised(body), body.joint_names.index("l_wrist")
+    scorer = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+
+    def miss(config: FilterConfig, n_frames: int = 8) -> float:
+        found = body.rest_pose
+        for frame in range(n_frames):
+            found = settle(device, body, scorer, found, replace(config, seed=frame))[0]
+        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
+        return float(np.linalg.norm(reached - wanted))
+
+    assert miss(CONFIG) < 0.06
+    assert miss(replace(CONFIG, limb_far_margin=1.0)) < 0.06  # near where it was
+    assert miss(replace(CONFIG, limb_margin=1.0), 20) < 0.06  # anywhere
+    assert miss(replace(CONFIG, limb_spread=0.0)) > 0.3
+
+
+def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
+    """With margins that no limb can win, the mean is refined as if alone."""
+    body = load_body("song31")
+    scorer = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    hopeless = replace(CONFIG, limb_margin=1.0, limb_far_margin=1.0)
+    stays = settle(device, body, scorer, body.rest_pose, hopeless)[0]
+    alone = settle(device, body, scorer, body.rest_pose, replace(CONFIG, limb_spread=0.0))[0]
+    np.testing.assert_allclose(stays, alone, atol=1e-6)
+
+
+def test_a_scorer_without_surface_settles_nothing(device: Device) -> None:
+    launches: list[Launch] = Alternatives(device, load_body("song31"), object(), CONFIG).launcher(
+        device.zeros((1,), np.uint32), device.zeros((31,), np.float32)
+    )
+    assert launches == []
+
+
+def test_runs_are_settled_each_by_itself(device: Device) -> None:
+    """Bit by bit as alone, from means, frames and seeds of their own."""
+    body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
+    config = replace(CONFIG, n_particles=37, refine_steps=2, last_survival=0.4)
+    scorer = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    means = bodies.random_poses(body, 3).astype(np.float32)
+
+    def of(rows: list[int]) -> list[np.ndarray]:
+        scorer.errors = device.zeros((len(rows) * config.n_particles,), np.float32)
+        chosen = [seeds[row] for row in rows]
+        alternatives = Alternatives(device, body, scorer, config, chosen)
+        result = device.to_device(means[rows])
+        for launch in alternatives.launcher(device.to_device(frames[rows]), result):
+            launch()
+        return [array.get() for array in (result, alternatives.shift, alternatives.information)]
+
+    together = of([0, 1, 2])
+    for row in range(3):
+        for several, alone in zip(together, of([row]), strict=True):
+            np.testing.assert_array_equal(several[row], alone[0])

@@ -1,0 +1,72 @@
+"""Every search over every objective, on the device and as twins, through the same pipeline."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from apf.body.model import BodyModel
+from apf.cli.first_pose import first_pose
+from apf.filters.method import OBJECTIVES, SEARCHES, Method
+from apf.reference.kinematics import posed_joints
+from apf.tracking.pipeline import track_sequence
+from cl import Device, InputError, NumpyDevice
+from psfs.sequence import Sequence
+from psfs.voxels.grid import VoxelGrid
+
+#: What a twin takes minutes for is left out.
+TWINS = [("pso", "sp"), ("sir", "voxel")]
+
+
+@pytest.fixture(scope="module")
+def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
+    """A walk, a coarse grid around the person, the body and its first pose."""
+    sequence = Sequence.open(walk)
+    found = first_pose(sequence, 0, None, walk / "truth.npz", "y-up")
+    assert found is not None
+    joints = posed_joints(found[0], found[1][None])[0]
+    grid = VoxelGrid.covering(joints.min(0) - 0.3, joints.max(0) + 0.3, 0.05)
+    return sequence, grid, *found
+
+
+@pytest.mark.parametrize(("search", "objective"), list(product(SEARCHES, OBJECTIVES)))
+def test_on_the_device(start, search: str, objective: str) -> None:
+    sequence, grid, body, pose = start
+    size = {"n_particles": 60} if search == "sir" else {"n_particles": 40, "n_layers": 3}
+    method = Method.of(search, objective, limb_spread=0.0, **size)
+    given = grid if method.uses_voxels else None  # images need none
+    track = track_sequence(Device.best(), sequence, given, body, pose, method, selection=slice(2))
+    assert track.frames.tolist() == [0, 1]
+    assert track.diagnostics["ess"].shape == (2, 1 if search == "sir" else 3)
+    assert np.abs(track.poses - pose).max() < 1.0
+    made_by = json.loads(track.config)
+    assert (made_by["method"], made_by["objective"]) == (search, objective)
+    assert ("grid" in made_by) == method.uses_voxels
+    if not method.uses_voxels:
+        assert made_by["image"]["kind"] == objective
+        assert np.all(track.diagnostics["best_log_weight"] <= 0)
+        assert np.all(track.diagnostics["best_log_weight"] >= -1)
+
+
+@pytest.mark.parametrize(("search", "objective"), TWINS)
+def test_twins(start, search: str, objective: str) -> None:
+    sequence, grid, body, pose = start
+    size = {"n_particles": 3} if search == "sir" else {"n_particles": 2, "n_layers": 2}
+    settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_spread": 0.0}
+    method = Method.of(search, objective, n_points=40, refine_steps=0, **size, **settings)
+    given = grid if method.uses_voxels else None
+    tracks = [
+        track_sequence(device, sequence, given, body, pose, method, selection=slice(1))
+        for device in (NumpyDevice(), Device.best())
+    ]
+    np.testing.assert_allclose(tracks[0].poses, tracks[1].poses, atol=2e-3)
+
+
+def test_unknown_ones() -> None:
+    for wrong in (("genetic", "sp"), ("pso", "best")):
+        with pytest.raises(InputError, match="expected"):
+            Method(*wrong)

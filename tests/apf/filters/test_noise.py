@@ -1,0 +1,136 @@
+"""Random numbers: Random123's known answers, and the same words on every device."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import numpy as np
+import pyopencl
+import pytest
+from scipy import stats
+
+from apf.reference.noise import normals, philox4x32, uniform, uniform01
+from cl import Device
+
+#: philox4x32 10 of Random123's kat_vectors: counter, key, words.
+KNOWN = [
+    ("00000000 00000000 00000000 00000000", "00000000 00000000",
+     "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
+    ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff",
+     "408f276d 41c83b0e a20bc7c6 6d5451fd"),
+    ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0",
+     "d16cfe09 94fdcceb 5001e420 24126ea1"),
+]  # fmt: skip
+
+KERNEL = """
+__kernel void draw(__global const uint4 *counters, uint2 key, __global uint4 *words,
+                   __global float *uniforms, __global float *normals)
+{
+    const int i = get_global_id(0);
+    words[i] = philox4x32(counters[i], key);
+    uniforms[i] = uniform01(words[i].x);
+    const vwords counter = {counters[i].x, counters[i].y, counters[i].z, counters[i].w};
+    normals[i] = normal_pack(counter, key);
+}
+__kernel void ends(__global const uint *words, __global float *uniforms)
+{
+    uniforms[get_global_id(0)] = uniform01(words[get_global_id(0)]);
+}
+"""
+
+
+def words_of(text: str) -> np.ndarray:
+    return np.array([int(word, 16) for word in text.split()], np.uint32)
+
+
+def program(device: Device) -> pyopencl.Program:
+    kernels = resources.files("cl") / "kernels"
+    header = "".join((kernels / name).read_text() for name in ("common/pack.h", "common/philox.h"))
+    header = header.replace('#include "common/pack.h"', "")
+    return pyopencl.Program(device.context, header + KERNEL).build(options="-cl-std=CL1.2")
+
+
+def drawn(device: Device, counters: np.ndarray, seed: int) -> tuple[np.ndarray, ...]:
+    """Words (N, 4), uniforms (N,) and normals (N,) of the device."""
+    n = len(counters)
+    given = device.to_device(counters.astype(np.uint32))
+    out = [device.empty(shape, kind) for shape, kind in (((n, 4), np.uint32), (n, "f4"), (n, "f4"))]
+    key = np.array([seed & 0xFFFFFFFF, seed >> 32], np.uint32)
+    device.launch(pyopencl.Kernel(program(device), "draw"), (n,), None, given, key, *out)()
+    return tuple(array.get() for array in out)
+
+
+def grid_of_counters() -> np.ndarray:
+    """Counters as the tracker uses them (frame, layer, particle, dimension), and far ones."""
+    ranges = np.meshgrid([0, 1, 7], [0, 9], [0, 1, 36, 128], [0, 30], indexing="ij")
+    near = np.stack(ranges, -1).reshape(-1, 4)
+    far = np.random.default_rng(0).integers(0, 2**32, (500, 4))
+    return np.concatenate([near, far])
+
+
+@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
+def test_known_answers(counter: str, key: str, words: str) -> None:
+    low, high = words_of(key).tolist()
+    answer = philox4x32(words_of(counter), high << 32 | low)
+    np.testing.assert_array_equal(answer, words_of(words))
+
+
+@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
+def test_known_answers_of_the_device(device: Device, counter: str, key: str, words: str) -> None:
+    low, high = words_of(key).tolist()
+    answer, _, _ = drawn(device, words_of(counter)[None], high << 32 | low)
+    np.testing.assert_array_equal(answer[0], words_of(words))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32, 0xDEADBEEF_12345678])
+def test_the_device_draws_what_the_twin_draws(device: Device, seed: int) -> None:
+    counters = grid_of_counters()
+    words, uniforms, gaussians = drawn(device, counters, seed)
+    expected = philox4x32(counters, seed)
+    np.testing.assert_array_equal(words, expected)
+    np.testing.assert_array_equal(uniforms, uniform01(expected[:, 0]).astype(np.float32))
+    u, v = uniform01(expected[:, 0]), uniform01(expected[:, 1])
+    np.testing.assert_allclose(
+        gaussians, np.sqrt(-2 * np.log(u)) * np.cos(2 * np.pi * v), rtol=1e-4, atol=2e-6
+    )
+
+
+def test_uniforms_stay_inside_the_interval(device: Device) -> None:
+    """Also in float: neither 0, whose logarithm is infinite, nor 1."""
+    words = np.array([0, 1, 511, 512, 2**31, 2**32 - 513, 2**32 - 512, 2**32 - 1], np.uint32)
+    out = device.empty(len(words), np.float32)
+    kernel = pyopencl.Kernel(program(device), "ends")
+    device.launch(kernel, (len(words),), None, device.to_device(words), out)()
+    np.testing.assert_array_equal(out.get(), uniform01(words))
+    assert out.get().min() > 0 and out.get().max() < 1
+    assert np.all(np.diff(uniform01(words)) >= 0)
+
+
+def test_normals_are_normal_and_independent() -> None:
+    numbers = normals(3, 5, 2, 4000, 31)
+    assert numbers.shape == (4000, 31)
+    assert stats.kstest(numbers.ravel(), "norm").pvalue > 1e-3
+    correlation = np.corrcoef(numbers.T) - np.eye(31)
+    assert np.abs(correlation).max() < 5 / np.sqrt(4000)
+    neighbours = np.corrcoef(numbers[:-1].ravel(), numbers[1:].ravel())[0, 1]
+    assert abs(neighbours) < 5 / np.sqrt(numbers.size)
+
+
+def test_every_counter_draws_its_own_numbers() -> None:
+    sets = [
+        normals(seed, frame, layer, 6, 4)
+        for seed in (0, 1, 2**32)
+        for frame in (0, 1)
+        for layer in (0, 1)
+    ]
+    assert len(np.unique(np.stack(sets))) == len(sets) * 6 * 4
+    np.testing.assert_array_equal(sets[0], normals(0, 0, 0, 6, 4))
+    # More particles or degrees of freedom leave those that are there as they are.
+    np.testing.assert_array_equal(sets[0], normals(0, 0, 0, 9, 7)[:6, :4])
+
+
+def test_offsets_of_the_set_are_uniform() -> None:
+    offsets = [uniform(0, frame, layer) for frame in range(60) for layer in range(10)]
+    assert stats.kstest(offsets, "uniform").pvalue > 1e-3
+    assert len(set(offsets)) == len(offsets)
+    assert uniform(0, 3, 2) == uniform(0, 3, 2) != uniform(1, 3, 2)

@@ -1,0 +1,183 @@
+"""Gauss-Newton refinement: derivatives, convergence, and the kernel against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies
+from helpers.kinds import other_kind, skipped_without_room
+
+from apf.body.model import BodyModel, load_body
+from apf.filters.config import FilterConfig
+from apf.filters.refinement import Refinement
+from apf.reference.kinematics import posed_cones, posed_joints
+from apf.reference.refinement import distance_rows, prior_deviation, refined
+from cl import Device
+
+#: Without a prior that is worth mentioning.
+CONFIG = FilterConfig(
+    refine_steps=8, refine_scale=0.05, refine_reach=0.05, refine_width=100.0, n_points=300
+)
+
+
+def on_surface(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
+    """Points (n, 3) on the sides of the cones of `pose`, the same number on each."""
+    random = np.random.default_rng(5)
+    cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
+    t, angle = random.uniform(0.05, 0.95, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))
+    x, y = (cones[:, k : k + 3] for k in (8, 12))
+    radius = cones[:, 3:4] + t * (cones[:, 7:8] - cones[:, 3:4])
+    circle = np.cos(angle) * x / np.sum(x * x, -1, keepdims=True)
+    circle += np.sin(angle) * y / np.sum(y * y, -1, keepdims=True)
+    return cones[:, 0:3] + t * (cones[:, 4:7] - cones[:, 0:3]) + radius * circle
+
+
+def on_device(
+    device: Device, body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Refined pose and information by the kernel; no points at all count as an empty cloud."""
+    padded = np.zeros((config.n_points, 4), np.float32)
+    if len(points):
+        padded[:] = np.c_[points, np.ones(len(points))]
+    refinement = Refinement(device, body, config)
+    result = device.to_device(mean.astype(np.float32))
+    for launch in refinement.launcher(device.to_device(padded), result):
+        launch()
+    return result.get(), refinement.information.get()[0]
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_derivatives(name: str) -> None:
+    body = bodies.named(name)
+    pose = bodies.random_poses(body, 1)[0]
+    points = on_surface(body, pose, 100) + np.random.default_rng(0).normal(0, 0.02, (100, 3))
+    distance, rows = distance_rows(body, pose, points)
+    step = 1e-6
+    for dof in range(body.n_dof):
+        moved = distance_rows(body, pose + step * np.eye(body.n_dof)[dof], points)[0]
+        slopes = (moved - distance) / step
+        # A point between two cones may change to the other.
+        assert np.mean(np.abs(slopes - rows[:, dof]) < 1e-4) > 0.97, body.dof_names[dof]
+
+
+def test_finds_the_way_back() -> None:
+    body = load_body("song31")
+    pose = bodies.random_poses(body, 1)[0]
+    points = on_surface(body, pose, 600)
+    for seed in range(3):
+        moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
+        moved = np.clip(moved, body.lower, body.upper)
+        found = refined(body, moved, points, CONFIG)[0]
+        before, after = (
+            np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
+            for p in (moved, found)
+        )
+        assert after.mean() < 0.2 * before.mean()
+        assert np.all((found >= body.lower) & (found <= body.upper))
+
+
+def test_prior_holds_what_the_voxels_leave_open() -> None:
+    """Turns of a straight round arm about itself move no voxel."""
+    body = load_body("song31")
+    pose = body.rest_pose.copy()
+    pose[body.dof_names.index("l_forearm.ry")] = 0.0
+    points = on_surface(body, pose, 300)
+    found = refined(body, pose, points, replace(CONFIG, refine_width=4.0))[0]
+    assert np.abs(found - pose).max() < 0.02
+
+
+def test_far_voxels_pull_first() -> None:
+    """A hanging arm finds the voxels of one raised by 1.2 rad, beyond the final scale."""
+    body = load_body("song31")
+    raised = body.rest_pose.copy()
+    raised[body.dof_names.index("l_upper_arm.rx")] = 1.2
+    points = on_surface(body, raised, 600)
+    wrist = body.joint_names.index("l_wrist")
+
+    def miss(reach: float) -> float:
+        config = replace(CONFIG, refine_scale=0.02, refine_reach=reach)
+        found = refined(body, body.rest_pose, points, config)[0]
+        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
+        return float(np.linalg.norm(reached - wanted))
+
+    assert miss(0.2) < 0.04 < 0.1 < miss(0.02)
+
+
+def test_never_worse_than_the_mean() -> None:
+    body = load_body("song31")
+    mean = bodies.random_poses(body, 1)[0]
+    points = np.random.default_rng(1).normal(0, 1, (300, 3))  # nothing like a body
+
+    def cost(pose: np.ndarray) -> float:
+        distance = distance_rows(body, pose, points)[0]
+        share = np.mean(distance**2 / (distance**2 + CONFIG.refine_scale**2))
+        away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
+        return float(CONFIG.refine_strength * share + away)
+
+    assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_points", [1, 37, 300])
+def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
+    body = bodies.named(name)
+    config = replace(CONFIG, refine_steps=3, refine_reach=0.1, refine_width=4.0, n_points=n_points)
+    pose = bodies.random_poses(body, 1)[0]
+    random = np.random.default_rng(n_points)
+    points = on_surface(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
+    mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
+    found, information = on_device(device, body, mean, points, config)
+    expected, matrix = refined(body, mean, points, config)
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    lower = np.tril_indices(body.n_dof)
+    np.testing.assert_allclose(information / scale[lower], (matrix / scale)[lower], atol=0.02)
+
+
+def test_several_poses_at_once(device: Device) -> None:
+    """Each is refined as if it were alone."""
+    body = load_body("song31")
+    poses = bodies.random_poses(body, 3).astype(np.float32)
+    points = np.c_[on_surface(body, poses[1].astype(float), 300), np.ones(300)].astype(np.float32)
+    refinement, found = Refinement(device, body, CONFIG, 3), device.to_device(poses)
+    for launch in refinement.launcher(device.to_device(points), found):
+        launch()
+    for k, pose in enumerate(poses):
+        alone, information = on_device(device, body, pose, points[:, :3], CONFIG)
+        np.testing.assert_array_equal(found.get()[k], alone)
+        np.testing.assert_array_equal(refinement.information.get()[k], information)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str) -> None:
+    """GPUs take a step and the next linear system in one launch, CPUs in two."""
+    body = bodies.named(name)
+    pose = bodies.random_poses(body, 1)[0]
+    mean = np.clip(pose + body.sigma, body.lower, body.upper)
+    points = on_surface(body, pose, 300)
+    with skipped_without_room(device):
+        (one, knows), (two, knows_too) = (
+            on_device(place, body, mean, points, CONFIG) for place in (device, other_kind(device))
+        )
+    np.testing.assert_allclose(one, two, atol=2e-4)
+    np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
+
+
+def test_nothing_to_refine_on(device: Device) -> None:
+    body = load_body("song31")
+    mean = bodies.random_poses(body, 1)[0]
+    found, _ = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
+    np.testing.assert_allclose(found, mean, atol=1e-6)
+    off = replace(CONFIG, refine_steps=0)
+    assert Refinement(device, body, off).launcher(device.zeros((300, 4), np.float32), mean) == []
+
+
+def test_repeats_to_the_bit(device: Device) -> None:
+    body = load_body("song31")
+    pose = bodies.random_poses(body, 1)[0]
+    points = on_surface(body, pose, 300)
+    first = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
+    second = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
+    np.testing.assert_array_equal(first, second)

@@ -1,0 +1,166 @@
+"""Particle swarm and SIR filter: against their twins, and whether they find what there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies
+from helpers.searches import Distance
+
+from apf.body.model import load_body
+from apf.filters.config import FilterConfig
+from apf.filters.sir import SirConfig, SirParticleFilter
+from apf.filters.swarm import ParticleSwarm, SwarmConfig
+from apf.reference.sir import NumpySirParticleFilter
+from apf.reference.swarm import NumpyParticleSwarm
+from cl import Device, InputError, NumpyDevice
+
+SONG = load_body("song31")
+FIELDS = ("pose", "deviation", "ess", "beta", "least_error")
+SEARCHES = {
+    "pso": (ParticleSwarm, NumpyParticleSwarm, {"n_layers": 5}),
+    "sir": (SirParticleFilter, NumpySirParticleFilter, {"n_layers": 1}),
+}
+
+
+def moving(frames: int, step: float = 0.5) -> list[np.ndarray]:
+    """Poses that wander from rest by about `step` sigmas per frame, within the limits."""
+    random = np.random.default_rng(3)
+    steps = random.normal(0, step, (frames, SONG.n_dof)) * SONG.sigma
+    return list(np.clip(SONG.rest_pose + steps.cumsum(0), SONG.lower, SONG.upper))
+
+
+def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
+    kind, twin, _ = SEARCHES[search]
+    scorer = Distance(device, SONG, config.n_particles)
+    chosen = NumpyDevice() if device is None else device
+    tracker = (twin if device is None else kind)(chosen, SONG, scorer, config, *more)
+    tracker.start(SONG.rest_pose)
+    return [tracker.step(target) for target in moving(frames)], scorer
+
+
+def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
+    return FilterConfig(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("settings", [{}, {"velocity": 0.6}, {"n_particles": 300}])
+def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict) -> None:
+    config = replace(config_of(search), **settings)
+    for found, expected in zip(
+        run(search, device, config, 3)[0], run(search, None, config, 3)[0], strict=True
+    ):
+        # A choice that rounding decides is rare; it would move the estimate by a share of sigma.
+        assert np.all(np.abs(found.pose - expected.pose) <= 0.02 * SONG.sigma)
+        for field in FIELDS[1:]:
+            np.testing.assert_allclose(
+                getattr(found, field), getattr(expected, field), rtol=0.02, atol=1e-4
+            )
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_every_frame_scores_as_often_as_it_says(device: Device, search: str) -> None:
+    config = config_of(search)
+    found, scorer = run(search, device, config, 3)
+    assert scorer.calls == 3 * config.n_layers
+    for estimate in found:
+        assert estimate.ess.shape == estimate.least_error.shape == (config.n_layers,)
+        assert all(np.isfinite(getattr(estimate, field)).all() for field in FIELDS)
+
+
+def test_the_swarm_improves_and_follows(device: Device) -> None:
+    config = config_of("pso", 200, n_layers=20)
+    found, _ = run("pso", device, config, 4)
+    for estimate, target in zip(found, moving(4), strict=True):
+        assert np.all(np.diff(estimate.least_error) <= 0)
+        assert estimate.ess[0] == 200 > estimate.ess[-1] > 0
+        away = np.abs(estimate.pose - target) / SONG.sigma
+        assert away.mean() < 0.35  # the frame before lies 0.5 sigma away
+        error = np.linalg.norm((estimate.pose - target) / SONG.sigma / np.sqrt(31)) / 10
+        assert estimate.least_error[-1] == pytest.approx(error, rel=1e-3)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_runs_repeat_and_seeds_differ(device: Device, search: str) -> None:
+    config = config_of(search)
+    first, second = (run(search, device, config, 2)[0] for _ in range(2))
+    other = run(search, device, replace(config, seed=2**63 + 5), 1)[0]
+    for a, b in zip(first, second, strict=True):
+        for field in FIELDS:
+            np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+    assert np.all(other[0].pose != first[0].pose)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_started_again_it_forgets(device: Device, search: str) -> None:
+    config = config_of(search, velocity=0.5)
+    tracker = SEARCHES[search][0](device, SONG, Distance(device, SONG, 65), config)
+    poses = []
+    for _ in range(2):
+        tracker.start(SONG.rest_pose)
+        poses.append([tracker.step(target).pose for target in moving(3)])
+    np.testing.assert_array_equal(*poses)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_limits_hold(device: Device, search: str) -> None:
+    """A pose beyond the limits draws the particles to them, and not beyond."""
+    config = config_of(search, n_layers=8 if search == "pso" else 1)
+    scorer = Distance(device, SONG, 65)
+    tracker = SEARCHES[search][0](device, SONG, scorer, config)
+    tracker.start(SONG.rest_pose)
+    far = SONG.rest_pose.copy()
+    knee = SONG.dof_names.index("l_calf.ry")
+    far[knee] = -1.0
+    for _ in range(5):
+        pose = tracker.step(far).pose
+        assert np.all((pose >= SONG.lower - 1e-6) & (pose <= SONG.upper + 1e-6))
+    assert pose[knee] < 0.05
+
+
+def test_a_given_sigma_z(device: Device) -> None:
+    found = run("sir", device, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
+    twin = run("sir", None, config_of("sir"), 2, SirConfig(sigma_z=0.2))[0]
+    for a, b in zip(found, twin, strict=True):
+        assert a.beta[0] == pytest.approx(25)
+        assert a.ess[0] == pytest.approx(b.ess[0], rel=1e-3)
+
+
+def test_the_swarms_factors(device: Device) -> None:
+    """Without attraction nothing moves after the scattering; its twin agrees for odd factors."""
+    still = SwarmConfig(inertia=0.0, cognitive=0.0, social=0.0)
+    estimate = run("pso", device, config_of("pso"), 1, still)[0][0]
+    assert estimate.ess.tolist() == [65, 0, 0, 0, 0]
+    odd = SwarmConfig(inertia=0.3, cognitive=0.5, social=2.5)
+    found, expected = (run("pso", d, config_of("pso"), 1, odd)[0][0] for d in (device, None))
+    np.testing.assert_allclose(found.pose, expected.pose, atol=0.02 * SONG.sigma.max())
+
+
+def test_another_body(device: Device) -> None:
+    body = bodies.named("stick")
+    tracker = ParticleSwarm(device, body, Distance(device, body, 33), config_of("pso", 33))
+    tracker.start(body.rest_pose)
+    assert tracker.step(body.rest_pose).pose.shape == (5,)
+
+
+def test_bad_settings() -> None:
+    for wrong in ({"inertia": 1.0}, {"social": -1.0}, {"cognitive": np.inf}):
+        with pytest.raises(InputError, match="expected"):
+            SwarmConfig(**wrong)
+    with pytest.raises(InputError, match="expected"):
+        SirConfig(sigma_z=-1)
+    with pytest.raises(InputError, match="expected 1"):
+        NumpySirParticleFilter(NumpyDevice(), SONG, None, FilterConfig(n_layers=2))
+
+
+def test_widened_it_spreads_further(device: Device) -> None:
+    tracker = ParticleSwarm(device, SONG, Distance(device, SONG, 65), config_of("pso", n_layers=1))
+    deviations = []
+    for factor in (1.0, 4.0):
+        tracker.widen(factor)
+        tracker.start(SONG.rest_pose)
+        deviations.append(tracker.step(SONG.rest_pose).deviation)
+    free = np.isinf(SONG.lower)
+    assert np.all(deviations[1][free] > 2 * deviations[0][free])

@@ -1,0 +1,129 @@
+"""TRC files: what is written, and reading other programs' too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.shared import shared_data
+
+from apf.formats.trc import JointSeries, read_trc, write_trc
+from cl import InputError
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    track = tracks.walker(start=5)
+    track.write_trc(tmp_path / "joints.trc")
+    again = read_trc(tmp_path / "joints.trc")
+    assert again.joint_names == track.joint_names
+    assert again.fps == track.fps
+    np.testing.assert_array_equal(again.frames, track.frames)
+    np.testing.assert_allclose(again.joints, track.joints, atol=1e-7)
+
+
+def test_layout_is_what_opensim_reads(tmp_path: Path) -> None:
+    points = np.array([[[1.0, 2.0, 3.0], [np.nan] * 3]])
+    write_trc(tmp_path / "a.trc", JointSeries(("head top", "b"), points, 50.0, np.array([10])))
+    lines = (tmp_path / "a.trc").read_text().split("\n")
+    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\ta.trc"
+    assert lines[1].startswith("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate")
+    assert lines[2] == "50\t50\t1\t2\tmm\t50\t11\t1"
+    assert lines[3] == "Frame#\tTime\thead_top\t\t\tb\t\t"
+    assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2"
+    assert lines[5] == ""
+    # World (x, y, z) = (1, 2, 3) m: Y up, X = x, Y = z, Z = -y, mm; a missing point is blank.
+    assert lines[6] == "11\t0.200000\t1000.00000\t3000.00000\t-2000.00000\t\t\t"
+    assert lines[7:] == [""]
+    assert np.isnan(read_trc(tmp_path / "a.trc").joints[0, 1]).all()
+
+
+def test_every_other_frame_has_half_the_rate(tmp_path: Path) -> None:
+    series = JointSeries(("a",), np.zeros((3, 1, 3)), 60.0, np.array([4, 6, 8]))
+    write_trc(tmp_path / "a.trc", series)
+    assert (tmp_path / "a.trc").read_text().split("\n")[2].startswith("30\t60\t3")
+    again = read_trc(tmp_path / "a.trc")
+    assert again.fps == 60
+    np.testing.assert_array_equal(again.frames, [4, 6, 8])
+
+
+def trc(rows: str, unit: str = "m", blank: str = "\n", first: str = "PathFileType\t4") -> str:
+    return (
+        f"{first}\t(X/Y/Z) C:\\some folder\\a.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\t"
+        f"Units\n60.0\t60.0\t1\t2\t{unit}\nFrame#\tTime\tRHip\t\t\tNeck\t\t\t\t\n"
+        f"\t\tX1\tY1\tZ1\tX2\tY2\tZ2\t\n{blank}{rows}"
+    )
+
+
+@pytest.mark.parametrize("convention", ["y-up", "pose2sim", "z-up"])
+@pytest.mark.parametrize("unit", ["m", "mm"])
+@pytest.mark.parametrize("blank", ["", "\n", "\t\t\n"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_variants(tmp_path: Path, convention: str, unit: str, blank: str, end: str) -> None:
+    text = trc("1\t0.0167\t1\t2\t3\t4\t5\t6\t\n\n", unit, blank, "PathFileType  4")
+    (tmp_path / "a.trc").write_bytes(text.replace("\n", end).encode())
+    series = read_trc(tmp_path / "a.trc", convention)
+    assert series.joint_names == ("RHip", "Neck")
+    assert series.fps == 60
+    np.testing.assert_array_equal(series.frames, [0])
+    world = {"y-up": [1, -3, 2], "pose2sim": [3, 1, 2], "z-up": [1, 2, 3]}[convention]
+    np.testing.assert_allclose(series.joints[0, 0], np.array(world) * (1 if unit == "m" else 1e-3))
+
+
+def test_frames_counted_from_zero_and_short_rows(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_text(trc("0\t0\t1\t2\t3\n1\t0.1\t1\t\t3\t4\t5\t6\n"))
+    series = read_trc(tmp_path / "a.trc")
+    np.testing.assert_array_equal(series.frames, [0, 1])
+    assert np.isnan(series.joints[0, 1]).all()
+    assert np.isnan(series.joints[1, 0]).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not a TRC file"),
+        ("hello\n" * 9, "not a TRC file"),
+        (trc(""), "no frame"),
+        (trc("1\t0\t1\t2\t3\t4\t5\tx\n"), "line 7.*'x'"),
+        (trc("1\t0\t1\t2\t3\t4\t5\t6\t7\n"), "line 7 has 9 values; expected 8"),
+        (trc("nan\t0\t1\t2\t3\t4\t5\t6\n"), "Frame#"),
+        (trc("1\t0\n", unit="inch"), "Units is 'inch'"),
+        (trc("1\t0\n").replace("60.0", "-1"), "CameraRate is '-1'"),
+        (trc("1\t0\n").replace("RHip", "").replace("Neck", ""), "names no marker"),
+    ],
+)
+def test_bad_files(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "a.trc"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as error:
+        read_trc(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_trc(tmp_path / "none.trc")
+    (tmp_path / "a.trc").write_bytes(bytes(range(256)))
+    with pytest.raises(InputError, match="not text"):
+        read_trc(tmp_path / "a.trc")
+
+
+def test_synthetic_truth_agrees_with_its_npz() -> None:
+    folder = shared_data("synth_walk_8cam")
+    truth = np.load(folder / "truth.npz")
+    series = read_trc(folder / "truth.trc")
+    assert list(series.joint_names) == [str(name) for name in truth["joint_names"]]
+    np.testing.assert_allclose(series.joints, truth["joints"], atol=1e-6)
+    np.testing.assert_array_equal(series.frames, np.arange(len(truth["joints"])))
+
+
+@pytest.mark.parametrize("kind", ["", "_filt_butterworth", "_filt_butterworth_LSTM"])
+def test_pose2sim_files(kind: str) -> None:
+    folder = shared_data("pose2sim_balance") / "truth"
+    series = read_trc(folder / f"S00_P00_T01_BalancingTrial_0-100{kind}.trc", "pose2sim")
+    assert series.joints.shape == (100, 64 if "LSTM" in kind else 21, 3)
+    assert series.fps == 60
+    head = series.joints[:, series.joint_names.index("Head")]
+    assert np.all((head[:, 2] > 1.4) & (head[:, 2] < 1.9))  # Z up, metres

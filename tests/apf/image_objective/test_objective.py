@@ -1,0 +1,233 @@
+"""Rendered bodies and image objectives: known answers, and the kernels against their twins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from helpers import bodies, rendered, scenes
+from helpers.shared import shared_data
+
+from apf.body.model import BodyModel, load_body
+from apf.image_objective.objective import KINDS, ImageObjective, ObjectiveConfig, objective_for
+from apf.image_objective.renderer import whole_pictures
+from apf.initialisation.from_joints import fit_to_joints
+from apf.reference.kinematics import CONE_FLOATS
+from apf.reference.objective import objective_values
+from apf.reference.render import cone_edges, flat_body
+from apf.results.evaluate import load_truth
+from apf.results.joint_names import match_joints
+from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.sequence import Sequence
+
+#: Looks along -x at the z axis, 1 px per cm at the origin.
+FRONT = Camera(
+    "front",
+    np.array([[200.0, 0, 50.25], [0, 200, 60.25], [0, 0, 1]]),
+    np.zeros(5),
+    np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    np.array([0.0, 0, 2]),
+    (101, 121),
+)
+
+
+def cone(start: list[float], end: list[float], radius: float) -> np.ndarray:
+    """A posed round cone (CONE_FLOATS,)."""
+    axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    side = np.cross(axis, [0.3, 0.2, 0.9] if abs(axis[2]) < 0.9 else [1.0, 0, 0])
+    side /= np.linalg.norm(side)
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[3], row[4:7], row[7] = start, radius, end, radius
+    row[8:11], row[12:15] = side, np.cross(axis, side)
+    return row
+
+
+def drawn(cones: list[np.ndarray], free: tuple[bool, bool] = (False, False), **more: bool) -> Any:
+    """Parts and edges that FRONT sees, with edges."""
+    n = len(cones)
+    return flat_body(FRONT, np.stack(cones), np.ones(n, bool), np.array([free] * n), **more)
+
+
+UPRIGHT = cone([0, 0, -0.3], [0, 0, 0.3], 0.1)
+
+
+def test_a_cone_is_a_rectangle_with_two_edges() -> None:
+    parts, edges = drawn([UPRIGHT], round_ends=False)
+    rows, columns = np.nonzero(parts)
+    assert (columns.min(), columns.max(), rows.min(), rows.max()) == (41, 60, 31, 90)
+    assert parts.sum() == 20 * 60
+    assert (np.unique(np.nonzero(edges)[1]) == [41, 60]).all()
+    assert edges.sum() == 2 * 60
+    hidden = flat_body(FRONT, UPRIGHT[None], np.zeros(1, bool), np.ones((1, 2), bool))
+    assert not hidden[1].any()
+
+
+def test_round_ends_show_an_edge_where_they_are_free() -> None:
+    parts, edges = drawn([UPRIGHT], (False, True), round_ends=True)
+    assert parts.sum() == pytest.approx(20 * 60 + np.pi * 10**2, rel=0.02)
+    rows, _ = np.nonzero(parts)
+    assert (rows.min(), rows.max()) == (21, 100)
+    assert edges[21, 50]  # the upper end
+    assert not edges[100, 50]
+    assert not edges[22:95, 50].any()  # no line where the end begins
+
+
+def test_near_parts_hide_far_ones_and_their_edges() -> None:
+    across = cone([0.2, -0.3, 0], [0.2, 0.3, 0], 0.1)
+    for order in ([0, 1], [1, 0]):
+        parts, edges = drawn([(UPRIGHT, across)[k] for k in order])
+        assert parts[60, 50] == 1 + order.index(1)
+        assert parts[40, 50] == 1 + order.index(0)
+        assert edges[40, 41]
+        assert not edges[60, 41]
+
+
+@pytest.mark.parametrize("round_ends", [False, True])
+def test_a_cone_seen_along_its_axis_is_a_disc(round_ends: bool) -> None:
+    parts, edges = drawn([cone([0, 0, 0], [0.1, 0, 0], 0.1)], round_ends=round_ends)
+    radius = 0.1 * 200 / 1.9  # of the nearer end
+    assert parts.sum() == pytest.approx(np.pi * radius**2, rel=0.05)
+    assert 0.8 < edges.sum() / (2 * np.pi * radius) < 1.4
+    assert not edges[60, 50]
+
+
+def test_ends_are_free_where_no_other_cone_is() -> None:
+    body = load_body("song31")
+    _, free = cone_edges(body)
+    ends = dict(zip(body.cone_names, free.tolist(), strict=True))
+    assert ends["head"] == [False, True]
+    assert ends["l_forearm"] == ends["r_forearm"] == [False, True]
+    assert ends["l_thigh"] == ends["torso"] == [False, False]
+
+
+def test_cones_behind_the_camera_are_not_drawn() -> None:
+    parts, edges = drawn([cone([1, 0, 0], [3, 0, 0], 0.1)])
+    assert not parts.any()
+    assert not edges.any()
+
+
+@pytest.mark.parametrize("round_ends", [True, False])
+@pytest.mark.parametrize(
+    ("name", "size"), [("song31", (64, 51)), ("song31", (333, 240)), ("stick", (161, 123))]
+)
+def test_pictures_equal_the_twins(
+    device: Device, name: str, size: tuple[int, int], round_ends: bool
+) -> None:
+    body, rig = bodies.named(name), scenes.ring(3, size)
+    poses = rendered.scattered_poses(body, 8)
+    rendered.check_pictures(device, body, rig, poses, round_ends=round_ends)
+
+
+def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On any device: one row per work-item, many items per picture."""
+    monkeypatch.setattr(Device, "is_gpu", True)
+    body, rig = bodies.named("song31"), scenes.ring(2, (333, 240))
+    rendered.check_pictures(device, body, rig, rendered.scattered_poses(body, 6))
+    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 6))
+
+
+@pytest.mark.parametrize("n_labels", [1, 3])
+def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
+    body, rig = load_body("song31"), scenes.ring(3, (161, 123))
+    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7), n_labels)
+
+
+@pytest.mark.parametrize(
+    ("kind", "n_labels"), [*((kind, 1) for kind in KINDS), ("ws", 4), ("posp", 4)]
+)
+def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> None:
+    body, rig = load_body("song31"), scenes.ring(3 if n_labels == 1 else 1, (161, 123))
+    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
+    weights = (1.0, 2.0, 0.5, 0.0) if labels else ()
+    config = ObjectiveConfig(kind, 0.7, 0.3, 0.4, labels, weights)
+    observed = rendered.random_maps(rig, n_labels)
+    poses = rendered.scattered_poses(body, 9)
+    objective = ImageObjective(device, body, rig, 9, config)
+    twin = objective_for(NumpyDevice(), body, rig, 9, config)
+    twin.observe(observed)
+    expected = twin(poses)
+    for _ in range(2):  # what is left of a frame does not reach the next
+        objective.observe(rendered.random_maps(rig, n_labels, seed=1).on(device))
+        objective.observe(observed.on(device))
+        np.testing.assert_allclose(
+            rendered.errors_of(device, objective, poses), expected, atol=2e-3
+        )
+    assert np.ptp(expected) > 0.01
+
+
+def test_nothing_seen_is_the_worst() -> None:
+    """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
+    counts, areas = np.zeros((2, 1, 4)), np.zeros((2, 1))
+    for kind in KINDS:
+        config = ObjectiveConfig(kind)
+        assert objective_values(counts, areas, config) == 0
+        assert objective_values(counts, areas + 5, config) == 0
+
+
+def test_the_five_functions_by_hand() -> None:
+    """Two cameras: f1 = 0.5 and 1, f2 = 0.25 and 1."""
+    counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
+    areas = np.array([[10], [6]], float)
+    values = {
+        kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0] for kind in KINDS
+    }
+    first, second = 11 / 16, 6 / 12
+    assert values["ws"] == pytest.approx(0.6 * first + 0.4 * second)
+    assert values["sp"] == pytest.approx(first**0.6 * second**0.4)
+    assert values["aows"] == pytest.approx((0.6 * 0.5 + 0.4 * 0.25 + 1) / 2)
+    assert values["aosp"] == pytest.approx((0.5**0.6 * 0.25**0.4 + 1) / 2)
+    assert values["posp"] == pytest.approx(0.5**0.6 * 0.25**0.4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "psp"}, "'psp'; expected"),
+        ({"kind": "ws", "silhouette_weight": 0.9}, "expected a sum of 1"),
+        ({"edge_weight": -1.0}, "expected numbers from 0"),
+        ({"balance": 1.5}, "expected a number from 0 to 1"),
+        ({"vertices_per_part": 6}, "6 vertices per part; expected"),
+        ({"labels": (1, 3)}, "expected all of 1 to 3"),
+        ({"labels": (1, 2), "label_weights": (1.0,)}, "expected 2 numbers"),
+    ],
+)
+def test_wrong_settings_are_named(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ObjectiveConfig(**settings)
+
+
+def test_labels_are_one_per_part() -> None:
+    with pytest.raises(InputError, match="2 labels for 13 parts"):
+        ObjectiveConfig(labels=(1, 2)).part_labels(13)
+
+
+@pytest.fixture(scope="module")
+def walker() -> tuple[CameraRig, BodyModel, np.ndarray, np.ndarray]:
+    """Cameras, body, true pose (D,) and true silhouettes (V, H, W) of the walk's first frame."""
+    folder = shared_data("synth_walk_4cam")
+    rig, truth = Sequence.open(folder).rig, load_truth(folder / "truth.npz", "y-up")
+    places = match_joints(truth.joint_names)
+    joints = {name: truth.joints[0, place] for name, place in places.items()}
+    body, pose, _ = fit_to_joints(load_body("song31"), joints)
+    files = [folder / "truth_masks" / f"{camera.name}_000000.png" for camera in rig]
+    return rig, body, pose, np.stack([cv2.imread(str(f), 0) for f in files])
+
+
+@pytest.mark.parametrize(("round_ends", "least"), [(False, 0.85), (True, 0.89)])
+def test_the_walkers_true_pose_covers_its_silhouette(
+    device: Device, walker: Any, round_ends: bool, least: float
+) -> None:
+    """A step away f1 is much less."""
+    rig, body, pose, masks = walker
+    config = ObjectiveConfig("ws", 1.0, 0.0, round_ends=round_ends)
+    away = pose.copy()
+    away[body.dof_names.index("pelvis.tx")] += 0.5
+    objective = ImageObjective(device, body, rig, 2, config)
+    maps = np.stack([masks, np.zeros_like(masks)], -1)
+    objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
+    right, wrong = 1 - rendered.errors_of(device, objective, np.stack([pose, away]))
+    assert right >= least
+    assert wrong < 0.4

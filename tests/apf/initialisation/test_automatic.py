@@ -1,0 +1,197 @@
+"""The automatic start: shapes fitted to clouds, hypotheses judged, headings told apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import bodies
+from helpers.scenes import ring
+
+import apf.initialisation.automatic as find
+from apf.body.model import BodyModel, load_body
+from apf.initialisation.automatic import Start, find_start
+from apf.initialisation.kept_voxels import StoredVoxels, person_points
+from apf.initialisation.pose_search import (
+    Hypothesis,
+    close,
+    distinct,
+    forward,
+    misfit,
+    search_body,
+    sideways,
+    standing_pose,
+)
+from apf.initialisation.shape_fit import Cloud, Shape, fit_shape, placed, stature, surface_places
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones, posed_joints
+from cl import Device, InputError
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+SONG = load_body("song31")
+
+
+def surface(body: BodyModel, pose: np.ndarray, spacing: float = 0.02) -> np.ndarray:
+    """Points (N, 3) on the outside of the posed body."""
+    cones = posed_cones(body, pose[None])[0]
+    cone, place = surface_places(body, spacing)
+    points = placed(place, cones[cone])
+    depth = distances(points, cones)
+    depth[np.arange(len(cone)), cone] = np.inf
+    return points[depth.min(1) > 0]
+
+
+def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
+    """(n, D) poses around rest, limbs a little apart."""
+    poses = bodies.random_poses(body, n, seed)
+    for name in ("l_upper_arm.rx", "r_upper_arm.rx"):
+        poses[:, body.dof_names.index(name)] = 0.35
+    return poses
+
+
+def test_places_lie_on_the_surface() -> None:
+    for name in ("song31", "stick"):
+        body = bodies.named(name)
+        cones = posed_cones(body, bodies.random_poses(body, 1))[0]
+        cone, place = surface_places(body, 0.05)
+        every = distances(placed(place, cones[cone]), cones)
+        np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
+
+
+def test_fit_finds_size_lengths_and_girth() -> None:
+    model = Shape(SONG)
+    true = np.random.default_rng(1).normal(0, 0.7 * model.deviation)
+    body = model.body(true)
+    poses = walking(SONG, 4)
+    clouds = [Cloud(surface(body, pose)) for pose in poses]
+    rough = poses + np.random.default_rng(2).normal(0, 0.04, poses.shape)
+    shape, found = fit_shape(SONG, clouds, np.zeros(len(true)), rough)
+    fitted = model.body(shape)
+    start = np.linalg.norm(posed_joints(SONG, rough) - posed_joints(body, poses), axis=-1)
+    error = np.linalg.norm(posed_joints(fitted, found) - posed_joints(body, poses), axis=-1)
+    assert error.mean() < 0.015 < start.mean() / 2
+    assert stature(fitted) == pytest.approx(stature(body), abs=0.02)
+    girth = [np.mean([c.radii for c in b.cones]) for b in (fitted, body)]
+    assert girth[0] == pytest.approx(girth[1], rel=0.06)
+
+
+def test_fit_without_free_scales_keeps_the_body() -> None:
+    pose = walking(SONG, 1)
+    cloud = Cloud(surface(SONG, pose[0]))
+    rough = pose + np.random.default_rng(2).normal(0, 0.03, pose.shape)
+    shape, found = fit_shape(SONG, [cloud], np.zeros(len(Shape(SONG).deviation)), rough, free=())
+    assert not shape.any()
+    error = np.linalg.norm(posed_joints(SONG, found) - posed_joints(SONG, pose), axis=-1)
+    assert error.mean() < 0.012
+
+
+def test_a_known_height_is_kept() -> None:
+    pose = walking(SONG, 1)
+    cloud = Cloud(surface(SONG, pose[0]))
+    zero = np.zeros(len(Shape(SONG).deviation))
+    for height in (1.7, 1.8):
+        shape, _ = fit_shape(SONG, [cloud], zero, pose, height)
+        assert stature(Shape(SONG).body(shape)) == pytest.approx(height, abs=0.015)
+
+
+def test_misfit_knows_front_and_back_and_contortions() -> None:
+    pose = walking(SONG, 1)[0]
+    cloud = Cloud(surface(SONG, pose))
+    turned = pose.copy()
+    turned[SONG.dof_names.index("pelvis.rz")] += np.pi
+    lost_arm = pose.copy()
+    lost_arm[SONG.dof_names.index("l_upper_arm.rx")] = 2.6
+    good = misfit(SONG, pose, cloud)
+    assert good < 0.1
+    assert misfit(SONG, turned, cloud) > good + 0.05
+    assert misfit(SONG, lost_arm, cloud) > good + 0.03
+
+
+def test_hypotheses_that_go_on_look_in_different_directions() -> None:
+    def looking(degrees: float, badly: float) -> Hypothesis:
+        pose = SONG.rest_pose.copy()
+        pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
+        return Hypothesis(np.zeros(1), pose, badly, 1.0)
+
+    every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
+    assert [h.cost for h in distinct(SONG, every, 3)] == [1, 2, 5]
+    assert [h.cost for h in distinct(SONG, every, 2)] == [1, 2]
+    near = [looking(0, 10), looking(90, 11.9), looking(180, 12.1)]
+    assert [h.cost for h in close(near)] == [10, 11.9]
+    np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
+
+
+def test_people_look_where_they_go() -> None:
+    pose = SONG.rest_pose[None]  # looks along x
+    factors = [sideways(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
+    assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
+    assert sideways(SONG, pose, np.array([-0.1, 0.0])) == 1
+
+
+def test_a_limb_is_searched_for_alone() -> None:
+    moving = {SONG.dof_names[k] for k in np.flatnonzero(search_body(SONG, "l_upper_arm").sigma)}
+    assert moving == {f"l_upper_arm.{a}" for a in ("rx", "ry", "rz")} | {"l_forearm.ry"}
+    assert np.all(search_body(SONG).sigma > 0)
+
+
+def test_standing_on_the_floor() -> None:
+    pose = SONG.rest_pose.copy()
+    pose[:3] += [2.0, -1.0, 0.3]
+    points = surface(SONG, pose)
+    stood = standing_pose(SONG, Cloud(points), np.pi / 3)
+    np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)
+    np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
+
+
+def test_what_speaks_against_a_start_is_told() -> None:
+    def start(girth: float, rival: float) -> Start:
+        body, pose = SONG.scaled({}, girth), SONG.rest_pose
+        return Start(body, pose, pose[None], 0.3, rival, 1.3, girth)
+
+    assert start(1.0, np.inf).doubts == start(0.5, 1.5).doubts == start(1.4, 2.0).doubts == []
+    (doubt,) = start(2.0, 1.5).doubts
+    assert "fits badly" in doubt and "1.30 m high and 2.0 times as thick" in doubt
+    (doubt,) = start(1.0, 1.02).doubts
+    assert "which way the person looks" in doubt
+
+
+def test_debris_is_no_person() -> None:
+    filled = np.zeros((20, 20, 20), bool)
+    filled[2:8, 2:8, 2:16] = True
+    filled[12:17, 12:17, 2:9] = True  # the other half of a cloud that is cut in two
+    filled[18, 1:3, 1:3] = True
+    grid = VoxelGrid(np.zeros(3), 0.1, filled.shape)
+    points = person_points(grid, np.flatnonzero(filled).astype(np.int32))
+    assert len(points) == 6 * 6 * 14 + 5 * 5 * 7
+    assert len(person_points(grid, np.zeros(0, np.int32))) == 0
+
+
+def test_nobody_there() -> None:
+    device = Device.best()
+    grid = VoxelGrid(np.zeros(3), 0.1, (8, 8, 8))
+    cloud = VoxelCloud(grid, np.arange(3, dtype=np.int32), np.ones(3, np.float32), None, 0.0)
+    with pytest.raises(InputError, match="3 surface voxels; expected at least 200"):
+        find_start(device, [StoredVoxels(device, cloud)], ring(), grid, SONG, 0.5)
+
+
+def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until one fits, or so many times; the best score counts."""
+    grid = VoxelGrid(np.zeros(3), 0.1, (16, 16, 16))
+    cloud = VoxelCloud(grid, np.arange(400, dtype=np.int32), np.ones(400, np.float32), None, 0.0)
+    shown, shape = [StoredVoxels(Device.best(), cloud)], np.zeros(len(Shape(SONG).deviation))
+
+    def found(*misfits: float, attempts: int = 3) -> tuple[float, int]:
+        left = list(misfits)
+
+        def attempt(_: object) -> object:
+            misfit = left.pop(0)
+            hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, misfit)
+            return find._Attempt(find._Fit([hypothesis], score=-misfit), np.inf)
+
+        monkeypatch.setattr(find, "_attempt", attempt)
+        args = (Device.best(), shown, ring(), grid, SONG, 0.5)
+        return find_start(*args, attempts=attempts).misfit, len(left)
+
+    assert found(0.2, 0.4) == (0.2, 1)
+    assert found(0.35, 0.5, 0.4, 0.3) == (0.5, 1)
+    assert found(0.4, 0.2, 0.3) == (0.4, 1)
+    assert found(0.4, 0.2, attempts=1) == (0.4, 1)

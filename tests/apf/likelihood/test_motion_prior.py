@@ -1,0 +1,122 @@
+"""The prior on the change from frame to frame, and its kernels against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.likelihoods import Setup, only, smooth_maps
+from helpers.worlds import World
+
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.config import FilterConfig, likelihood_weights
+from apf.likelihood.motion_prior import Smoothness
+from apf.reference.annealed import NumpyAnnealedParticleFilter
+from apf.reference.kinematics import posed_cones
+from apf.reference.motion_prior import expectation, jump_errors
+from apf.tracking.pipeline import at_rate
+from cl import Device, NumpyDevice
+
+SONG = bodies.named("song31")
+CONFIG = FilterConfig(smoothness_weight=0.3, smoothness_scale=2.0, velocity=0.5)
+
+
+def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
+    expected = SONG.rest_pose
+    poses = np.stack([expected, expected + 2 * SONG.sigma, expected - 6 * SONG.sigma])
+    np.testing.assert_allclose(jump_errors(SONG, poses, expected, CONFIG), [0, 1, 9])
+    nothing = np.full(SONG.n_dof, np.nan)
+    assert not jump_errors(SONG, poses, nothing, CONFIG).any()
+    # Half as many frames per second may change by twice as much.
+    slow = at_rate(CONFIG, 30.0)
+    np.testing.assert_allclose(jump_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
+    still = replace(SONG, sigma=np.zeros(SONG.n_dof))
+    assert not jump_errors(still, poses, expected, CONFIG).any()
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n", [1, 37, 300])
+def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
+    body = bodies.named(name)
+    poses = bodies.random_poses(body, n, wild=True).astype(np.float32)
+    term = Smoothness(device, body, CONFIG)
+    errors, on_device = device.zeros((n,), np.float32), device.to_device(poses)
+    motion = np.full((body.n_dof, 2), np.nan)
+    score, learn = term.launcher(on_device, 0.25, errors), term.learner(on_device)
+    for frame in range(4):
+        errors.fill(3.0)
+        for launch in score:
+            launch()
+        expected = 3 + 0.25 * jump_errors(body, poses, motion[:, 1], CONFIG)
+        np.testing.assert_allclose(errors.get(), expected, rtol=1e-4)
+        assert (frame == 0) == (motion != motion).all()
+        for launch in learn:
+            launch()
+        motion = expectation(motion, poses[0].astype(float), CONFIG.velocity)
+        np.testing.assert_allclose(term.motion.get(), motion, atol=1e-5)
+        poses[0] = bodies.random_poses(body, 1, seed=frame + 1)[0]
+        on_device.set(poses)
+    term.forget()
+    assert np.isnan(term.motion.get()).all()
+
+
+def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: Device) -> None:
+    """The surface prefers the jump; smoothness, which knows the last pose, does not."""
+    grid, rig = scenes.small_grid(0.1), scenes.ring(2)
+    poses = np.stack([SONG.rest_pose, SONG.rest_pose])
+    poses[0, SONG.dof_names.index("l_upper_arm.ry")] += 12 * SONG.sigma.max()
+
+    def setup(weight: float) -> Setup:
+        config = replace(only("surface"), n_points=100, smoothness_weight=weight)
+        made = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
+        points = np.concatenate([made_points(poses[0]), np.ones((100, 1))], 1)
+        made.likelihood.points.set(points.astype(np.float32))
+        return made
+
+    def made_points(pose: np.ndarray) -> np.ndarray:
+        cones = posed_cones(SONG, pose[None])[0]
+        arms = cones[[c.name.startswith("l_") for c in SONG.cones]]
+        of = arms[np.arange(100) % len(arms)]
+        return of[:, 0:3] + np.linspace(0, 1, 100)[:, None] * (of[:, 4:7] - of[:, 0:3])
+
+    for weight, obeyed in ((0.0, False), (2.0, True)):
+        here = setup(weight)
+        jump, stay = here.errors()
+        assert jump < stay  # in the first frame nothing is expected
+        last = device.to_device(poses[1:].astype(np.float32))
+        for launch in here.likelihood.learner(last):
+            launch()
+        jump, stay = here.errors()
+        assert (stay < jump) == obeyed
+        here.likelihood.forget()
+        jump, stay = here.errors()
+        assert jump < stay
+
+
+def test_trackers_tell_the_term_their_estimates(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(
+        n_particles=64, n_layers=2, last_survival=0.2, refine_steps=0, smoothness_weight=0.5
+    )
+    tracker = AnnealedParticleFilter(device, SONG, world.rig, world.grid, config)
+    twin = NumpyAnnealedParticleFilter(NumpyDevice(), SONG, world.rig, world.grid, config)
+    for one in (tracker, twin):
+        one.start(world.pose(0))
+    for frame in range(3):
+        found, expected = tracker.step(world.voxels(frame)), twin.step(world.twin(frame))
+        assert np.all(np.abs(found.pose - expected.pose) <= 0.7 * SONG.sigma)
+        np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
+        motion = tracker.scorer._smoothness.motion.get()
+        np.testing.assert_allclose(motion[:, 0], found.pose, atol=1e-6)
+        np.testing.assert_allclose(twin.scorer.motion[:, 0], expected.pose)
+    tracker.start(world.pose(0))
+    assert np.isnan(tracker.scorer._smoothness.motion.get()).all()
+
+
+def test_it_is_off_by_default_and_chosen_by_name() -> None:
+    assert FilterConfig().smoothness_weight == 0
+    assert FilterConfig(**likelihood_weights("surface,smoothness")).smoothness_weight > 0
+    assert FilterConfig(**likelihood_weights("surface,smoothness=3")).smoothness_weight == 3
+    assert FilterConfig(**likelihood_weights("surface")).smoothness_weight == 0

@@ -1,0 +1,235 @@
+"""The colours of the parts of a body, and their kernels against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.kinds import other_kind
+from helpers.likelihoods import Setup, only, scattered_poses, smooth_maps
+from helpers.worlds import World
+
+from apf.body.model import BodyModel
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.config import FilterConfig, likelihood_weights
+from apf.likelihood.voxel import VoxelLikelihood
+from apf.reference.base import NumpyVoxelLikelihood
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones
+from apf.reference.likelihood import sampled_surface, share, surface_errors
+from apf.reference.part_colour import chromaticities, colour_errors, learnt
+from cl import Device, InputError, NumpyDevice
+from psfs.reconstruct import Reconstructor
+from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.voxels.grid import VoxelGrid
+
+SONG = bodies.named("song31")
+GRID = scenes.small_grid(0.05)
+SCALE, RATE = FilterConfig().colour_scale, FilterConfig().colour_rate
+BLUE, SKIN = (60, 70, 130), (200, 150, 120)
+
+
+def crossing() -> np.ndarray:
+    """The left forearm lies across the belly."""
+    pose = SONG.rest_pose.copy()
+    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
+        pose[SONG.dof_names.index(f"l_{axis}")] = value
+    return pose
+
+
+def shell(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Voxels (M,) of GRID at the surface of a pose, and the cone that each belongs to."""
+    away = distances(GRID.centres(), posed_cones(SONG, pose[None])[0])
+    outer = np.flatnonzero(np.abs(away.min(1)) < 0.6 * GRID.voxel_size)
+    return outer, np.abs(away[outer]).argmin(1)
+
+
+def painted(cones: np.ndarray, arms: tuple[int, int, int]) -> np.ndarray:
+    """Colours (M, 4), seen by two cameras, of voxels at cones (M,): blue, `arms` at the arms."""
+    bare = np.array(["arm" in cone.name for cone in SONG.cones])
+    rgb = np.where(bare[cones][:, None], arms, BLUE)
+    return np.concatenate([rgb, np.full((len(cones), 1), 2)], 1).astype(np.uint8)
+
+
+def test_chromaticity_is_of_the_garment_and_not_of_the_light() -> None:
+    def one(*colour: float) -> np.ndarray:
+        return chromaticities(np.array([[*colour, 3]]))[0]
+
+    lit, shaded, skin = one(*BLUE), one(*(c / 2 for c in BLUE)), one(*SKIN)
+    assert np.linalg.norm(lit - shaded) < 0.03 < 0.2 < np.linalg.norm(lit - skin)
+    np.testing.assert_allclose([one(0, 0, 0), one(90, 90, 90)], [[0, 0, 1]] * 2, atol=1e-12)
+    np.testing.assert_allclose(one(255, 0, 0)[:2], 255 / 285 / np.sqrt([2, 6]))
+    assert np.linalg.norm(one(4, 0, 2)[:2]) < 0.12  # the noise of a dark pixel
+    assert not chromaticities(np.array([[255, 0, 0, 0]])).any()  # nobody sees it
+
+
+@pytest.mark.parametrize("arms", [SKIN, BLUE])
+def test_an_arm_that_is_taken_for_the_torso_costs(arms: tuple[int, int, int]) -> None:
+    """Learnt with hanging arms; then one crosses the torso. If it has the torso's colour, nothing
+    tells; else a pose that leaves it hanging has bare skin on its torso."""
+    voxels, of = shell(SONG.rest_pose)
+    parts = np.zeros((len(SONG.cones), 3))
+    cones = posed_cones(SONG, np.stack([SONG.rest_pose, crossing()]))
+    samples = chromaticities(painted(of, arms))
+    parts = learnt(parts, GRID.centres(voxels), samples, cones[0], 0.05, RATE)
+    assert parts[:, 2].mean() > 0.8
+
+    voxels, of = shell(crossing())
+    points, samples = GRID.centres(voxels), chromaticities(painted(of, arms))
+    hanging, right = colour_errors(points, samples, parts, cones, SCALE)
+    assert right < 1e-6
+    if arms == SKIN:
+        assert hanging > 0.03
+        geometry = surface_errors(points, cones, 0.05)
+        assert hanging > geometry[0] - geometry[1]  # says more than the surface does
+    else:
+        assert hanging < 1e-6
+
+
+def test_colours_are_learnt_slowly_and_only_where_they_show() -> None:
+    voxels, of = shell(SONG.rest_pose)
+    points, cones = GRID.centres(voxels), posed_cones(SONG, SONG.rest_pose[None])[0]
+    nothing = np.zeros((len(SONG.cones), 3))
+    blue, skin = (chromaticities(painted(of, arms)) for arms in (BLUE, SKIN))
+    first = learnt(nothing, points, blue, cones, 0.05, 0.25)
+    second = learnt(first, points, skin, cones, 0.05, 0.25)
+    arm = [cone.name for cone in SONG.cones].index("l_upper_arm")
+    full = learnt(nothing, points, skin, cones, 0.05, 0.25)[arm]
+    np.testing.assert_allclose(second[arm, :2], 0.75 * first[arm, :2] + 0.25 * full[:2])
+    unseen = np.where((of == arm)[:, None], 0.0, skin)
+    np.testing.assert_array_equal(learnt(first, points, unseen, cones, 0.05, 0.25)[arm], first[arm])
+    assert not learnt(nothing, points, unseen, cones, 0.05, 0.25)[arm].any()
+    np.testing.assert_array_equal(learnt(first, points[:0], skin[:0], cones, 0.05, 1), first)
+
+
+def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.ndarray) -> Any:
+    """As much of `Voxels` as a likelihood with colours needs."""
+    on_device = device.to_device(colours if len(colours) else np.zeros((1, 4), np.uint8))
+    return SimpleNamespace(
+        grid=grid,
+        surface=device.to_device(indices if len(indices) else np.zeros(1, np.int32)),
+        count=device.to_device(np.array([len(indices)], np.int32)),
+        colours=lambda: on_device,
+    )
+
+
+CASES = [(name, n, "own") for name in ("song31", "stick") for n in (0, 1, 900)]
+
+
+@pytest.mark.parametrize(("name", "n_voxels", "kind"), [*CASES, ("stick", 900, "other")])
+def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, kind: str) -> None:
+    """Samples as near to one part as to another may count for either."""
+    device = device if kind == "own" else other_kind(device)
+    body, rig, grid = bodies.named(name), scenes.ring(2), scenes.small_grid(0.1)
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+    poses = scattered_poses(body, 23)
+    poses[:2] = bodies.random_poses(body, 2)
+    settings: Any = {"n_points": 300, "point_turns": 2, "surface_scale": 0.3}
+    config = replace(only("none"), colour_weight=1.5, **settings)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    points = sampled_surface(grid.centres(indices), 300)
+    cones, parts = posed_cones(body, setup.poses), np.zeros((len(body.cones), 3))
+    for frame in range(3):
+        colours = random.integers(0, 256, (n_voxels, 4)).astype(np.uint8)
+        colours[:, 3] = random.integers(0, 3, n_voxels)
+        setup.likelihood.observe(coloured(device, grid, indices, colours))
+        samples = sampled_surface(chromaticities(colours), 300)
+        for turn in (0, 1):
+            found = setup.errors(turn) / len(rig)
+            here, seen = share(points, turn, 2), share(samples, turn, 2)
+            expected = 1.5 * colour_errors(here, seen, parts, cones, SCALE)
+            assert np.abs(found - expected).max() <= 1.5 * 4 / 50
+            assert np.mean(np.abs(found - expected) < 1e-4) > 0.8
+            assert found.any() == (frame > 0) or n_voxels < 900  # nothing is known at first
+        moved = np.roll(setup.poses, -frame, axis=0)
+        for launch in setup.likelihood.learner(device.to_device(moved)):
+            launch()
+        parts = learnt(parts, points, samples, cones[frame], config.surface_scale, RATE)
+        colours_known = setup.likelihood._colours
+        assert colours_known is not None
+        np.testing.assert_allclose(colours_known.parts.get()[:, :3], parts, atol=0.02)
+    setup.likelihood.forget()
+    assert not colours_known.parts.get().any()
+
+
+def test_trackers_learn_at_their_estimates(device: Device) -> None:
+    world = World(device)
+    config = FilterConfig(n_particles=37, n_layers=2, colour_weight=1.0, n_points=400)
+    tracker = AnnealedParticleFilter(device, SONG, world.rig, world.grid, config)
+    parts = np.zeros((len(SONG.cones), 3))
+    tracker.start(world.pose(0))
+    for frame in range(2):
+        voxels: Any = world.voxels(frame)
+        surface = world.twin(frame).surface
+        colours = np.random.default_rng(frame).integers(1, 255, (len(surface), 4)).astype(np.uint8)
+        on_device = device.to_device(colours)
+        voxels.colours = lambda array=on_device: array
+        pose = tracker.step(voxels).pose
+        points = sampled_surface(world.grid.centres(surface), 400)
+        samples = sampled_surface(chromaticities(colours), 400)
+        cones = posed_cones(SONG, pose[None])[0]
+        parts = learnt(parts, points, samples, cones, config.surface_scale, RATE)
+        found = tracker.scorer._colours.parts.get()
+        np.testing.assert_allclose(found[:, :3], parts, atol=0.02)
+    tracker.start(world.pose(0))
+    assert not tracker.scorer._colours.parts.get().any()
+
+
+def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
+    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
+    masks = scenes.masks_of(rig)
+    images = np.zeros((*masks.shape, 3), np.uint8)
+    images[..., 0] = np.linspace(0, 250, masks.shape[1])[:, None]  # blue below, red above
+    images[..., 2] = 250 - images[..., 0]
+    picture: Any = scenes.frame(images=images, masks=masks)
+    config = FilterConfig(n_particles=37, n_points=200, colour_weight=1.0)
+    here = VoxelLikelihood(device, SONG, rig, grid, config)
+    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    twin = NumpyVoxelLikelihood(NumpyDevice(), SONG, rig, grid, config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    assert here._colours is not None
+    found, points = here._colours._samples.get(), here.points.get()
+    assert np.ptp(found[found[:, 2] > 0, 0]) > 0.3
+    same = np.linalg.norm(points[:, :3] - twin.points, axis=1) < 1e-4
+    assert same.mean() > 0.8  # a voxel more or less shifts those behind it
+    close = np.linalg.norm(found[:, :3] - twin._colours, axis=1) < 0.02
+    assert close[same].mean() > 0.95
+
+
+def test_without_pictures_the_term_is_refused(device: Device) -> None:
+    rig, grid = scenes.ring(2), scenes.small_grid(0.1)
+    config = FilterConfig(n_particles=37, colour_weight=1.0)
+    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
+    likelihoods: list[tuple[Any, Any]] = [
+        (VoxelLikelihood(device, SONG, rig, grid, config), Reconstructor(device, rig, grid, None)),
+        (
+            NumpyVoxelLikelihood(NumpyDevice(), SONG, rig, grid, config),
+            NumpyReconstructor(NumpyDevice(), rig, grid, None),
+        ),
+    ]
+    for likelihood, reconstruct in likelihoods:
+        with pytest.raises(InputError, match=r"term colour: .*no pictures"):
+            likelihood.observe(reconstruct(picture))
+
+
+def test_it_is_off_by_default_and_chosen_by_name(device: Device) -> None:
+    assert FilterConfig().colour_weight == 0
+    assert FilterConfig(**likelihood_weights("silhouette,colour")).colour_weight > 0
+    assert FilterConfig(**likelihood_weights("colour=0.5")).colour_weight == 0.5
+    with pytest.raises(InputError, match=r"colour_rate is 1\.5"):
+        FilterConfig(colour_rate=1.5)
+
+    def forbidden() -> None:
+        raise AssertionError("colours were asked for")
+
+    voxels = coloured(device, GRID, np.zeros(0, np.int32), np.zeros((0, 4), np.uint8))
+    voxels.colours = forbidden
+    off = VoxelLikelihood(device, SONG, scenes.ring(1), GRID, FilterConfig(n_particles=37))
+    off.observe(voxels)
+    body: BodyModel = SONG
+    assert off.learner(device.zeros((1, body.n_dof), np.float32)) == []

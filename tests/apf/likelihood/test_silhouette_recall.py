@@ -1,0 +1,92 @@
+"""The two-sided silhouette term, and its kernels against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.kinds import other_kind
+from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
+
+from apf.body.model import load_body
+from apf.filters.config import FilterConfig, likelihood_weights
+from apf.reference.cones import outlines
+from apf.reference.kinematics import posed_cones
+from apf.reference.likelihood import sampled_surface
+from apf.reference.silhouette_recall import covered, uncovered_errors
+from cl import Device
+
+SONG = load_body("song31")
+
+
+def test_inside_of_a_trapezoid_either_way_round() -> None:
+    square = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]])
+    nothing = np.full((4, 2), np.nan)
+    pixels = np.array([[1.0, 1], [3.9, 1.9], [4.1, 1], [-1, 1], [2, 3]])
+    inside = [True, True, False, False, False]
+    for quad in (square, square[::-1]):
+        assert covered(np.stack([quad, nothing]), pixels).tolist() == inside
+    assert not covered(nothing[None], pixels).any()
+
+
+def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
+    """Both legs in one leg's silhouette: one-sided terms see nothing amiss, this one does."""
+    rig = scenes.ring(4)
+    pose = SONG.rest_pose.copy()
+    pose[SONG.dof_names.index("l_thigh.ry")] -= 0.5
+    hidden = pose.copy()
+    hidden[SONG.dof_names.index("l_thigh.ry")] = SONG.rest_pose[SONG.dof_names.index("l_thigh.ry")]
+    cones = posed_cones(SONG, np.stack([pose, hidden]))
+    random = np.random.default_rng(0)
+    t = random.uniform(0, 1, (4000, 1))
+    of = cones[0][random.integers(len(SONG.cones), size=4000)]
+    axis_points = of[:, 0:3] + t * (of[:, 4:7] - of[:, 0:3])
+    whole, half = uncovered_errors(rig, cones, axis_points)
+    assert whole < 0.02 and half > whole + 0.05
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("n_voxels", [0, 1, 900])
+def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_voxels: int) -> None:
+    """Points on the very edge of a trapezoid may fall either way."""
+    body, rig, grid = bodies.named(name), scenes.ring(views), scenes.small_grid(0.1)
+    indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
+    poses = scattered_poses(body, 23)
+    config = replace(only("none"), two_sided_weight=1.5, n_points=300, point_turns=2)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    count = device.to_device(np.array([n_voxels], np.int32))
+    surface = device.to_device(indices if n_voxels else np.zeros(1, np.int32))
+    setup.likelihood.observe(cloud(grid, surface, count))
+    points = sampled_surface(grid.centres(indices), 300)
+    for turn in (0, 1):
+        found = setup.errors(turn) / views
+        expected = setup.expected(points, turn) / views
+        assert np.abs(found - expected).max() <= 1.5 * 4 / 150
+        assert np.mean(np.abs(found - expected) < 1e-4) > 0.6
+    assert np.isfinite(outlines(rig[0], posed_cones(body, poses))).any()
+
+
+@pytest.mark.parametrize("views", [1, 3, 11])
+def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int) -> None:
+    """GPUs look at several cameras together, CPUs at several samples."""
+    rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), other_kind(device)
+    indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
+    config = replace(only("none"), two_sided_weight=1.5, n_points=301, point_turns=2)
+    found = []
+    for place in (device, other):
+        setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)
+        count = place.to_device(np.array([len(indices)], np.int32))
+        setup.likelihood.observe(cloud(grid, place.to_device(indices), count))
+        found.append(setup.errors(1))
+    # A sample on the very edge of a trapezoid may fall either way.
+    assert np.abs(found[0] - found[1]).max() <= 1.5 * views * 2 / 150
+    assert np.mean(np.isclose(found[0], found[1], rtol=1e-5)) > 0.8
+
+
+def test_it_is_off_by_default_and_chosen_by_name() -> None:
+    assert FilterConfig().two_sided_weight == 0
+    assert FilterConfig(**likelihood_weights("silhouette,two-sided")).two_sided_weight == 2
+    assert FilterConfig(**likelihood_weights("two-sided=0.5")).two_sided_weight == 0.5

@@ -1,0 +1,409 @@
+"""Errors of particles: the twin against known answers, the kernels against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.likelihoods import CONFIG, Setup, cloud, only, scattered_poses, smooth_maps
+
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
+from apf.reference.cones import distances
+from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from apf.reference.likelihood import (
+    image_errors,
+    overlap_errors,
+    sampled_surface,
+    share,
+    strain_errors,
+    surface_errors,
+    total_errors,
+)
+from cl import Array, Device, InputError, NumpyDevice
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reprojection import NumpyReprojection
+from psfs.reference.surface import surface_voxels
+from psfs.voxels.grid import VoxelGrid
+
+NO_POINTS = np.empty((0, 3))
+
+
+def point_sampler(
+    device: Device, body: BodyModel, grid: VoxelGrid, indices: np.ndarray, n_points: int
+) -> tuple[VoxelLikelihood, np.ndarray]:
+    """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
+    config = replace(CONFIG, n_points=n_points)
+    likelihood = VoxelLikelihood(device, body, scenes.ring(1), grid, config)
+    surface: Array = device.empty(grid.size, np.int32)
+    padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
+    padded[: len(indices)] = indices
+    surface.set(padded)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    likelihood.observe(cloud(grid, surface, count))
+    return likelihood, likelihood.points.get()
+
+
+def card(corners: list, width: float) -> np.ndarray:
+    """A round cone (1, 1, CONE_FLOATS) between two corners."""
+    row = np.zeros(CONE_FLOATS)
+    row[0:3], row[4:7], row[3], row[7] = *corners, width / 2, width / 2
+    row[8:11], row[12:15] = [0, 1, 0], [-1, 0, 0]
+    return row[None, None]
+
+
+#: Looks along -x at a cone on the z axis, 1 px per cm at the origin.
+FRONT = Camera(
+    "front",
+    np.array([[200.0, 0, 50], [0, 200, 60], [0, 0, 1]]),
+    np.zeros(5),
+    np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    np.array([0.0, 0, 2]),
+    (101, 121),
+)
+UPRIGHT = card([[0, 0, -0.4], [0, 0, 0.4]], 0.2)
+
+
+def test_a_card_that_fits_its_silhouette_costs_nothing() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    maps[20:101, 40:61, 0] = 255
+    maps[:, [40, 60], 1] = 255
+    ((edge, n_edge, inner, n_inner),) = image_errors(FRONT, UPRIGHT, maps, np.array([[8, 5]]))[0]
+    assert (edge, n_edge, inner, n_inner) == (0, 16, 0, 40)
+
+
+def test_a_card_beside_its_silhouette_costs_the_share_that_hangs_over() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    maps[:, 50:, 0] = 255  # half the picture
+    maps[..., 1] = 51  # a fifth everywhere
+    sums = image_errors(FRONT, UPRIGHT, maps, np.array([[10, 4]]))[0, 0]
+    np.testing.assert_allclose(sums, [0.8 * 20, 20, 0.5 * 40, 40])
+
+
+def test_samples_outside_the_picture_do_not_count() -> None:
+    maps = np.zeros((121, 101, 2), np.uint8)
+    half_out = card([[0, 0, 0], [0, 0, 1.2]], 0.2)  # ends 60 px above the upper border
+    sums = image_errors(FRONT, half_out, maps, np.array([[12, 5]]))[0, 0]
+    np.testing.assert_allclose(sums, [12, 12, 30, 30])
+    wide = card([[0, 0, -0.4], [0, 0, 0.4]], 1.2)  # both outlines out, the inside partly
+    sums = image_errors(FRONT, wide, maps, np.array([[4, 12]]))[0, 0]
+    np.testing.assert_allclose(sums, [0, 0, 40, 40])
+    away = card([[0, 3, 0], [0, 3, 1]], 0.1)
+    behind = card([[3, 0, 0], [3, 0, 1]], 0.1)
+    for cones in (away, behind):
+        assert not image_errors(FRONT, cones, maps, np.array([[6, 5]])).any()
+
+
+def test_unseen_parts_are_left_out() -> None:
+    body = bodies.named("song31")
+    sampling = cone_sampling(body, 0.04)
+    for cone, (rows, columns) in zip(body.cones, sampling, strict=True):
+        assert (rows > 0) == (columns > 0) == cone.in_images, cone.name
+        if cone.in_images:
+            length = np.linalg.norm(cone.end - cone.start)
+            assert rows >= 4 and columns >= 3
+            assert rows == 4 or length / rows <= 0.04 <= length / (rows - 1) + 1e-9
+    finer = cone_sampling(body, 0.02)
+    assert finer.sum() > 1.5 * sampling.sum()
+
+
+def test_surface_points_are_spread_evenly() -> None:
+    centres = np.arange(30.0).reshape(10, 3)
+    np.testing.assert_array_equal(sampled_surface(centres, 10), centres)
+    np.testing.assert_array_equal(sampled_surface(centres, 5), centres[::2])
+    counts = np.bincount((sampled_surface(centres, 25)[:, 0] / 3).astype(int))
+    assert len(counts) == 10 and set(counts) == {2, 3}
+    assert sampled_surface(centres[:0], 5).shape == (0, 3)
+
+
+def test_surface_error_is_a_half_at_its_scale() -> None:
+    cones = np.concatenate([UPRIGHT, UPRIGHT + np.eye(1, CONE_FLOATS)])  # the second leans away
+    near = np.array([[0.1, 0, 0.0], [0.0, -0.1, 0.3]])
+    np.testing.assert_allclose(surface_errors(near, UPRIGHT, 0.05), [0], atol=1e-12)
+    assert surface_errors(near, cones, 0.05)[1] > 0.5
+    at_scale = np.array([[0.15, 0, 0.0], [0.05, 0, 0]])  # outside and inside alike
+    np.testing.assert_allclose(surface_errors(at_scale, UPRIGHT, 0.05), [0.5])
+    far = np.array([[9.0, 0, 0]])
+    assert 0.999 < surface_errors(far, UPRIGHT, 0.05)[0] < 1
+    np.testing.assert_array_equal(surface_errors(near[:0], cones, 0.05), [1, 1])
+
+
+def test_surface_error_takes_the_nearest_cone() -> None:
+    both = np.concatenate([UPRIGHT, card([[0, 1, -0.4], [0, 1, 0.4]], 0.2)], 1)
+    points = np.array([[0.1, 0, 0], [0.1, 1, 0]])
+    np.testing.assert_allclose(surface_errors(points, both, 0.05), 0, atol=1e-12)
+    np.testing.assert_allclose(surface_errors(points, both[:, :1], 0.05), 0.5, atol=0.01)
+
+
+def test_overlap_of_parts() -> None:
+    """Parallel cylinders of radius 0.1: free apart from 0.2 on, worst on each other's axes."""
+    pairs = [(0, 1)]
+    overlap = []
+    for gap in (0.0, 0.1, 0.15, 0.2, 0.5):
+        second = card([[0, gap, -0.4], [0, gap, 0.4]], 0.2)
+        overlap.append(overlap_errors(np.concatenate([UPRIGHT, second], 1), pairs)[0])
+    # The distance to the second's surface over the first's radius, from 1 on nothing.
+    np.testing.assert_allclose(overlap, [1, 1, 0.25, 0, 0], atol=1e-12)
+    cones = np.concatenate([UPRIGHT, UPRIGHT, card([[0, 5, 0], [0, 5, 1]], 0.2)], 1)
+    np.testing.assert_allclose(overlap_errors(cones, [(0, 1), (0, 2)]), [0.5])
+    np.testing.assert_array_equal(overlap_errors(cones, []), [0])
+
+
+def test_cameras_that_see_nothing_are_replaced_by_the_others() -> None:
+    body_pairs: list[tuple[int, int]] = []
+    config = FilterConfig(n_particles=2, first_survival=0.9, last_survival=0.6)
+    turned = replace(FRONT, name="away", R=FRONT.R * [[-1], [1], [-1]], t=np.array([0, 0, -2.0]))
+    maps = np.full((2, 121, 101, 2), 51, np.uint8)
+    points, sampling = np.array([[0.15, 0, 0.0]]), np.array([[8, 5]])
+
+    def errors(*cameras: Camera, cones: np.ndarray = UPRIGHT) -> float:
+        rig = CameraRig(cameras)
+        arguments = (maps[: len(rig)], points, sampling, body_pairs, config)
+        return float(total_errors(rig, cones, *arguments)[0])
+
+    image = 0.8 * (config.edge_weight + config.silhouette_weight)
+    surface = 0.5 * config.surface_weight
+    assert errors(FRONT) == pytest.approx(image + surface)
+    assert errors(FRONT, turned) == pytest.approx(2 * (image + surface))
+    worst = config.edge_weight + config.silhouette_weight
+    assert errors(turned) == pytest.approx(worst + surface)
+
+
+def test_the_weights_of_the_settings_weigh() -> None:
+    rig, points = CameraRig((FRONT,)), np.array([[0.15, 0, 0.0]])
+    cones = np.concatenate([UPRIGHT, UPRIGHT], 1)
+    maps = np.zeros((1, 121, 101, 2), np.uint8)
+    maps[..., 0], maps[..., 1] = 204, 51
+    expected = {"edge": 0.8, "silhouette": 0.2, "surface": 0.5, "overlap": 1.0}
+    for name, value in expected.items():
+        weights: Any = {f"{other}_weight": 0.0 for other in expected} | {f"{name}_weight": 3.0}
+        config = FilterConfig(**weights)
+        sampling = np.array([[8, 5], [8, 5]])
+        found = total_errors(rig, cones, maps, points, sampling, [(0, 1)], config)
+        np.testing.assert_allclose(found, [3 * value], err_msg=name)
+
+
+@pytest.mark.parametrize("song_alone", [False, True])
+def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
+    """Voxels of a known pose: it beats its neighbours, far poses lose most (sign of eq. 16)."""
+    body, rig = bodies.named("song31"), scenes.ring(4, size=(193, 151))
+    config = FilterConfig(surface_weight=0, overlap_weight=0) if song_alone else FilterConfig()
+    grid = VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), 0.03)
+    truth = body.rest_pose
+    inside = distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
+    occupied = inside.reshape(grid.shape)
+    voxels = NumpyVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
+    maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)
+    points = sampled_surface(voxels.cloud().centres, config.n_points)
+    steps = np.random.default_rng(0).normal(0, 1, (30, body.n_dof)) * body.sigma
+    poses = np.clip(
+        truth + np.concatenate([0 * steps[:1], 3 * steps, 12 * steps]), body.lower, body.upper
+    )
+    errors = total_errors(
+        rig, posed_cones(body, poses), maps, points, cone_sampling(body, 0.04), body.apart, config
+    )
+    assert errors[0] == errors.min()
+    assert errors[0] < np.median(errors[1:31]) < np.median(errors[31:])
+
+
+@pytest.mark.parametrize("term", ["edge", "silhouette"])
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_particles", [2, 37, 129])
+def test_image_terms_agree_with_the_twin(
+    device: Device, name: str, views: int, term: str, n_particles: int
+) -> None:
+    """Equal but for samples that rounding moves over a pixel's or the picture's border."""
+    body, rig = bodies.named(name), scenes.ring(views)
+    setup = Setup(
+        device, body, rig, scattered_poses(body, n_particles), smooth_maps(rig), only(term)
+    )
+    found, expected = setup.errors() / views, setup.expected(NO_POINTS) / views
+    np.testing.assert_allclose(found, expected, atol=0.02)
+    assert np.mean(np.abs(found - expected) < 1e-3) > 0.9
+    if n_particles > 2:
+        assert np.ptp(expected) > 0.1
+
+
+def test_pictures_of_different_sizes_are_not_mixed_up(device: Device) -> None:
+    """Whatever lies beyond a smaller camera's own picture must not be looked at."""
+    body = bodies.named("song31")
+    rig = scenes.ring(3)
+    assert len({camera.size for camera in rig}) == 3
+    poses, maps = scattered_poses(body, 37), smooth_maps(rig)
+    first = Setup(device, body, rig, poses, maps, CONFIG).errors()
+    for view, camera in enumerate(rig):
+        maps[view, camera.size[1] :], maps[view, :, camera.size[0] :] = 7, 7
+    np.testing.assert_array_equal(Setup(device, body, rig, poses, maps, CONFIG).errors(), first)
+
+
+@pytest.mark.parametrize("term", ["edge", "silhouette"])
+@pytest.mark.parametrize("radii", [(0.1, 0.1), (0.05, 0.1)])
+@pytest.mark.parametrize("ends", [(-0.5, 0.5), (0.5, -0.5), (-0.5, 2.5)])
+def test_axis_pointing_at_the_camera(
+    device: Device, ends: tuple[float, float], radii: tuple[float, float], term: str
+) -> None:
+    """All four corners on one line in the picture: a diameter is sampled, nothing breaks. A cone
+    through the camera has no image."""
+    stick = bodies.named("stick")
+    cone = replace(
+        stick.cones[2],
+        start=np.array([ends[0], 0, -0.05]),
+        end=np.array([ends[1], 0, -0.05]),
+        radii=radii,
+        in_images=True,
+    )
+    body = replace(stick, cones=(cone,), apart=())
+    rig = CameraRig((FRONT,))
+    poses = bodies.random_poses(body, 3)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), only(term))
+    np.testing.assert_allclose(setup.errors(), setup.expected(NO_POINTS), atol=0.03)
+    assert (setup.errors() == 1).all() == (ends[1] == 2.5)
+
+
+def test_many_cameras_are_taken_in_turns(device: Device) -> None:
+    """As many as local memory has room for; a body that has no room at all is refused."""
+    body, rig = bodies.named("song31"), scenes.ring(32)
+    poses = bodies.random_poses(body, 11)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG)
+    np.testing.assert_allclose(setup.errors(), setup.expected(NO_POINTS), rtol=0.01)
+    crowd = replace(body, cones=body.cones * 1000)
+    with pytest.raises(InputError, match="bytes of local memory; expected at most"):
+        Setup(device, crowd, rig, poses, setup.maps, CONFIG)
+
+
+@pytest.mark.parametrize("n_voxels", [0, 1, 99, 100, 101, 2345])
+def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
+    body, grid = bodies.named("stick"), VoxelGrid(np.array([-0.3, 0.2, -0.1]), 0.07, (11, 17, 23))
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+    _, points = point_sampler(device, body, grid, indices, 100)
+    expected = sampled_surface(grid.centres(indices), 100)
+    if n_voxels == 0:
+        assert not points.any()
+    else:
+        np.testing.assert_allclose(points[:, :3], expected, atol=1e-6)
+        assert np.all(points[:, 3] == 1)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_voxels", [0, 1, 50, 2000])
+@pytest.mark.parametrize("n_points", [1, 63, 1024])
+def test_surface_kernel_agrees_with_the_twin(
+    device: Device, name: str, n_voxels: int, n_points: int
+) -> None:
+    body, grid = bodies.named(name), VoxelGrid(np.array([-0.9, -0.8, -0.1]), 0.1, (18, 17, 19))
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+    rig = scenes.ring(1)
+    poses = bodies.random_poses(body, 37, wild=True)
+    config = only("surface", n_points=n_points)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    setup.likelihood.points.set(point_sampler(device, body, grid, indices, n_points)[1])
+    points = sampled_surface(grid.centres(indices), n_points)
+    for turn in (0, 2, 5):
+        np.testing.assert_allclose(setup.errors(turn), setup.expected(points, turn), atol=1e-4)
+
+
+def test_shares_of_the_surface_are_every_so_many() -> None:
+    points = np.arange(30.0).reshape(10, 3)
+    parts = [share(points, turn, 4) for turn in range(4)]
+    np.testing.assert_array_equal(parts[1], points[[1, 5, 9]])
+    np.testing.assert_array_equal(parts[2], points[[2, 6, 0]])  # all of the same size
+    np.testing.assert_array_equal(share(points, 6, 4), parts[2])
+    np.testing.assert_array_equal(share(points, 3, 1), points)
+    assert share(points[:0], 1, 4).shape == (0, 3) and share(points[:1], 3, 4).shape == (1, 3)
+
+
+@pytest.mark.parametrize("weights", [{}, {"surface_weight": 0.0}, {"overlap_weight": 0.0}])
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
+    body, rig = bodies.named(name), scenes.ring(views)
+    config = replace(CONFIG, **weights)
+    grid = scenes.small_grid(0.1)
+    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    poses = scattered_poses(body, 37)
+    poses[-1, [axis[-3:] == ".tz" for axis in body.dof_names]] = 1000  # out of every picture
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
+    found = setup.errors()
+    expected = setup.expected(sampled_surface(grid.centres(indices), config.n_points))
+    assert np.isfinite(found).all()
+    close = np.abs(found - expected) < 1e-3 * (1 + expected)
+    assert close.mean() > 0.9
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+    worst = config.edge_weight + config.silhouette_weight
+    assert found[-1] >= views * worst * (1 - 1e-6) or name == "stick"  # which has no such axis
+
+
+def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> None:
+    body, rig, grid = bodies.named("song31"), scenes.ring(5), scenes.small_grid(0.1)
+    indices = np.arange(0, grid.size, 7, dtype=np.int32)
+    poses = scattered_poses(body, 3)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), CONFIG, grid)
+    count = device.to_device(np.array([len(indices)], np.int32))
+    setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
+    setup.errors()
+    for launch in setup.likelihood.misfit_launcher(setup.on_device):
+        launch()
+    expected = sum(
+        total_errors(
+            rig,
+            posed_cones(body, setup.poses[:1]),
+            setup.maps,
+            sampled_surface(grid.centres(indices), CONFIG.n_points),
+            cone_sampling(body, CONFIG.sample_spacing),
+            (),
+            replace(only(term), n_points=CONFIG.n_points, surface_scale=CONFIG.surface_scale),
+        )[0]
+        / len(rig)
+        for term in ("silhouette", "surface")
+    )
+    assert setup.likelihood.misfit.get()[0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:
+    body, rig = bodies.named("song31"), scenes.ring(1)
+    poses = bodies.random_poses(body, 129, wild=True)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), only("overlap"))
+    expected = setup.expected(NO_POINTS)
+    assert (expected > 0.02).mean() > 0.1 and (expected == 0).any()
+    np.testing.assert_allclose(setup.errors(), expected, atol=1e-5)
+
+
+def test_bodies_without_pairs_have_no_overlap(device: Device) -> None:
+    stick = bodies.named("stick")
+    body = replace(stick, apart=(), cones=stick.cones[:1] * 3)  # all parts in one place
+    rig = scenes.ring(1)
+    poses = bodies.random_poses(body, 37)
+    assert not Setup(device, body, rig, poses, smooth_maps(rig), only("overlap")).errors().any()
+
+
+def test_strain_counts_eases_from_rest() -> None:
+    body = bodies.named("song31")
+    eased = np.flatnonzero(np.isfinite(body.ease))
+    poses = np.tile(body.rest_pose, (3, 1))
+    poses[1, eased[0]] += 2 * body.ease[eased[0]]
+    poses[2, eased[:2]] -= body.ease[eased[:2]]
+    poses[:, np.isinf(body.ease)] += 5.0  # not easier anywhere
+    np.testing.assert_allclose(strain_errors(body, poses), [0, 4, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n", [2, 37, 129])
+def test_strain_kernel_agrees(device: Device, name: str, n: int) -> None:
+    body, rig = bodies.named(name), scenes.ring(3)
+    setup = Setup(
+        device, body, rig, bodies.random_poses(body, n, wild=True), smooth_maps(rig),
+        only("posture"),
+    )  # fmt: skip
+    expected = setup.expected(NO_POINTS)
+    assert (expected > 1).any() == (name == "song31")  # the stick has no habits
+    np.testing.assert_allclose(setup.errors(), expected, rtol=1e-4, atol=1e-6)

@@ -1,0 +1,204 @@
+"""The synthetic walker: a believable body, exact truth, whole folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from apf.reference.synthetic_scene import body_distance
+from apf.synthetic.body import Flesh
+from apf.synthetic.gait import Gait
+from apf.synthetic.generate import BACKGROUND_FRAMES, generate
+from apf.synthetic.render import SyntheticScene
+from apf.synthetic.scene import SceneConfig, make_rig
+from apf.synthetic.walk import Walk
+from cl import Device, InputError, NumpyDevice
+
+SMALL = SceneConfig(cameras=2, frames=12, size=(160, 120), seed=3)
+LIMBS = [
+    (f"{side}_{a}", f"{side}_{b}")
+    for side in "lr"
+    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"),
+                 ("knee", "ankle"), ("ankle", "toe"), ("toe", "toe_tip"))
+] + [("head", "head_top"), ("l_hip", "r_hip"), ("thorax", "neck")]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene(device: Device) -> SyntheticScene:
+    return SyntheticScene(SMALL, device)
+
+
+@pytest.fixture(scope="module")
+def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("synthetic") / "walk"
+    generate(path, SMALL, device)
+    return path
+
+
+def walked(seed: int, height: float = 1.76) -> dict[str, np.ndarray]:
+    gait = Gait(Walk.varied(seed, height))
+    joints = gait.skeleton.joints(gait.motion(np.arange(0.0, 3.0, 1 / 120)))
+    return {name: joints[:, i] for i, name in enumerate(gait.skeleton.joint_names)}
+
+
+@pytest.mark.parametrize(("seed", "height"), [(0, 1.76), (1, 1.5), (2, 1.95)])
+def test_bones_keep_their_length(seed: int, height: float) -> None:
+    joints = walked(seed, height)
+    for a, b in LIMBS:
+        length = np.linalg.norm(joints[a] - joints[b], axis=1)
+        assert np.ptp(length) < 1e-9, (a, b)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_feet_stand_still_on_the_floor_and_never_below_it(seed: int) -> None:
+    joints = walked(seed)
+    for side in "lr":
+        ankle, toe = joints[f"{side}_ankle"], joints[f"{side}_toe"]
+        assert ankle[:, 2].min() > 0.07
+        assert joints[f"{side}_toe_tip"][:, 2].min() > 0.01
+        down = toe[:, 2] < 0.015 * 1.76 + 1e-9  # the ball bears weight
+        assert 0.35 < down.mean() < 0.7
+        step = np.linalg.norm(np.diff(toe, axis=0), axis=1)[down[1:] & down[:-1]]
+        assert step.max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_walk_is_a_walk(seed: int) -> None:
+    joints = walked(seed)
+    knee = _bend(joints["l_hip"], joints["l_knee"], joints["l_ankle"])
+    assert knee.min() > 5
+    assert 45 < knee.max() < 75
+    assert joints["head_top"][:, 2].min() > 1.66
+    assert joints["head_top"][:, 2].max() < 1.78
+    assert 0.02 < np.ptp(joints["pelvis"][:, 2]) < 0.07
+    for name, path in joints.items():
+        jerkiness = np.abs(np.diff(path, 2, axis=0)).max() * 120**2
+        assert jerkiness < 150, name  # m/s^2: no teleporting joint; feet land with a jolt
+    assert np.abs(joints["pelvis"][:, :2]).max() < 2.0
+
+
+def _bend(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    u, v = b - a, c - b
+    cosine = (u * v).sum(1) / np.linalg.norm(u, axis=1) / np.linalg.norm(v, axis=1)
+    return np.degrees(np.arccos(cosine))
+
+
+def test_flesh_surrounds_the_joints_and_stays_above_the_floor() -> None:
+    gait = Gait(Walk.varied(5, 1.76))
+    motion = gait.motion(np.arange(0.0, 1.1, 0.1))
+    flesh = Flesh(gait.skeleton)
+    joints = gait.skeleton.joints(motion)
+    for frame in range(len(joints)):
+        primitives = flesh.packed(motion, frame)
+        assert (body_distance(primitives, joints[frame]) < 0.005).all()
+        x, y = np.meshgrid(np.arange(-0.7, 0.7, 0.02), np.arange(-0.7, 0.7, 0.02))
+        under = np.stack([x.ravel(), y.ravel(), np.full(x.size, -0.012)], -1)
+        under[:, :2] += joints[frame, 0, :2]
+        assert (body_distance(primitives, under) > 0).all()
+
+
+def test_joints_project_into_the_masks(scene: SyntheticScene) -> None:
+    inside = []
+    for index in (0, 6):
+        _, masks, joints = scene.frame(index)
+        for camera, mask in zip(scene.rig, masks, strict=True):
+            pixels, depth = camera.project(joints)
+            u, v = np.rint(pixels).astype(int).T
+            seen = (depth > 0) & (u >= 0) & (v >= 0) & (u < mask.shape[1]) & (v < mask.shape[0])
+            inside += list(cv2.dilate(mask, np.ones((3, 3)))[v[seen], u[seen]] > 0)
+    assert len(inside) > 60
+    assert all(inside)
+
+
+def test_frames_repeat_and_noise_is_as_asked(device: Device, scene: SyntheticScene) -> None:
+    again = SyntheticScene(SMALL, device)
+    again.frame(0)
+    for a, b in zip(scene.frame(7), again.frame(7), strict=True):
+        np.testing.assert_array_equal(a, b)
+    stack = np.stack([scene.background_frame(i) for i in range(20)]).astype(np.float64)
+    level = stack.mean(axis=(2, 3, 4), keepdims=True)
+    assert abs((stack / level * level.mean(0)).std(0).mean() - SMALL.noise) < 0.4
+    assert 0.002 < (level.std(0) / level.mean(0)).mean() < 0.02
+    assert not np.array_equal(stack[0], stack[1])
+
+
+def test_person_differs_from_the_room_and_nothing_else_but_shadow(scene: SyntheticScene) -> None:
+    images, masks, _ = scene.frame(3)
+    change = np.abs(images.astype(int) - scene.background_images).max(-1)
+    assert (change[masks > 0] > 15).mean() > 0.7
+    assert (change[cv2.dilate(masks.transpose(1, 2, 0), np.ones((5, 5))).transpose(2, 0, 1) == 0]
+            > 40).mean() < 0.01  # fmt: skip
+    assert images.std() > 20
+
+
+def test_folder_is_whole(folder: Path, scene: SyntheticScene) -> None:
+    for kind, frames in (("videos", SMALL.frames), ("background", BACKGROUND_FRAMES)):
+        for camera in scene.rig:
+            video = cv2.VideoCapture(str(folder / kind / f"{camera.name}.mp4"))
+            count = 0
+            while video.read()[0]:
+                count += 1
+            assert count == frames
+    truth = np.load(folder / "truth.npz")
+    assert list(truth["joint_names"]) == scene.joint_names
+    np.testing.assert_array_equal(truth["joints"], scene.joints)
+    assert truth["fps"] == SMALL.fps
+    rows = (folder / "truth.trc").read_text().splitlines()[6:]
+    first = np.array(rows[0].split("\t")[2:], float).reshape(-1, 3) / 1000
+    expected = scene.joints[0][:, [0, 2, 1]] * [1, 1, -1]
+    np.testing.assert_allclose(first, expected, atol=1e-6)
+    assert len(rows) == SMALL.frames
+    mask = cv2.imread(str(folder / "truth_masks" / "cam02_000010.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(mask, scene.frame(10)[1][1])
+
+
+def test_calibration_file_is_exact(folder: Path) -> None:
+    from psfs.sequence import Sequence
+
+    for read, made in zip(Sequence.open(folder).rig, make_rig(SMALL), strict=True):
+        np.testing.assert_allclose(read.K, made.K, atol=1e-9)
+        np.testing.assert_allclose(read.distortion, made.distortion, atol=1e-12)
+        np.testing.assert_allclose(read.R, made.R, atol=1e-12)
+        np.testing.assert_allclose(read.t, made.t, atol=1e-12)
+        assert read.size == made.size
+
+
+def test_generate_replaces_only_its_own_folders(
+    device: Device, folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.txt").write_text("keep me")
+    with pytest.raises(InputError, match="did not write"):
+        generate(tmp_path, SMALL, device)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+    shorter = SceneConfig(cameras=1, frames=1, size=(64, 48))
+    copy = tmp_path / "copy"
+    generate(copy, SMALL, device)
+    generate(copy, shorter, device)
+    assert len(np.load(copy / "truth.npz")["joints"]) == 1
+    assert not (copy / "videos" / "cam02.mp4").exists()
+
+
+def test_interrupted_run_leaves_nothing(device: Device, tmp_path: Path) -> None:
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        generate(tmp_path / "walk", SMALL, device, interrupt)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"cameras": 0}, {"frames": 0}, {"fps": 0.0}, {"size": (8, 8)}, {"height": 0.3},
+              {"noise": -1.0}, {"seed": -1}]
+)  # fmt: skip
+def test_wrong_configurations_are_refused(wrong: dict) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        SceneConfig(**wrong)
+
+
+def test_numpy_device_is_refused() -> None:
+    with pytest.raises(InputError, match="OpenCL only"):
+        SyntheticScene(SMALL, NumpyDevice())

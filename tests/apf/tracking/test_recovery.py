@@ -1,0 +1,226 @@
+"""Trackers that know when they have lost the person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+import apf.initialisation.automatic
+from apf.body.model import load_body
+from apf.filters.annealed import Estimate
+from apf.filters.method import Method
+from apf.initialisation.kept_voxels import StoredVoxels
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones, posed_joints
+from apf.tracking.pipeline import track_of, track_voxels, watched
+from apf.tracking.recovery import (
+    GLOBAL_RESTART,
+    LOCAL_RESTART,
+    TRACKED,
+    Judge,
+    RecoveryConfig,
+    Watched,
+    WatchedRuns,
+)
+from cl import Device, InputError
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+
+@dataclass
+class OnALine:
+    """Follows a person on a line, if he is not farther than `reach` away."""
+
+    reach: float
+    n_layers: int = 2
+    at: float = 0.0
+    starts: list[float] = field(default_factory=list)
+
+    def start(self, pose: np.ndarray) -> None:
+        self.at = float(pose[0])
+        self.starts.append(self.at)
+
+    def step(self, person: float) -> Estimate:
+        if abs(person - self.at) <= self.reach:
+            self.at = person
+        misfit = min(2.0, 0.2 + abs(person - self.at))
+        ones = np.ones(self.n_layers)
+        return Estimate(np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit)
+
+
+def on_a_line(everywhere: bool = False) -> Watched:
+    return Watched(
+        OnALine(0.1),
+        lambda: OnALine(1.0, n_layers=4),
+        (lambda person: [np.array([-9.0]), np.array([person + 0.5])]) if everywhere else None,
+    )
+
+
+def run(tracker: Watched, places: list[float]) -> list[Estimate]:
+    tracker.start(np.zeros(1))
+    return [tracker.step(place) for place in places]
+
+
+def test_a_good_track_is_left_alone() -> None:
+    found = run(on_a_line(), [0.05 * k for k in range(10)])
+    assert not any(e.lost for e in found) and all(e.restart == TRACKED for e in found)
+    assert all(e.confidence > 0.9 for e in found)
+
+
+def test_a_jump_is_found_around_the_last_good_pose() -> None:
+    found = run(on_a_line(), [0.0, 0.05, 0.9, 0.95])
+    assert [e.restart for e in found] == [TRACKED, TRACKED, LOCAL_RESTART, TRACKED]
+    assert not any(e.lost for e in found)
+    assert found[2].pose[0] == 0.9
+    assert len(found[2].ess) == len(found[0].ess)  # though the wide search has more layers
+
+
+def test_a_person_who_is_gone_is_lost_and_the_last_good_pose_held() -> None:
+    found = run(on_a_line(), [0.0, 0.05, 50.0, 50.0, 0.1, 0.15])
+    assert [e.lost for e in found] == [False, False, True, True, False, False]
+    assert [e.pose[0] for e in found] == [0.0, 0.05, 0.05, 0.05, 0.1, 0.15]
+    assert found[2].confidence < 0.1 < 0.9 < found[4].confidence
+    assert all(e.restart == TRACKED for e in found)
+
+
+def test_a_person_elsewhere_is_searched_everywhere() -> None:
+    tracker = on_a_line(everywhere=True)
+    found = run(tracker, [0.0, 50.0, 50.05])
+    assert [e.restart for e in found] == [TRACKED, GLOBAL_RESTART, TRACKED]
+    assert [e.pose[0] for e in found] == [0.0, 50.0, 50.05]
+
+
+def test_the_search_everywhere_is_tried_now_and_then() -> None:
+    calls = []
+    config = RecoveryConfig(retry=3)
+    tracker = Watched(OnALine(0.1), lambda: OnALine(1.0), lambda p: calls.append(p) or [], config)
+    assert all(e.lost for e in run(tracker, [50.0 + k for k in range(7)]))
+    assert calls == [50.0, 53.0, 56.0]
+
+
+def test_the_limit_follows_what_is_usual() -> None:
+    judge, config = Judge(), RecoveryConfig()
+    estimate = OnALine(0.1).step(0.0)
+
+    def accepted(misfit: float, times: int) -> float:
+        for _ in range(times):
+            judge.accept(replace(estimate, misfit=misfit))
+        return judge.limit
+
+    assert judge.limit == config.unknown
+    assert accepted(0.2, 1) == config.least  # twice 0.2, and not less
+    assert accepted(0.35, 9) == pytest.approx(0.7)
+    assert accepted(0.8, 30) == config.worst
+    assert accepted(np.nan, 3) == config.worst  # of scorers that know none
+    assert judge.judged(replace(estimate, misfit=config.worst)).confidence == pytest.approx(0.5)
+    judge.forget()
+    assert judge.limit == config.unknown
+
+
+def test_scorers_without_a_misfit_are_trusted() -> None:
+    class Blind(OnALine):
+        def step(self, person: float) -> Estimate:
+            ones = np.ones(2)
+            return Estimate(np.zeros(1), ones, ones, ones, ones)
+
+    found = run(Watched(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
+    assert not any(e.lost for e in found) and all(np.isnan(e.confidence) for e in found)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ratio": 1.0}, {"least": 0.0}, {"worst": 0.3}, {"window": 0}, {"retry": 0}],
+)
+def test_settings_are_checked(wrong: dict) -> None:
+    with pytest.raises(InputError, match="expected"):
+        RecoveryConfig(**wrong)
+
+
+SONG = load_body("song31")
+GRID = VoxelGrid.covering(np.array([-0.8, -0.7, -0.1]), np.array([1.9, 0.7, 1.9]), 0.04)
+
+
+def walker(frame: int, jump: float = 0.0) -> np.ndarray:
+    """A pose (31,) of one who walks along x with an arm out, so that his front can be told."""
+    pose = SONG.rest_pose.copy()
+    for name, value in (
+        ("pelvis.tx", 0.012 * frame + jump),
+        ("l_upper_arm.rx", 0.9),
+        ("r_thigh.ry", 0.3),
+        ("l_calf.ry", 0.5),
+    ):
+        pose[SONG.dof_names.index(name)] += value
+    return pose
+
+
+def seen(device: Device, pose: np.ndarray | None) -> StoredVoxels:
+    """The surface voxels of a pose; none of None."""
+    indices = np.zeros(0, np.int32)
+    if pose is not None:
+        distance = distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
+        shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
+        indices = np.flatnonzero(shell).astype(np.int32)
+    return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))
+
+
+def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames 4 to 6 show nobody; from frame 7 on the person stands a metre further on, where the
+    search everywhere, which test_start.py tests, finds him roughly."""
+
+    def found(device: Device, voxels: list[StoredVoxels], *_: object, **__: object) -> object:
+        if not len(voxels[0].cloud()):
+            raise InputError("nobody")
+        return SimpleNamespace(pose=walker(7, 1.05))
+
+    monkeypatch.setattr(apf.initialisation.automatic, "find_start", found)
+    poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
+    method = Method.of(n_particles=100, n_layers=6)
+    tracker = watched(device, SONG, scenes.ring(4), GRID, method)
+    frames = ((k, seen(device, pose)) for k, pose in enumerate(poses))
+    indices, estimates = track_voxels(tracker, walker(0), frames)
+    track = track_of(SONG, 60.0, indices, estimates, {})
+    # The search everywhere is tried in every fifth lost frame: in frames 4 and 9.
+    assert track.lost.tolist() == [False] * 4 + [True] * 5 + [False]
+    assert GLOBAL_RESTART in track.diagnostics["restart"]
+    assert np.all(track.confidence[track.lost] < 0.5)
+    assert np.all(track.confidence[~track.lost] >= 0.5)
+    assert np.isnan(track.covariance[track.lost]).all()
+    assert np.isfinite(track.covariance[~track.lost]).all()
+    true = posed_joints(SONG, np.stack([walker(0), walker(9, 1.0)]))
+    for row, place in ((0, 0), (-1, 1)):
+        assert np.linalg.norm(track.joints[row] - true[place], axis=-1).mean() < 0.08
+
+
+class OnLines:
+    """Several followers at once, the first of which has short arms."""
+
+    def __init__(self) -> None:
+        self.runs = [OnALine(0.1), OnALine(1.0)]
+
+    def start(self, pose: np.ndarray) -> None:
+        for run in self.runs:
+            run.start(pose)
+
+    def restart(self, run: int, pose: np.ndarray) -> None:
+        self.runs[run].start(pose)
+
+    def step_runs(self, person: float) -> list[Estimate]:
+        return [run.step(person) for run in self.runs]
+
+
+def test_of_several_runs_only_the_lost_one_is_started_again() -> None:
+    tracker = OnLines()
+    runs = WatchedRuns(tracker, 2, lambda _, restart: Watched(restart, lambda: OnALine(1.0)))
+    runs.start(np.zeros(1))
+    tracker.runs[1].starts.clear()
+    found = [runs.step(place) for place in (0.0, 0.05, 0.9, 0.95)]
+    assert [[e.restart for e in frame] for frame in found] == [
+        [TRACKED, TRACKED], [TRACKED, TRACKED], [LOCAL_RESTART, TRACKED], [TRACKED, TRACKED],
+    ]  # fmt: skip
+    assert [frame[0].pose[0] for frame in found] == [0.0, 0.05, 0.9, 0.95]
+    assert tracker.runs[0].starts[-1] == 0.9 and not tracker.runs[1].starts

@@ -1,0 +1,144 @@
+"""Smoothing tracks in time, and `apf smooth`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import tracks
+
+from apf.body.model import load_body, save_body
+from apf.cli import main
+from apf.reference.kinematics import posed_joints
+from apf.tracking.smoothing import SmoothingConfig, smoothed, smoothed_series, unbroken_parts
+from apf.tracking.track import Track
+from cl import InputError
+
+BODY = load_body("song31")
+CUTOFF = SmoothingConfig(cutoff=6.0)
+
+
+def jittery(frames: int = 120, **change: object) -> tuple[Track, Track]:
+    """A walk, and the same with noise on every angle and place."""
+    true = tracks.walker(frames)
+    noise = np.random.default_rng(3).normal(size=true.poses.shape) * 0.02
+    return true, replace(true, poses=np.clip(true.poses + noise, BODY.lower, BODY.upper), **change)
+
+
+def distance(a: Track, b: Track) -> float:
+    return float(np.linalg.norm(a.joints - b.joints, axis=-1).mean())
+
+
+def test_jitter_goes_and_motion_stays() -> None:
+    true, noisy = jittery()
+    noisy = replace(noisy, joints=posed_joints(BODY, noisy.poses))
+    whole = smoothed(noisy, BODY, CUTOFF)
+    lagging = smoothed(noisy, BODY, SmoothingConfig(6.0, lag=6))
+    blind = smoothed(noisy, BODY, SmoothingConfig(6.0, lag=0))
+    before = distance(noisy, true)
+    assert before > 0.02
+    assert distance(whole, true) < 0.55 * before
+    assert distance(whole, true) <= distance(lagging, true) < distance(blind, true) < before
+
+
+@pytest.mark.parametrize("cutoff", [2.0, 5.0])
+def test_the_cutoff_halves_the_amplitude(cutoff: float) -> None:
+    times = np.arange(2000) / 100
+    wave = np.sin(2 * np.pi * cutoff * times)[:, None]
+    found = smoothed_series(wave, np.ones_like(wave), times, SmoothingConfig(cutoff))
+    assert np.abs(found[500:1500]).max() == pytest.approx(0.5, abs=0.01)
+    slow = np.sin(2 * np.pi * cutoff / 4 * times)[:, None]
+    found = smoothed_series(slow, np.ones_like(slow), times, SmoothingConfig(cutoff))
+    assert np.abs(found - slow)[500:1500].max() < 0.01
+
+
+def test_a_straight_line_is_kept() -> None:
+    times = np.arange(50) / 60
+    line = 3.0 + 2.0 * times[:, None]
+    for lag in (None, 5):
+        found = smoothed_series(line, np.ones_like(line), times, SmoothingConfig(6.0, lag))
+        np.testing.assert_allclose(found[10:], line[10:], atol=2e-3)
+
+
+def test_uncertain_frames_count_less() -> None:
+    true, track = jittery()
+    deviation = np.ones_like(track.poses)
+    outliers = track.poses.copy()
+    outliers[60, 0] += 0.5
+    deviation[60, 0] = 20
+    track = replace(track, poses=outliers, diagnostics={"deviation": deviation})
+    trusted = replace(track, diagnostics={})
+    errors = [abs(smoothed(t, BODY).poses[60, 0] - true.poses[60, 0]) for t in (track, trusted)]
+    assert errors[0] < 0.03 < 0.1 < errors[1]
+
+
+def test_turning_round_and_round() -> None:
+    track = tracks.walker(200)
+    heading = BODY.dof_names.index("pelvis.rz")
+    poses = track.poses.copy()
+    poses[:, heading] = np.linspace(0, 4 * np.pi, 200)
+    wrapped = poses.copy()
+    wrapped[:, heading] = (poses[:, heading] + np.pi) % (2 * np.pi) - np.pi
+    found = smoothed(replace(track, poses=wrapped), BODY)
+    np.testing.assert_allclose(found.poses[:, heading], poses[:, heading], atol=0.03)
+
+
+def test_lost_frames_stay_as_they_are() -> None:
+    _, track = jittery()
+    lost = np.zeros(len(track), bool)
+    lost[50:60] = lost[0] = True
+    track = replace(track, diagnostics={"lost": lost})
+    assert unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
+    found = smoothed(track, BODY)
+    np.testing.assert_array_equal(found.lost, lost)
+    np.testing.assert_array_equal(found.poses[lost], track.poses[lost])
+    assert np.abs(found.poses[~lost] - track.poses[~lost]).max() > 0.01
+    # What lies on one side of the gap does not reach the other.
+    moved = track.poses.copy()
+    moved[:50] += 1.0
+    again = smoothed(replace(track, poses=np.clip(moved, BODY.lower, BODY.upper)), BODY)
+    np.testing.assert_array_equal(again.poses[60:], found.poses[60:])
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2])
+def test_short_tracks(frames: int) -> None:
+    track = tracks.walker(frames)
+    np.testing.assert_allclose(smoothed(track, BODY).joints, track.joints, atol=1e-12)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    _, track = jittery()
+    track.save(tmp_path / "a" / "track.npz")
+    save_body(tmp_path / "a" / "body.toml", BODY)
+    assert main(["smooth", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--lag", "4"]) == 0
+    names = {path.name for path in (tmp_path / "b").iterdir()}
+    assert names == {"track.npz", "joints.trc", "joints.csv", "body.toml"}
+    found = Track.load(tmp_path / "b")
+    assert found.smoothing == {"mode": "fixed lag", "lag_frames": 4, "cutoff_hz": 6.0}
+    assert Track.load(tmp_path / "a").smoothing is None
+    np.testing.assert_allclose(
+        found.poses, smoothed(track, BODY, SmoothingConfig(lag=4)).poses, atol=1e-9
+    )
+
+
+def test_what_cannot_be_smoothed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    _, track = jittery()
+    with pytest.raises(InputError, match="already"):
+        smoothed(smoothed(track, BODY), BODY)
+    with pytest.raises(InputError, match="not the one"):
+        smoothed(replace(track, dof_names=track.dof_names[::-1]), BODY)
+    track.save(tmp_path / "a" / "track.npz")
+    save_body(tmp_path / "a" / "body.toml", BODY)
+    folder, out = str(tmp_path / "a"), str(tmp_path / "b")
+    for wrong in (
+        [folder, "-o", folder],
+        [str(tmp_path / "absent"), "-o", out],
+        [folder, "-o", out, "--cutoff", "0"],
+        [folder, "-o", out, "--lag", "-1"],
+        [folder, "-o", out, "--body", "absent.toml"],
+    ):
+        assert main(["smooth", *wrong]) == 2
+        lines = capfd.readouterr().err.strip().splitlines()
+        assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines

@@ -1,0 +1,152 @@
+"""The Track type and its npz and CSV files."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import tracks
+
+from apf.tracking.track import Track, spans
+from cl import InputError
+
+
+def test_npz_round_trip(tmp_path: Path) -> None:
+    track = tracks.walker(start=12)
+    track.save(tmp_path / "run" / "track.npz")
+    for path in (tmp_path / "run" / "track.npz", tmp_path / "run"):
+        again = Track.load(path)
+        for name in ("body_name", "dof_names", "joint_names", "fps", "config"):
+            assert getattr(again, name) == getattr(track, name)
+        for name in ("frames", "poses", "joints", "edges"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(track, name))
+        assert set(again.diagnostics) == {"ess", "best_log_weight"}
+        np.testing.assert_array_equal(again.diagnostics["ess"], track.diagnostics["ess"])
+    assert [p.name for p in (tmp_path / "run").iterdir()] == ["track.npz"]  # nothing temporary
+
+
+def test_empty_track_round_trip(tmp_path: Path) -> None:
+    track = tracks.walker(frames=0)
+    track.save(tmp_path / "track.npz")
+    assert len(Track.load(tmp_path / "track.npz")) == 0
+
+
+def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
+    track = tracks.walker()
+    assert not track.lost.any() and np.isnan(track.confidence).all()
+    assert np.isnan(track.covariance).all() and not len(track.restarts)
+    lost, restart = np.zeros(30, bool), np.zeros(30, np.int64)
+    lost[3:6], restart[6] = True, 2
+    told = {"lost": lost, "restart": restart, "confidence": np.linspace(0, 1, 30)}
+    told["covariance"] = np.ones((30, len(track.joint_names), 3, 3))
+    replace(track, diagnostics=told, frames=np.arange(10, 40)).save(tmp_path / "track.npz")
+    found = Track.load(tmp_path)
+    assert spans(found.frames[found.lost].tolist()) == "13-15"
+    assert found.restarts.tolist() == [16]
+    np.testing.assert_array_equal(found.covariance, told["covariance"])
+    np.testing.assert_array_equal(found.confidence, told["confidence"])
+    assert spans([1, 2, 5, 8, 9]) == "1-2, 5, 8-9" and spans([]) == ""
+
+
+def test_csv_rows(tmp_path: Path) -> None:
+    track = tracks.walker(frames=3, start=30)
+    track.write_csv(tmp_path / "joints.csv")
+    with (tmp_path / "joints.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:4] == ["frame", "time_s", "pelvis_x_m", "pelvis_y_m"]
+    assert [row["frame"] for row in rows] == ["30", "31", "32"]
+    assert float(rows[0]["time_s"]) == 0.5
+    wrist = [float(rows[2][f"l_wrist_{axis}_m"]) for axis in "xyz"]
+    joint = track.joints[2, track.joint_names.index("l_wrist")]
+    np.testing.assert_allclose(wrist, joint, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joints": np.zeros((30, 2, 3))}, "joints has shape"),
+        ({"poses": np.zeros((29, 31))}, "poses has shape"),
+        ({"frames": np.zeros((30, 1))}, "frames has shape"),
+        ({"edges": np.array([[0, 99]])}, "edges"),
+        ({"fps": 0.0}, "fps"),
+        ({"diagnostics": {"ess": np.zeros(4)}}, "ess has shape"),
+    ],
+)
+def test_shapes_are_checked(change: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(tracks.walker(), **change)
+
+
+def _missing(path: Path) -> None:
+    pass
+
+
+def _text(path: Path) -> None:
+    path.write_text("no npz")
+
+
+def _empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _array(path: Path) -> None:
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+
+
+def _truncated(path: Path) -> None:
+    tracks.walker().save(path)
+    path.write_bytes(path.read_bytes()[:-400])
+
+
+def _damaged(path: Path) -> None:
+    tracks.walker().save(path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 200] = bytes(200)
+    path.write_bytes(data)
+
+
+def _no_poses(path: Path) -> None:
+    np.savez(path, joints=np.zeros((1, 1, 3)))
+
+
+def _wrong_shape(path: Path) -> None:
+    tracks.walker().save(path)
+    data = dict(np.load(path))
+    np.savez(path, **{**data, "poses": np.zeros((2, 2))})
+
+
+def _pickled(path: Path) -> None:
+    np.savez(path, joint_names=np.array([{}], dtype=object))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (_missing, "no such file"),
+        (_text, "not a readable npz"),
+        (_empty, "not a readable npz"),
+        (_array, "not a readable npz"),
+        (_truncated, "not a readable npz"),
+        (_damaged, "not a readable npz"),
+        (_pickled, "not a readable npz"),
+        (_no_poses, "lacks body_name, dof_names"),
+        (_wrong_shape, r"poses has shape \(2, 2\); expected \(30, 31\)"),
+    ],
+)
+def test_bad_files_are_named(tmp_path: Path, make, message: str) -> None:
+    path = tmp_path / "track.npz"
+    make(path)
+    with pytest.raises(InputError, match=message) as error:
+        Track.load(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unwritable_place_is_a_user_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        tracks.walker().save(tmp_path / "file" / "track.npz")

@@ -1,0 +1,101 @@
+"""Covariance of joints from that of the pose."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from helpers import bodies
+from helpers.shared import ROOT
+
+from apf.body.model import load_body
+from apf.reference.kinematics import posed_joints
+from apf.tracking.uncertainty import Calibration, inside, joint_covariance, raw_covariance
+
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from calibrate_uncertainty import Sample, fitted, pooled
+
+SONG = load_body("song31")
+
+
+def information(random: np.random.Generator, n: int) -> np.ndarray:
+    """(D, D) of a pose known to about a hundredth."""
+    root = random.normal(size=(n, n))
+    return 1e4 * (np.eye(n) + 0.3 * root @ root.T / n)
+
+
+def test_joints_spread_as_samples_of_the_pose_do() -> None:
+    random = np.random.default_rng(2)
+    pose = bodies.random_poses(SONG, 1)[0]
+    known = information(random, SONG.n_dof)
+    deviation = np.full(SONG.n_dof, 0.005)
+    covariance = np.linalg.inv(known) + np.diag(deviation**2)
+    samples = random.multivariate_normal(pose, covariance, 20_000)
+    joints = posed_joints(SONG, samples)
+    centred = joints - joints.mean(0)
+    expected = np.einsum("nja,njb->jab", centred, centred) / len(samples)
+    found = raw_covariance(SONG, pose[None], known[None], deviation[None])[0]
+    np.testing.assert_allclose(found, expected, atol=0.06 * expected.max())
+    truth = posed_joints(SONG, pose[None])[0]
+    held = inside(joints - truth, np.broadcast_to(found + 1e-9 * np.eye(3), (20_000, *found.shape)))
+    np.testing.assert_allclose(held.mean(), 0.95, atol=0.01)
+
+
+def test_without_information_the_particles_speak() -> None:
+    poses = bodies.random_poses(SONG, 40)  # more than one block
+    deviation = np.full((40, SONG.n_dof), 0.01)
+    nothing = np.zeros((40, SONG.n_dof, SONG.n_dof))
+    found = raw_covariance(SONG, poses, nothing, deviation)
+    assert found.shape == (40, len(SONG.joints), 3, 3)
+    again = raw_covariance(SONG, poses, nothing, 2 * deviation)
+    np.testing.assert_allclose(again, 4 * found)
+    single = raw_covariance(SONG, poses[35:36], nothing[:1], deviation[:1])
+    np.testing.assert_allclose(single[0], found[35], atol=1e-12)
+
+
+def test_calibration_scales_and_adds_a_floor_per_joint() -> None:
+    poses = bodies.random_poses(SONG, 2)
+    nothing, deviation = np.zeros((2, 31, 31)), np.full((2, 31), 0.01)
+    raw = raw_covariance(SONG, poses, nothing, deviation)
+    scaled = Calibration(3.0, {"wrist": 0.05}, other_floor=0.01)
+    found = joint_covariance(SONG, poses, nothing, deviation, scaled)
+    for name, floor in (("l_wrist", 0.05), ("r_wrist", 0.05), ("pelvis", 0.01)):
+        place = SONG.joint_names.index(name)
+        np.testing.assert_allclose(found[:, place], 9 * raw[:, place] + floor**2 * np.eye(3))
+
+
+def test_ellipsoids_hold_what_they_say() -> None:
+    covariance = np.diag([4.0, 1.0, 1.0])
+    offsets = np.array([[5.0, 0, 0], [0, 5.0, 0], [0, 0, 2.7], [6.0, 0, 0]])
+    assert inside(offsets, covariance).tolist() == [True, False, True, False]
+
+
+def test_the_script_finds_what_offsets_were_drawn_from() -> None:
+    """Scale 2; a wrist of floor 20 mm that is held now firmly, now not, and a hip of 10 mm."""
+    random = np.random.default_rng(5)
+
+    def walk() -> dict[str, Sample]:
+        found = {}
+        for name, floor, held in (("wrist", 0.020, (0.005, 0.040)), ("hip", 0.010, (0.003, 0.004))):
+            raw = random.uniform(*held, 4000)[:, None, None] ** 2 * np.eye(3)
+            spread = np.sqrt(4 * raw + floor**2 * np.eye(3))
+            offsets = np.einsum("nab,nb->na", spread, random.normal(size=(4000, 3)))
+            found[name] = Sample(offsets, raw)
+        return found
+
+    walks = [walk(), walk()]
+    calibration = fitted(pooled(walks))
+    assert calibration.scale == 2.0
+    np.testing.assert_allclose(calibration.floor["wrist"], 0.020, atol=0.002)
+    np.testing.assert_allclose(calibration.floor["hip"], 0.010, atol=0.0005)
+    for name, sample in walk().items():
+        assert abs(sample.share(calibration.scale, calibration.floor[name]) - 0.95) < 0.015
+
+
+def test_a_scale_is_preferred_where_floors_do_as_well() -> None:
+    """Offsets that know nothing of how firmly a joint is held: some scale costs next to nothing."""
+    random = np.random.default_rng(6)
+    raw = random.uniform(0.001, 0.002, 3000)[:, None, None] ** 2 * np.eye(3)
+    calibration = fitted({"hip": Sample(random.normal(0, 0.02, (3000, 3)), raw)})
+    assert calibration.scale >= 2.0 and 0.018 < calibration.floor["hip"] < 0.021

@@ -1,0 +1,372 @@
+"""OpenCL devices: choice, memory, programs, transfers and timings."""
+
+from __future__ import annotations
+
+import gc
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pyopencl
+import pytest
+
+import cl.device
+import cl.program
+from cl import Device, DeviceError, NumpyDevice, list_devices, select_device
+from cl.program import kernel_source
+
+
+@pytest.fixture
+def fresh(device: Device) -> Device:
+    """The device with counters at zero."""
+    return Device(device.handle)
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that stands for cl/kernels; its sources are not cached from test to test."""
+    monkeypatch.setattr(cl.program.resources, "files", lambda package: tmp_path)
+    monkeypatch.setattr(cl.device, "kernel_source", kernel_source.__wrapped__)
+    (tmp_path / "kernels").mkdir()
+    return tmp_path / "kernels"
+
+
+FILL = """
+__kernel void fill(int n, float value, __global float *out)
+{
+    const int i = get_global_id(0);
+    if (i < n) out[i] = value * SCALE;
+}
+__kernel void sizes(__global int *out)
+{
+    if (get_global_id(0) == 0 && get_global_id(1) == 0) {
+        out[0] = get_global_size(0);
+        out[1] = get_global_size(1);
+        out[2] = get_local_size(0);
+        out[3] = get_local_size(1);
+    }
+}
+"""
+
+
+# Choice ------------------------------------------------------------------------------------------
+
+
+def test_numpy_needs_no_device() -> None:
+    assert select_device("numpy") == NumpyDevice()
+
+
+def test_best_is_the_first_of_the_list() -> None:
+    infos = list_devices()
+    assert infos and Device.best().info == infos[0]
+    order = [(info.kind != "gpu", -info.compute_units) for info in infos]
+    assert order == sorted(order)
+
+
+def test_devices_are_found_by_kind_and_by_part_of_their_name(device: Device) -> None:
+    for choice in (device.name, device.name[2:-1].upper(), device.info.platform.lower()):
+        chosen = select_device(choice)
+        assert isinstance(chosen, Device)
+        assert choice.lower() in f"{chosen.name} {chosen.info.platform}".lower()
+    if device.info.kind in ("cpu", "gpu"):
+        chosen = select_device(device.info.kind)
+        assert isinstance(chosen, Device) and chosen.info.kind == device.info.kind
+
+
+def test_info_tells_what_the_device_has(device: Device) -> None:
+    assert device.info.kind in ("cpu", "gpu", "other")
+    assert device.info.compute_units > 0 and device.info.memory > 2**20
+    assert device.info.driver and device.info.platform
+    assert device.is_gpu == (device.info.kind == "gpu")
+
+
+def test_unknown_devices_are_refused_with_those_that_are_there(device: Device) -> None:
+    with pytest.raises(DeviceError) as caught:
+        select_device("no such thing")
+    assert "no such thing" in str(caught.value) and device.name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("choice", ["auto", "gpu", "cpu", "anything"])
+def test_machines_without_a_device_say_so(choice: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> list:
+        raise pyopencl.LogicError("clGetPlatformIDs failed: PLATFORM_NOT_FOUND_KHR")
+
+    monkeypatch.setattr(pyopencl, "get_platforms", none)
+    assert list_devices() == []
+    with pytest.raises(DeviceError, match=f"--device {choice}; found: none at all"):
+        select_device(choice)
+
+
+# Arrays and memory -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.uint8, np.int32])
+def test_arrays_come_back_as_they_went(fresh: Device, kind: type) -> None:
+    host = np.random.default_rng(0).integers(0, 200, (5, 3, 7)).astype(kind)
+    array = fresh.to_device(host)
+    assert (array.shape, array.dtype, array.nbytes) == (host.shape, host.dtype, host.nbytes)
+    np.testing.assert_array_equal(array.get(), host)
+    np.testing.assert_array_equal(array.get(2), host[:2])
+    np.testing.assert_array_equal(fresh.to_device(host[:, ::2, ::-1]).get(), host[:, ::2, ::-1])
+    array.set(host[::-1])
+    np.testing.assert_array_equal(array.get(), host[::-1])
+    array.fill(7)
+    np.testing.assert_array_equal(array.get(), np.full_like(host, 7))
+    assert not fresh.zeros((4, 5), kind).get().any()
+
+
+def test_the_host_may_reuse_its_memory_after_an_upload(fresh: Device) -> None:
+    host = np.arange(100_000, dtype=np.float32)
+    array = fresh.to_device(host)
+    del host
+    gc.collect()
+    np.testing.assert_array_equal(array.get(), np.arange(100_000))
+
+
+def test_empty_arrays(fresh: Device) -> None:
+    for array in (fresh.to_device(np.empty((0, 3), np.float32)), fresh.zeros((0, 3), np.float32)):
+        assert array.get().shape == (0, 3)
+    assert fresh.zeros(4, np.int32).get(0).shape == (0,)
+    assert fresh.transfers.uploads == fresh.transfers.downloads == 0
+
+
+def test_arrays_of_another_shape_or_type_are_refused(fresh: Device) -> None:
+    array = fresh.zeros((2, 3), np.float32)
+    for wrong in (np.zeros((2, 3)), np.zeros((2, 2), np.float32)):
+        with pytest.raises(ValueError, match=r"expected \(2, 3\) float32"):
+            array.set(wrong)
+
+
+def test_transfers_are_counted(fresh: Device) -> None:
+    array = fresh.zeros(10, np.float32)
+    assert (fresh.transfers.uploads, fresh.transfers.downloads) == (0, 0)
+    array.set(np.ones(10, np.float32))
+    fresh.to_device(np.zeros(3, np.uint8))
+    array.get()
+    array.get(4)
+    array.fill(1)
+    assert (fresh.transfers.uploads, fresh.transfers.upload_bytes) == (2, 43)
+    assert (fresh.transfers.downloads, fresh.transfers.download_bytes) == (2, 56)
+
+
+def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
+    queue, own = fresh.new_queue(), fresh.queue
+    array = fresh.zeros(100_000, np.float32)
+    for value in range(5):
+        array.fill(value)
+        with fresh.on(queue):
+            assert fresh.queue is queue
+            found = array.fetch()
+            array.fill(-1)
+        assert fresh.queue is own
+        fresh.wait_for(queue)
+        last = array.get()
+        assert np.all(last == -1) and np.all(found() == value)
+    assert fresh.transfers.downloads == 10
+    with pytest.raises(KeyError), fresh.on(queue):
+        raise KeyError
+    with fresh.on(own):
+        array.fill(3)
+    fresh.wait_for(own)
+    assert fresh.queue is own and np.all(array.get() == 3)
+
+
+def test_memory_is_accounted_and_released(fresh: Device) -> None:
+    assert fresh.allocated == 0
+    first = fresh.empty((256, 4), np.float32)
+    second = fresh.zeros(100, np.uint8)
+    assert fresh.allocated == 4096 + 100
+    del first
+    gc.collect()
+    assert fresh.allocated == 100
+    second.get()
+    del second
+    gc.collect()
+    assert fresh.allocated == 0
+
+
+def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    out = fresh.empty(64, np.float32)
+    launch = fresh.launch(
+        fresh.kernel("some", "fill", SCALE=1), (64,), None, np.int32(64), np.float32(1), out
+    )
+    del out
+    gc.collect()
+    assert fresh.allocated == 256
+    del launch
+    gc.collect()
+    assert fresh.allocated == 0
+
+
+def test_too_large_an_array_is_refused_before_it_is_made(fresh: Device) -> None:
+    largest = fresh.handle.max_mem_alloc_size
+    with pytest.raises(DeviceError) as caught:
+        fresh.empty(largest + 1, np.uint8, "the voxel grid")
+    message = str(caught.value)
+    assert message.startswith("the voxel grid needs ") and fresh.name in message
+    assert "\n" not in message and fresh.allocated == 0
+    with pytest.raises(DeviceError, match="the grid needs"):
+        fresh.empty((2**22, 2**22, 2**22), np.float32, "the grid")  # beyond 64 bits
+
+
+def test_what_is_taken_lessens_what_is_left(fresh: Device) -> None:
+    fresh.require_memory(1000, "a thing")
+    fresh._allocated[0] = fresh.info.memory - 999
+    with pytest.raises(DeviceError, match=r"a thing needs .* left"):
+        fresh.require_memory(1000, "a thing")
+    fresh.require_memory(999, "a thing")
+
+
+def test_siblings_share_memory_and_programs(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    other = fresh.sibling()
+    taken = other.empty(100, np.uint8)
+    assert fresh.allocated == other.allocated == 100
+    del taken
+    gc.collect()
+    assert fresh.allocated == 0
+    # Two at a time build a program once.
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda own: own.kernel("some", "fill", SCALE=1), (fresh, other)))
+    assert len(fresh._programs) == 1 and other._programs is fresh._programs
+
+
+def test_failing_allocations_are_user_errors(
+    fresh: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object) -> None:
+        raise pyopencl.MemoryError("clCreateBuffer failed: MEM_OBJECT_ALLOCATION_FAILURE")
+
+    monkeypatch.setattr(pyopencl, "Buffer", refuse)
+    with pytest.raises(DeviceError, match=r"could not allocate .* for the images"):
+        fresh.empty(10, np.uint8, "the images")
+    assert fresh.allocated == 0
+
+
+# Programs and launches ---------------------------------------------------------------------------
+
+
+def test_headers_are_inlined_once_and_lines_keep_their_numbers(
+    fresh: Device, kernels: Path
+) -> None:
+    (kernels / "deep.h").write_text("#define DEEP 4\nconstant int deep_line = __LINE__;\n")
+    (kernels / "a.h").write_text('// a comment\n#include "deep.h"\nconstant int a = __LINE__;\n')
+    (kernels / "b.h").write_text('#include "deep.h"\nconstant int b = __LINE__;')
+    (kernels / "some.cl").write_text(
+        '// first\n#include "a.h"\n  #include "b.h" // again deep.h\n\n'
+        "__kernel void lines(__global int *out) {\n"
+        "    out[0] = DEEP; out[1] = deep_line; out[2] = a; out[3] = b; out[4] = __LINE__;\n}\n"
+    )
+    source = kernel_source.__wrapped__("some")
+    assert "#include" not in source and source.count("#define DEEP") == 1
+    out = fresh.empty(5, np.int32)
+    fresh.launch(fresh.kernel("some", "lines"), (1,), None, out)()
+    np.testing.assert_array_equal(out.get(), [4, 2, 3, 2, 6])
+
+
+def test_compilers_complain_about_the_right_file(fresh: Device, kernels: Path) -> None:
+    (kernels / "wrong.h").write_text("\n\nint broken(void) { return nonsense; }\n")
+    (kernels / "some.cl").write_text('#include "wrong.h"\n__kernel void k(__global int *o) {}\n')
+    with pytest.raises(pyopencl.RuntimeError, match=r"nonsense") as caught:
+        fresh.kernel("some", "k")
+    if fresh.info.kind == "cpu":  # PoCL's compiler is clang; others may say it differently
+        assert "wrong.h:3" in str(caught.value)
+
+
+KERNELS = Path(cl.__file__).parent / "kernels"
+STAGES = [path.relative_to(KERNELS).with_suffix("").as_posix() for path in KERNELS.rglob("*.cl")]
+
+
+@pytest.mark.parametrize("stage", sorted(STAGES))
+def test_every_kernel_file_is_whole(stage: str) -> None:
+    source = kernel_source(stage)
+    assert source.startswith(f'#line 1 "{stage}.cl"')
+    assert "#include" not in source and "__kernel" in source
+
+
+def test_programs_are_built_once_per_set_of_defines(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    out = {}
+    for scale in (1, 1, 2, 0.5, np.float64(0.25), np.float32(0.125)):
+        out[float(scale)] = fresh.zeros(3, np.float32)
+        kernel = fresh.kernel("some", "fill", SCALE=scale)
+        fresh.launch(kernel, (3,), None, np.int32(3), np.float32(4), out[float(scale)])()
+    assert len(fresh._programs) == 5
+    for scale, array in out.items():
+        np.testing.assert_array_equal(array.get(), np.full(3, 4 * scale))
+
+
+def test_launches_keep_their_own_arguments(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    arrays = [fresh.zeros(3, np.float32) for _ in range(2)]
+    launches = [
+        fresh.launch(
+            fresh.kernel("some", "fill", SCALE=1), (3,), None, np.int32(3), np.float32(v), a
+        )
+        for v, a in zip((1, 2), arrays, strict=True)
+    ]
+    for launch in launches:
+        launch()
+    assert [array.get()[0] for array in arrays] == [1, 2]
+    launches[0].set_arg(1, np.float32(9))
+    launches[0].set_arg(2, arrays[1])
+    launches[0]()
+    assert [array.get()[0] for array in arrays] == [1, 9]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "local", "padded"),
+    [((37,), (16,), (48, 1)), ((32,), (16,), (32, 1)), ((5, 3), (4, 2), (8, 4))],
+)
+def test_global_sizes_are_padded(
+    fresh: Device, kernels: Path, wanted: tuple, local: tuple, padded: tuple
+) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    out = fresh.zeros(4, np.int32)
+    fresh.launch(fresh.kernel("some", "sizes", SCALE=1), wanted, local, out)()
+    np.testing.assert_array_equal(out.get(), [*padded, *local, *[1] * (2 - len(local))])
+
+
+# Timings -----------------------------------------------------------------------------------------
+
+
+def test_devices_that_are_not_profiled_keep_no_events(fresh: Device, kernels: Path) -> None:
+    (kernels / "some.cl").write_text(FILL)
+    fresh.zeros(10, np.float32).get()
+    assert fresh.profiler is None
+
+
+def test_profiles_name_every_command(device: Device, kernels: Path) -> None:
+    profiled = Device(device.handle, profile=True)
+    assert profiled.profiler is not None
+    (kernels / "some.cl").write_text(FILL)
+    out = profiled.empty(1000, np.float32)
+    arguments = ((1000,), None, np.int32(1000), np.float32(1), out)
+    kernel = profiled.kernel("some", "fill", SCALE=1)
+    plain, named = (profiled.launch(kernel, *arguments, name=name) for name in (None, "paint"))
+    plain()
+    plain()
+    named()
+    out.set(np.zeros(1000, np.float32))
+    out.get()
+    out.fill(3)
+    times = profiled.profiler.collect()
+    assert {name: len(ms) for name, ms in times.items()} == {
+        "fill": 3,  # twice the kernel of that name, once the array's
+        "paint": 1,
+        "upload": 1,
+        "download": 1,
+    }
+    assert all(ms >= 0 for each in times.values() for ms in each)
+    out.get()
+    table = profiled.profiler.table()
+    totals = [total for *_, total in table]
+    assert totals == sorted(totals, reverse=True)
+    row = next(row for row in table if row[0] == "download")
+    downloads = profiled.profiler.collect()["download"]
+    assert row[1] == 2 and row[2] == pytest.approx(np.median(downloads))
+    assert row[3] == pytest.approx(sum(downloads))
+    profiled.profiler.clear()
+    assert profiled.profiler.collect() == {}

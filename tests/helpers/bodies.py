@@ -1,0 +1,98 @@
+"""Bodies for the tests of the tracker, beside the one that is shipped."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.model import BodyModel, load_body
+
+#: Small and awkward: a root away from the origin, free axes whose order in the pose is not that
+#: of the file, inverted ones, a slider after a hinge, a turned bone, elliptic sections, a cone that
+#: is not looked for in images, and a second root that cannot move at all.
+STICK = """
+name = "stick"
+edges = [["base", "tip"]]
+apart = [["lower", "post"], ["post", "upper"]]
+
+[[bone]]
+name = "l_lower"
+offset = [0.1, -0.2, 0.3]
+axes = [
+    { axis = "-tx", sigma = 0.01, dof = 3, limits = [-0.5, 0.5] },
+    { axis = "rz", sigma = 0.02, dof = 1 },
+    { axis = "ty", sigma = 0.0, dof = 4, rest = 0.05 },
+]
+
+[[bone]]
+name = "upper"
+parent = "l_lower"
+offset = [0.0, 0.05, 0.6]
+rest = [[0.0, -0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]]
+axes = [
+    { axis = "-ry", sigma = 0.05, dof = 0, limits = [-0.1, 0.2], name = "bend" },
+    { axis = "rx", sigma = 0.03, dof = 2, limits = [-2.0, 2.0], rest = 0.3 },
+]
+
+[[bone]]
+name = "ground"
+offset = [0.0, 0.0, 0.05]
+
+[[cone]]
+name = "lower"
+bone = "l_lower"
+start = [0.0, 0.0, 0.0]
+end = [0.02, 0.03, 0.6]
+radii = [0.2, 0.1]
+side = [0.3, 1.0, 0.2]
+scale = [1.4, 0.6]
+
+[[cone]]
+name = "upper"
+bone = "upper"
+start = [0.0, 0.1, 0.0]
+end = [0.5, 0.1, 0.1]
+radii = [0.08, 0.08]
+
+[[cone]]
+name = "post"
+bone = "ground"
+start = [0.0, 0.0, 0.0]
+end = [0.0, 0.0, 0.8]
+radii = [0.05, 0.15]
+in_images = false
+
+[[joint]]
+name = "base"
+bone = "l_lower"
+position = [0.01, 0.02, 0.03]
+
+[[joint]]
+name = "tip"
+bone = "upper"
+position = [0.5, 0.1, 0.1]
+"""
+
+
+def from_text(text: str) -> BodyModel:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "body.toml"
+        path.write_text(text)
+        return load_body(path)
+
+
+def named(name: str) -> BodyModel:
+    """`stick`, or a body that is shipped."""
+    return from_text(STICK) if name == "stick" else load_body(name)
+
+
+def random_poses(body: BodyModel, n: int, seed: int = 0, wild: bool = False) -> np.ndarray:
+    """(n, D) poses around rest; wild ones anywhere within the limits, else +-3."""
+    random = np.random.default_rng(seed)
+    if wild:
+        low, high = np.maximum(body.lower, -3), np.minimum(body.upper, 3)
+        return random.uniform(low, high, (n, body.n_dof))
+    poses = body.rest_pose + random.normal(0, 0.15, (n, body.n_dof))
+    return np.clip(poses, body.lower, body.upper)

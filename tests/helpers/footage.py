@@ -1,0 +1,81 @@
+"""Tiny sequences on disk for the tests: calibrations, videos and images made on the spot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tomli_w
+
+from helpers import scenes
+from psfs.cameras.camera import CameraRig
+
+SIZE = (64, 48)
+#: How many grey levels the videos' compression may change.
+LOSS = 5
+
+
+def rig(views: int = 3) -> CameraRig:
+    """Cameras of one size, as the videos need it."""
+    cameras = []
+    for k in range(views):
+        angle = 2 * np.pi * k / views + 0.3
+        centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.5])
+        target = np.array([0.0, 0.0, 0.9])
+        cameras.append(scenes.looking_at(f"cam{k + 1:02d}", centre, target, SIZE, 60.0))
+    return CameraRig(tuple(cameras))
+
+
+def grey(frame: int, view: int) -> int:
+    """The grey level of a frame in a view; neighbouring frames differ by more than `LOSS`."""
+    return 20 + 12 * (frame % 16) + 3 * view
+
+
+def tables(cameras: CameraRig) -> dict:
+    """The rig as Pose2Sim's TOML tables."""
+    return {
+        camera.name: {
+            "name": camera.name,
+            "size": [float(n) for n in camera.size],
+            "matrix": camera.K.tolist(),
+            "distortions": camera.distortion.tolist(),
+            "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
+            "translation": camera.t.tolist(),
+            "fisheye": False,
+        }
+        for camera in cameras
+    }
+
+
+def write_toml(path: Path, values: dict) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(tomli_w.dumps(values))
+
+
+def write_video(
+    path: Path, levels: list[int], fps: float = 25.0, size: tuple[int, int] = SIZE
+) -> None:
+    """Frames of one grey level each."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+    assert writer.isOpened()
+    for level in levels:
+        writer.write(np.full((size[1], size[0], 3), level, np.uint8))
+    writer.release()
+
+
+def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.full((size[1], size[0]), level, np.uint8))
+
+
+def native(folder: Path, views: int = 3, frames: int = 12) -> Path:
+    """A native folder with videos and background videos."""
+    cameras = rig(views)
+    write_toml(folder / "calibration.toml", tables(cameras))
+    for view, camera in enumerate(cameras):
+        levels = [grey(frame, view) for frame in range(frames)]
+        write_video(folder / "videos" / f"{camera.name}.mp4", levels)
+        write_video(folder / "background" / f"{camera.name}.mp4", [100 + view] * 6)
+    return folder

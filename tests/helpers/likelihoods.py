@@ -1,0 +1,93 @@
+"""A voxel likelihood on the device with poses and maps of the test's own choice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
+from apf.reference.kinematics import posed_cones
+from apf.reference.likelihood import share, strain_errors, total_errors
+from cl import Array, Device
+from helpers import bodies, scenes
+from psfs.cameras.camera import CameraRig
+from psfs.voxels.grid import VoxelGrid
+
+CONFIG = FilterConfig(n_particles=37, n_points=100)
+
+
+def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
+    """(V, H, W, 2) uint8 from 0 to 255 without steps, so that a sample which rounding moves to the
+    next pixel finds nearly the same value."""
+    random = np.random.default_rng(seed)
+    noise = random.normal(size=(len(rig), rig.height, rig.width, 2))
+    noise = ndimage.gaussian_filter(noise, (0, 6, 6, 0))
+    noise = (noise - noise.min()) / np.ptp(noise)
+    return np.rint(255 * noise).astype(np.uint8)
+
+
+def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
+    """Poses in front of the cameras, at their sides, around and behind them."""
+    poses = bodies.random_poses(body, n, wild=True)
+    places = [i for i, name in enumerate(body.dof_names) if name[-3:] in (".tx", ".ty")]
+    poses[:, places] = np.random.default_rng(n).normal(0, 2.5, (n, len(places)))
+    poses[: n // 3, places] *= 0.1
+    return np.clip(poses, body.lower, body.upper)
+
+
+def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
+    """As much of `Voxels` as a likelihood needs."""
+    return SimpleNamespace(grid=grid, surface=surface, count=count)
+
+
+class Setup:
+    """A `VoxelLikelihood` with `poses` and `maps` on the device."""
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        rig: CameraRig,
+        poses: np.ndarray,
+        maps: np.ndarray,
+        config: FilterConfig,
+        grid: VoxelGrid | None = None,
+    ) -> None:
+        self.body, self.rig, self.maps = body, rig, maps
+        self.poses = poses.astype(np.float32)
+        self.config = replace(config, n_particles=len(poses), first_survival=0.9, last_survival=0.6)
+        grid = grid or scenes.small_grid(0.1)
+        self.likelihood = VoxelLikelihood(device, body, rig, grid, self.config)
+        self.likelihood.points.fill(0)
+        self.on_device = device.to_device(self.poses)
+
+    def errors(self, turn: int = 0) -> np.ndarray:
+        self.likelihood.errors.fill(-7)
+        self.likelihood._reprojection.maps.set(self.maps)
+        self.likelihood._n_launchers = turn
+        for launch in self.likelihood.launcher(self.on_device):
+            launch()
+        return self.likelihood.errors.get()
+
+    def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
+        cones = posed_cones(self.body, self.poses)
+        sampling = cone_sampling(self.body, self.config.sample_spacing)
+        seen = share(points, turn, self.config.point_turns)
+        errors = total_errors(
+            self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
+        )
+        strain = strain_errors(self.body, self.poses.astype(float))
+        return errors + len(self.rig) * self.config.posture_weight * strain
+
+
+def only(name: str, **settings: Any) -> FilterConfig:
+    """Settings by which one term alone counts, once."""
+    terms = ("edge", "silhouette", "surface", "overlap", "posture")
+    weights: Any = {f"{term}_weight": float(term == name) for term in terms}
+    return replace(CONFIG, **weights, **settings)

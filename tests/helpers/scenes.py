@@ -1,0 +1,94 @@
+"""Small synthetic scenes for the tests of the reconstruction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid
+
+
+def frame(
+    index: int = 0, images: np.ndarray | None = None, masks: np.ndarray | None = None
+) -> Frame:
+    return Frame(index, images, masks)
+
+
+def looking_at(
+    name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], focal: float
+) -> Camera:
+    z = np.asarray(target, float) - centre
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0.1, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z])
+    K = np.array([[focal, 0, size[0] / 2], [0, focal * 1.02, size[1] / 2], [0, 0, 1.0]])
+    distortion = np.array([-0.12, 0.04, 0.001, -0.002, 0.01])
+    return Camera(name, K, distortion, R, -R @ np.asarray(centre, float), size)
+
+
+def ring(views: int = 4, size: tuple[int, int] = (97, 75), radius: float = 3.0) -> CameraRig:
+    """Cameras around the origin's axis at about eye level, of odd and different sizes."""
+    cameras = []
+    for k in range(views):
+        angle = 2 * np.pi * k / max(views, 1) + 0.3
+        centre = np.array([radius * np.cos(angle), radius * np.sin(angle), 1.2 + 0.2 * k])
+        here = (size[0] - 7 * (k % 2), size[1] - 4 * (k % 3))
+        cameras.append(looking_at(f"c{k}", centre, np.array([0, 0, 0.8]), here, size[0] * 0.9))
+    return CameraRig(tuple(cameras))
+
+
+def without_distortion(rig: CameraRig) -> CameraRig:
+    return CameraRig(tuple(replace(camera, distortion=np.zeros(5)) for camera in rig))
+
+
+def small_grid(voxel_size: float = 0.06) -> VoxelGrid:
+    return VoxelGrid.covering(np.array([-0.7, -0.6, -0.1]), np.array([0.8, 0.7, 1.9]), voxel_size)
+
+
+def solid(points: np.ndarray) -> np.ndarray:
+    """Is a point (..., 3) inside the test body: a ball on a leaning block?"""
+    ball = ((points - [0.1, 0.0, 1.3]) ** 2).sum(-1) < 0.3**2
+    low, high = np.array([-0.2, -0.25, 0.2]), np.array([0.25, 0.15, 1.2])
+    return ball | ((points >= low) & (points <= high)).all(-1)
+
+
+def masks_of(rig: CameraRig) -> np.ndarray:
+    """(V, H, W) uint8 silhouettes of the test body, by a dense cloud of points."""
+    axes = [np.arange(-0.3, 0.5, 0.012), np.arange(-0.4, 0.4, 0.012), np.arange(0.1, 1.7, 0.012)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    points = points[solid(points)]
+    masks = np.zeros((len(rig), rig.height, rig.width), np.uint8)
+    for view, camera in enumerate(rig):
+        _, row, column, _ = camera.look_up(points)
+        masks[view, row, column] = 255
+    return masks
+
+
+def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
+    """A noisy picture of the test body before a textured background, and that background."""
+    random = np.random.default_rng(seed)
+    shape = (len(rig), rig.height, rig.width, 3)
+    mean = random.uniform(20, 230, shape).astype(np.float32)
+    std = random.uniform(0.5, 6, shape).astype(np.float32)
+    masks = masks_of(rig)
+    images = np.where(masks[..., None] > 0, 128.0, mean + random.normal(0, 2, shape))
+    pictures = np.clip(images, 0, 255).astype(np.uint8)
+    return frame(images=pictures, masks=masks), Background(mean, std)
+
+
+def patches_of_evidence(
+    rig: CameraRig, seed: int, block: int, below: int = 15, plain: float = 0.0
+) -> np.ndarray:
+    """(V, H, W) int8, anything from -127 on in blocks of pixels, since where rounding decides
+    between two pixels they then seldom differ; the share `plain` of blocks is background."""
+    random = np.random.default_rng(seed)
+    shape = (len(rig), rig.height // block + 1, rig.width // block + 1)
+    coarse = random.integers(-127, below, shape)
+    coarse = np.where(random.random(shape) < plain, -60, coarse)
+    fine = coarse.repeat(block, 1).repeat(block, 2)
+    return fine[:, : rig.height, : rig.width].astype(np.int8)

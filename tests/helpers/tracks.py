@@ -1,0 +1,43 @@
+"""Small tracks and truths for the tests of what becomes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.model import EVALUATED_JOINTS, load_body
+from apf.formats.trc import JointSeries
+from apf.reference.kinematics import posed_joints
+from apf.tracking.track import Track
+
+
+def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
+    """The default body walking a curve, swinging its limbs."""
+    body = load_body("song31")
+    phase = np.linspace(0, 4, frames)
+    poses = np.tile(body.rest_pose, (frames, 1))
+    place = {name: body.dof_names.index(f"pelvis.{name}") for name in ("tx", "ty", "tz", "rz")}
+    poses[:, place["tx"]] = np.cos(phase)
+    poses[:, place["ty"]] = np.sin(phase)
+    poses[:, place["tz"]] = 1.0
+    poses[:, place["rz"]] = phase + np.pi / 2
+    for name, sign in (("l_thigh.ry", 1), ("r_thigh.ry", -1)):
+        poses[:, body.dof_names.index(name)] += sign * 0.4 * np.sin(6 * phase)
+    layers = np.linspace(0, 1, frames * 4).reshape(frames, 4)
+    return Track(
+        body_name=body.name,
+        dof_names=body.dof_names,
+        joint_names=tuple(body.joint_names),
+        fps=fps,
+        frames=np.arange(start, start + frames),
+        poses=poses,
+        joints=posed_joints(body, poses),
+        edges=np.array(body.edges),
+        diagnostics={"ess": 100 * layers, "best_log_weight": -layers},
+        config='{"seed": 7}',
+    )
+
+
+def truth_of(track: Track) -> JointSeries:
+    """The track's own joints, in the order of EVALUATED_JOINTS."""
+    columns = [track.joint_names.index(name) for name in EVALUATED_JOINTS]
+    return JointSeries(EVALUATED_JOINTS, track.joints[:, columns].copy(), track.fps, track.frames)

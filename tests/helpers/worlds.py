@@ -1,0 +1,52 @@
+"""A body that moves before cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.reference.cones import distances
+from apf.reference.kinematics import posed_cones
+from cl import Device
+from helpers import bodies, scenes
+from psfs.cameras.camera import CameraRig
+from psfs.reconstruct import Reconstructor, Voxels
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.voxels.grid import VoxelGrid
+
+SONG = bodies.named("song31")
+
+
+class World:
+    """A body that moves before cameras: its voxels on the device and for the twin."""
+
+    def __init__(self, device: Device, body: BodyModel = SONG, voxel: float = 0.05) -> None:
+        self.device, self.body = device, body
+        self.rig: CameraRig = scenes.ring(3)
+        low, high = np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9])
+        self.grid = VoxelGrid.covering(low, high, voxel)
+        self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
+
+    def pose(self, frame: int) -> np.ndarray:
+        pose = self.body.rest_pose.copy()
+        for name, speed in (("pelvis.tx", 0.012), ("l_upper_arm.ry", 0.04), ("r_thigh.ry", 0.03)):
+            pose[self.body.dof_names.index(name)] += speed * frame
+        return pose
+
+    def twin(self, frame: int) -> NumpyVoxels:
+        cones = posed_cones(self.body, self.pose(frame)[None])[0]
+        inside = distances(self.grid.centres(), cones).min(1) < 0
+        shell = inside & (
+            distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
+        )
+        return NumpyVoxels(
+            self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0
+        )
+
+    def voxels(self, frame: int) -> Voxels:
+        indices = self.twin(frame).surface.astype(np.int32)
+        padded = np.zeros(self._voxels.surface.size, np.int32)
+        padded[: len(indices)] = indices
+        self._voxels.surface.set(padded)
+        self._voxels.count.set(np.array([len(indices)], np.int32))
+        return self._voxels

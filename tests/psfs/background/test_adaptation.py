@@ -1,0 +1,95 @@
+"""The background follows slow changes of the light; who keeps still does not become part of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import scenes
+
+from cl import Device, InputError
+from psfs.background.adaptation import PERIOD, Adaptation
+from psfs.background.gaussian import Background
+from psfs.config import ReconstructionConfig, SilhouetteConfig
+from psfs.reconstruct import Reconstructor
+from psfs.reference.adaptation import NumpyAdaptation
+from psfs.silhouettes.appearance import REACH
+from psfs.silhouettes.floor_shadow import cells
+from psfs.silhouettes.silhouette import background_planes
+
+CONFIG = SilhouetteConfig(adapt=0.1)
+
+
+@pytest.mark.parametrize("views", [1, 3])
+def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
+    rig, random = scenes.ring(views), np.random.default_rng(views)
+    shape = (views, rig.height, rig.width)
+    plate = Background(
+        random.uniform(0, 250, (*shape, 3)).astype(np.float32),
+        random.uniform(0, 8, (*shape, 3)).astype(np.float32),
+    )
+    images = np.clip(plate.mean + random.normal(0, 8, (*shape, 3)), 0, 255).astype(np.uint8)
+    evidence = np.where(random.random(shape) < 0.01, 20, -20).astype(np.int8)
+    marks = random.random((views, *cells(rig))) < 0.01
+    bordered = np.pad(marks, ((0, 0), (REACH, REACH), (REACH, REACH))).astype(np.uint8)
+    before = background_planes(plate, CONFIG)
+    planes = device.to_device(before)
+    sizes = np.array([camera.size for camera in rig], np.int32)
+    inputs = (device.to_device(array) for array in (images, evidence, bordered, sizes))
+    ours = Adaptation(device, rig, CONFIG, *inputs, planes)
+    twin = NumpyAdaptation(rig, plate, CONFIG)
+    for _ in range(PERIOD + 2):  # some rows of cells are looked at twice
+        ours()
+        twin(images, evidence, marks)
+    after, expected = planes.get(), background_planes(twin.background, CONFIG)
+    wrong = ~np.isclose(after, expected, rtol=2e-3, atol=2e-3).all(1)
+    assert wrong.mean() < 1e-3  # pixels as far from the background as may be
+    assert (after != before).any(1).mean() > 0.5
+
+
+def shown(rig, background, images: np.ndarray, device: Device, adapt: float) -> np.ndarray:
+    """(V, H, W) bool silhouettes of the last of `images` (frames, V, H, W, 3)."""
+    config = ReconstructionConfig(replace(SilhouetteConfig(), adapt=adapt))
+    reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
+    for index, image in enumerate(images):
+        reconstruct(scenes.frame(index, image))
+    return reconstruct.evidence() > 0
+
+
+@pytest.fixture(scope="module")
+def still() -> tuple:
+    """The rig, the background and 100 noisy frames of the test body that keeps still."""
+    rig, random = scenes.ring(5), np.random.default_rng(0)
+    shape = (5, rig.height, rig.width, 3)
+    grey = random.uniform(60, 140, shape[:3]).astype(np.float32)  # no chromaticity tells shadows
+    mean = np.repeat(grey[..., None], 3, axis=-1)
+    background = Background(mean, np.full(shape, 3.0, np.float32))
+    scene = np.where(scenes.masks_of(rig)[..., None] > 0, np.float32(220), mean)
+    noise = random.normal(0, 3, (4, *shape)).astype(np.float32)
+    frames = [np.clip(scene + noise[k % 4], 0, 255).astype(np.uint8) for k in range(100)]
+    return rig, background, frames
+
+
+def agreement(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def test_a_still_person_stays(still: tuple, device: Device) -> None:
+    rig, background, frames = still
+    true = scenes.masks_of(rig) > 0
+    assert agreement(shown(rig, background, frames, device, 0.05), true) > 0.9
+
+
+def test_light_may_fade(still: tuple, device: Device) -> None:
+    """By a fifth in 100 frames."""
+    rig, background, frames = still
+    true = scenes.masks_of(rig) > 0
+    fading = [(image * (1 - 0.002 * k)).astype(np.uint8) for k, image in enumerate(frames)]
+    assert agreement(shown(rig, background, fading, device, 0.05), true) > 0.8
+    assert agreement(shown(rig, background, fading, device, 0.0), true) < 0.5
+
+
+def test_the_rate_is_checked() -> None:
+    with pytest.raises(InputError, match="adapt is 1"):
+        SilhouetteConfig(adapt=1.0)

@@ -1,0 +1,135 @@
+"""A screen of one colour as background: found, told from the person, by kernel and twin alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage, scenes
+
+from cl import Device, InputError
+from psfs.background.chroma_key import ChromaKey, chromaticity, key_from_media, parse_colour
+from psfs.cameras.camera import CameraRig
+from psfs.cli import main
+from psfs.config import SilhouetteConfig
+from psfs.footage.media import open_media
+from psfs.reconstruct import Reconstructor
+from psfs.reference.chroma_key import chroma_ratio
+from psfs.reference.silhouette import silhouette_evidence
+from psfs.sequence import Sequence
+from psfs.silhouettes.silhouette import Silhouette
+
+GREEN = np.array([64.0, 177.0, 0.0])  # BGR
+
+
+def key_of(rig: CameraRig, colour: np.ndarray = GREEN) -> ChromaKey:
+    views = len(rig)
+    shape = (views, rig.height, rig.width)
+    screen = np.zeros(shape, np.uint8)
+    for view, camera in enumerate(rig):
+        screen[view, : camera.size[1], 10 : camera.size[0]] = 1  # a strip beside the screen
+    return ChromaKey(
+        np.broadcast_to(colour.astype(np.float32), (*shape, 3)),
+        np.full((*shape, 3), 2.0, np.float32),
+        np.tile(chromaticity(colour), (views, 1)),
+        np.full((views, 2), 0.01),
+        np.full(views, colour.sum()),
+        screen,
+    )
+
+
+@pytest.mark.parametrize("views", [1, 3])
+def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
+    rig, random = scenes.ring(views), np.random.default_rng(views)
+    background, config = key_of(rig), SilhouetteConfig()
+    shape = (views, rig.height, rig.width, 3)
+    near = GREEN * random.uniform(0.2, 1.3, shape[:3])[..., None] + random.normal(0, 15, shape)
+    anything = random.uniform(0, 256, shape)
+    images = np.where(random.random(shape[:3])[..., None] < 0.7, near, anything)
+    images = np.clip(images, 0, 255).astype(np.uint8)
+    images[:, :20] = 0
+    silhouette = Silhouette(device, rig, background, config)
+    counts = silhouette(images).get().astype(int)
+    expected = silhouette_evidence(images, rig, background, config)
+    assert (np.abs(counts - expected) > 1).mean() < 1e-3
+    assert 0.05 < (expected > 0).mean() < 0.95
+    assert not counts[:, :, :8].any()  # nothing is told from beside the screen
+    assert silhouette.foreground is None
+
+
+def test_shadow_is_screen_and_spill_is_person() -> None:
+    background, config = key_of(scenes.ring(1)), SilhouetteConfig()
+
+    def ratio(*colour: float) -> float:
+        return float(chroma_ratio(np.array([[colour]]), background, 0, config)[0, 0])
+
+    b, g, r = GREEN
+    assert ratio(b, g, r) > 4 and ratio(0.4 * b, 0.4 * g, 0.4 * r) > 2  # lit, shaded
+    assert ratio(b - 20, g, r) > 0  # more saturated
+    assert ratio(100, 160, 110) < 0 and ratio(150, 190, 200) < 0  # tinted grey, tinted skin
+    assert ratio(12, 12, 12) < 0 and ratio(250, 250, 250) < 0  # black, white
+    assert ratio(177, 64, 0) < 0  # a blue shirt
+
+
+def pictures(folder: Path, colour: np.ndarray, light: float = 1.0) -> Path:
+    """Five cameras before a screen, lit unevenly; the test body moves a little and is grey."""
+    rig = scenes.ring(5, size=(160, 120))
+    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
+    random, masks = np.random.default_rng(0), scenes.masks_of(rig)
+    for view, camera in enumerate(rig):
+        (folder / "images" / camera.name).mkdir(parents=True)
+        columns, rows = camera.size
+        lit = light * np.linspace(0.7, 1.2, columns)[None, :, None] * colour
+        for frame in range(3):
+            picture = lit + random.normal(0, 2, (rows, columns, 3))
+            picture[masks[view, :rows, :columns] > 0] = [140, 150, 140]
+            name = folder / "images" / camera.name / f"{frame}.png"
+            assert cv2.imwrite(str(name), np.clip(picture, 0, 255).astype(np.uint8))
+    return folder
+
+
+@pytest.mark.parametrize("key", [None, "#00b140"])
+def test_the_screen_is_found(tmp_path: Path, device: Device, key: str | None) -> None:
+    sequence = Sequence.open(pictures(tmp_path / "a", GREEN, 0.8), background="chroma", key=key)
+    background = sequence.background
+    assert isinstance(background, ChromaKey) and sequence.empty_scene
+    np.testing.assert_allclose(background.key, np.tile(chromaticity(GREEN), (5, 1)), atol=0.02)
+    grid = scenes.small_grid()
+    reconstruct = Reconstructor(device, sequence.rig, grid, background)
+    reconstruct(sequence.read(0))
+    shown, true = reconstruct.evidence() > 0, scenes.masks_of(sequence.rig) > 0
+    assert (shown & true).sum() > 0.9 * (shown | true).sum()
+
+
+def test_no_screen_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = pictures(tmp_path / "grey", np.array([120.0, 122.0, 121.0]))
+    command = ["reconstruct", str(folder), "-o", str(tmp_path / "out"), "--background", "chroma"]
+    for more, message in (
+        ([], "no saturated colour fills 10%"),
+        (["--key", "#00b140"], "no saturated colour near #00b140"),
+        (["--key", "green"], "expected a colour #rrggbb"),
+        (["--key", "#808080"], "nearly grey"),
+    ):
+        assert main([*command, *more]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert message in line
+
+
+def test_colours_are_read() -> None:
+    np.testing.assert_array_equal(parse_colour("#00b140"), [64, 177, 0])
+    with pytest.raises(InputError, match="#00b1"):
+        parse_colour("#00b1")
+
+
+def test_an_empty_plate_says_where_the_screen_is(tmp_path: Path) -> None:
+    rig = CameraRig((scenes.ring(1, size=(64, 48))[0],))
+    plate = np.full((48, 64, 3), 100, np.uint8)
+    plate[:, 20:] = GREEN.astype(np.uint8)
+    path = tmp_path / "c0.png"
+    assert cv2.imwrite(str(path), plate)
+    media = (open_media("c0", [path]),)
+    told = key_from_media(rig, media, empty=True).screen[0]
+    assert told[:, 21:].all() and not told[:, :19].any()
+    assert key_from_media(rig, media, empty=False).screen.all()

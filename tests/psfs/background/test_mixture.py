@@ -1,0 +1,29 @@
+"""Silhouettes by a mixture of Gaussians."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from helpers import footage
+from helpers.shared import shared_data
+
+from psfs.sequence import Sequence
+
+
+def test_what_differs_from_the_plate_is_the_person(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path)
+    footage.write_video(folder / "videos/cam02.mp4", [101] * 12)  # as its plate
+    sequence = Sequence.open(folder, background="mog")
+    frame = sequence.read(0)
+    assert sequence.background is None and frame.masks is not None
+    assert (frame.masks[0] == 255).all() and not frame.masks[1].any()
+
+
+def test_masks_do_not_depend_on_the_frames_before() -> None:
+    sequence = Sequence.open(shared_data("utrecht_seated"), background="mog")
+    alone = sequence.read(2).masks
+    after = list(sequence.frames(slice(0, 3)))[-1].masks
+    assert alone is not None and after is not None
+    np.testing.assert_array_equal(alone, after)
+    assert 0.01 < (alone > 0).mean() < 0.1

@@ -1,0 +1,66 @@
+"""Without pictures of the empty scene, the background is the median of the frames."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device
+from psfs.cli import main
+from psfs.output.runs import Run
+from psfs.sequence import Sequence
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six seconds of a walk, with a plate."""
+    folder = tmp_path_factory.mktemp("no_plate") / "walk"
+    config = SceneConfig(cameras=4, frames=30, fps=5, size=(160, 120), seed=4)
+    generate(folder, config, Device.best())
+    return folder
+
+
+def reconstructed(folder: Path, out: Path, volume: str) -> np.ndarray:
+    command = ["reconstruct", str(folder), "-o", str(out), "--no-colour", "--frames", "10:11"]
+    assert main([*command, "--volume", volume, "--voxel-size", "0.04"]) == 0
+    cloud = Run.open(out).cloud(10)
+    solid = np.zeros(cloud.grid.shape, bool)
+    solid.flat[cloud.indices] = True
+    return np.asarray(ndimage.binary_fill_holes(solid))
+
+
+def test_a_moving_person_is_found(walk: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(walk, bare)
+    shutil.rmtree(bare / "background")
+    assert Sequence.open(bare).background_kind == "frames"
+    volume = "-1.5,1.5,-1.5,1.5,0,2"
+    with_plate, without = (
+        reconstructed(f, tmp_path / f.name / "out", volume) for f in (walk, bare)
+    )
+    assert (with_plate & without).sum() > 0.7 * (with_plate | without).sum()
+
+
+def test_a_still_person_is_background(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still, sequence = tmp_path / "still", Sequence.open(walk)
+    images = sequence.read(5).images
+    assert images is not None
+    for camera, image in zip(sequence.rig, images, strict=True):
+        folder = still / "images" / camera.name
+        folder.mkdir(parents=True)
+        for frame in range(4):
+            assert cv2.imwrite(str(folder / f"{frame:04d}.png"), image)
+    shutil.copy(walk / "calibration.toml", still)
+    for more in ([], ["--volume", "-1,1,-1,1,0,2"]):
+        assert main(["reconstruct", str(still), "-o", str(tmp_path / "out"), *more]) == 2
+        last = capsys.readouterr().err.strip().splitlines()[-1]
+        assert "expected a person who moves" in last and "background/" in last

@@ -1,0 +1,229 @@
+"""Calibration readers: each format read back from a rig that was written in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from helpers.shared import shared_data
+
+from cl import InputError
+from psfs.cameras.calibration import (
+    find_calibration,
+    read_calibration,
+    read_humaneva,
+)
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.names import contains_name, matched, natural_key
+from psfs.cameras.units import metres_per_unit, scaled_rig, turned_rig, z_up_from
+
+SIZE = footage.SIZE
+
+
+def same(found: CameraRig, expected: CameraRig, distorted: bool = True) -> None:
+    assert found.names == expected.names
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a.K, b.K, atol=1e-8 * b.K[0, 0])
+        np.testing.assert_allclose(a.R, b.R, atol=1e-9)
+        np.testing.assert_allclose(a.t, b.t, atol=1e-9)
+        assert a.size == b.size
+        if distorted:
+            np.testing.assert_allclose(a.distortion, b.distortion, atol=1e-12)
+
+
+def cal_text(camera) -> str:
+    fx, skew = camera.K[0, 0], camera.K[0, 1]
+    intrinsic = [fx, camera.K[1, 1], camera.K[0, 2], camera.K[1, 2], skew / fx]
+    values = [*intrinsic, *camera.distortion, *camera.R.ravel(), *(camera.t * 1000)]
+    return "\n".join(repr(float(v)) for v in [*values, 0.1, 0.2, 0.3])
+
+
+def write_storage(path: Path, camera, rodrigues: bool) -> None:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("CameraMatrix" if rodrigues else "M1", camera.K)
+    storage.write("DistortionCoeffs" if rodrigues else "D1", camera.distortion[None])
+    storage.write(
+        "rvec" if rodrigues else "R", cv2.Rodrigues(camera.R)[0] if rodrigues else camera.R
+    )
+    storage.write("T", camera.t[:, None])
+    storage.release()
+
+
+@pytest.mark.parametrize("views", [1, 3, 11])
+def test_toml(tmp_path: Path, views: int) -> None:
+    rig = footage.rig(views)
+    tables = {"metadata": {"error": 0.1}, "charuco": {"a": 1}, **footage.tables(rig)}
+    footage.write_toml(tmp_path / "c.toml", dict(reversed(tables.items())))
+    same(read_calibration(tmp_path / "c.toml"), rig)
+
+
+def test_toml_natural_order_unit_and_freemocap(tmp_path: Path) -> None:
+    rig = footage.rig(3)
+    tables = footage.tables(rig)
+    renamed = dict(zip(["cam_10", "cam_2", "cam_1"], tables.values(), strict=True))
+    for table in renamed.values():
+        del table["name"]
+        table["distortions"] = table["distortions"][:4]
+    footage.write_toml(tmp_path / "c.toml", renamed)
+    read = read_calibration(tmp_path / "c.toml", unit="mm")
+    assert read.names == ["cam_1", "cam_2", "cam_10"]
+    np.testing.assert_allclose(read[2].t, rig[0].t / 1000)
+    for table in renamed.values():
+        table["world_position"] = [0.0, 0.0, 0.0]
+    footage.write_toml(tmp_path / "c.toml", renamed)
+    with pytest.raises(InputError, match=r"c\.toml.*FreeMoCap.*unit"):
+        read_calibration(tmp_path / "c.toml")
+    assert len(read_calibration(tmp_path / "c.toml", unit="mm")) == 3
+
+
+def test_humaneva(tmp_path: Path) -> None:
+    rig = footage.rig(3)
+    for camera in rig:
+        (tmp_path / f"{camera.name}.cal").write_text(cal_text(camera))
+    same(read_calibration(tmp_path, sizes=SIZE), rig)
+    same(read_humaneva([tmp_path / "cam02.cal"], sizes={"cam02": SIZE}), rig.subset(["cam02"]))
+    with pytest.raises(InputError, match="no picture sizes"):
+        read_calibration(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".yml", ".json"])
+@pytest.mark.parametrize("rodrigues", [True, False])
+def test_filestorage(tmp_path: Path, suffix: str, rodrigues: bool) -> None:
+    rig = footage.rig(2)
+    for camera in rig:
+        write_storage(tmp_path / f"{camera.name}{suffix}", camera, rodrigues)
+    same(read_calibration(tmp_path, sizes=lambda names: [SIZE] * len(names)), rig)
+
+
+def test_easymocap(tmp_path: Path) -> None:
+    rig = footage.rig(3)
+    intrinsic = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    extrinsic = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    for storage in (intrinsic, extrinsic):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for camera in rig:
+            storage.write("", camera.name)
+        storage.endWriteStruct()
+    for camera in rig:
+        intrinsic.write(f"K_{camera.name}", camera.K)
+        intrinsic.write(f"dist_{camera.name}", camera.distortion[None])
+        extrinsic.write(f"R_{camera.name}", cv2.Rodrigues(camera.R)[0])
+        if camera.name != "cam01":  # either form of the rotation suffices
+            extrinsic.write(f"Rot_{camera.name}", camera.R)
+        extrinsic.write(f"T_{camera.name}", camera.t[:, None])
+    intrinsic.release()
+    extrinsic.release()
+    same(read_calibration(tmp_path, sizes=SIZE), rig)
+    same(read_calibration(tmp_path / "intri.yml", sizes=SIZE), rig)
+
+
+def test_middlebury(tmp_path: Path) -> None:
+    rig = footage.rig(3)
+    lines = [
+        " ".join([f"{c.name}.png", *(repr(float(v)) for v in [*c.K.ravel(), *c.R.ravel(), *c.t])])
+        for c in rig
+    ]
+    (tmp_path / "x_par.txt").write_text("\n".join(["3", *lines]) + "\n")
+    same(read_calibration(tmp_path / "x_par.txt", sizes=SIZE), rig, distorted=False)
+    (tmp_path / "x_par.txt").write_text("\n".join(["4", *lines]))
+    with pytest.raises(InputError, match="3 views; the first line promises 4"):
+        read_calibration(tmp_path / "x_par.txt", sizes=SIZE)
+
+
+@pytest.mark.parametrize("factor", [1.0, -2.5])
+@pytest.mark.parametrize("rows", [1, 3])
+def test_projection_matrices(tmp_path: Path, factor: float, rows: int) -> None:
+    rig = footage.rig(3)
+    text = ""
+    for camera in rig:
+        P = factor * camera.K @ np.column_stack([camera.R, camera.t])
+        if rows == 1:
+            text += " ".join([camera.name, *map(repr, P.ravel().tolist())]) + "\n"
+        else:
+            text += "\n".join(" ".join(map(repr, row)) for row in P.tolist()) + "\n\n"
+    (tmp_path / "projections.txt").write_text(text)
+    read = read_calibration(tmp_path / "projections.txt", sizes=SIZE)
+    same(read, rig, distorted=False)
+    assert all(np.linalg.det(camera.R) > 0 for camera in read)
+
+
+def test_rounded_rotations_are_mended(tmp_path: Path) -> None:
+    camera = footage.rig(1)[0]
+    noisy = camera.R + np.random.default_rng(0).uniform(-2e-4, 2e-4, (3, 3))
+    text = " ".join(map(str, ["a.png", *camera.K.ravel(), *noisy.ravel(), *camera.t]))
+    (tmp_path / "x_par.txt").write_text("1\n" + text)
+    R = read_calibration(tmp_path / "x_par.txt", sizes=SIZE)[0].R
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(R, camera.R, atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("m", 1), ("cm", 0.01), ("mm", 0.001), ("0.76mm", 0.00076), ("0.76 mm", 0.00076), (2.5, 2.5)],
+)
+def test_units(unit, metres: float) -> None:
+    assert metres_per_unit(unit) == pytest.approx(metres)
+
+
+@pytest.mark.parametrize("unit", ["inch", "", "-1", "0", "nan", "m m", float("inf"), "1..2mm"])
+def test_wrong_units(unit) -> None:
+    with pytest.raises(InputError, match="unit"):
+        metres_per_unit(unit)
+
+
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
+def test_up_axis_becomes_z(up: str) -> None:
+    A = z_up_from(up)
+    axis = (-1 if up[0] == "-" else 1) * np.eye(3)["xyz".index(up[-1])]
+    np.testing.assert_array_equal(A @ axis, [0, 0, 1])
+    assert np.linalg.det(A) == pytest.approx(1)
+
+
+def test_moving_the_world_keeps_the_pictures() -> None:
+    rig = footage.rig(3)
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 3))
+    A = z_up_from("-y")
+    moved = scaled_rig(turned_rig(rig, A), 0.01)
+    for before, after in zip(rig, moved, strict=True):
+        np.testing.assert_allclose(
+            after.project(0.01 * points @ A.T)[0], before.project(points)[0], atol=1e-8
+        )
+
+
+def test_names() -> None:
+    names = ["cam_10", "cam_2", "Cam1"]
+    assert sorted(names, key=natural_key) == ["Cam1", "cam_2", "cam_10"]
+    assert contains_name("silh_cam01_0002", "cam_1")
+    assert not contains_name("silh_cam10_0001", "cam1")
+    pairs, note = matched(["cam_01", "cam_02"], ["cam2", "CAM1"], "videos")
+    assert pairs == {"cam_01": "CAM1", "cam_02": "cam2"} and note is None
+    pairs, note = matched(["left", "right"], ["b10", "b9"], "videos")
+    assert pairs == {"left": "b9", "right": "b10"} and note and "b9 for left" in note
+    with pytest.raises(InputError, match=r"4 of them \(a, b, c, d\) for 3 cameras \(a, b, c\)"):
+        matched(["a", "b", "c"], ["a", "b", "c", "d"], "videos")
+    assert matched(["a", "b"], ["b", "c", "d"], "videos", ["b"]) == ({"b": "b"}, None)
+
+
+def test_find_calibration(tmp_path: Path) -> None:
+    assert find_calibration(tmp_path) is None
+    (tmp_path / "Calib_b.toml").touch()
+    (tmp_path / "sequence.toml").touch()
+    assert find_calibration(tmp_path) == tmp_path / "Calib_b.toml"
+    (tmp_path / "Calib_a.toml").touch()
+    with pytest.raises(InputError, match="several calibrations"):
+        find_calibration(tmp_path)
+    (tmp_path / "calibration.toml").touch()
+    assert find_calibration(tmp_path) == tmp_path / "calibration.toml"
+
+
+def test_real_cameras_stand_where_the_readmes_say() -> None:
+    dancer = read_calibration(shared_data("dancer8") / "projection_matrices.txt", sizes=(780, 582))
+    np.testing.assert_allclose(dancer[0].centre, [-2.67, -3.80, 1.54], atol=0.01)
+    np.testing.assert_allclose(dancer[7].centre, [-2.42, -1.74, 3.35], atol=0.01)
+    balance = read_calibration(shared_data("pose2sim_balance") / "Calib.toml")
+    np.testing.assert_allclose(balance[3].centre, [-3.74, -1.42, 1.90], atol=0.01)
+    walk = read_calibration(shared_data("bodytrack_walk") / "CALIB", sizes=(640, 480))
+    assert all(2.4 < camera.centre[2] < 2.7 for camera in walk)

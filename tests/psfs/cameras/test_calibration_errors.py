@@ -1,0 +1,75 @@
+"""Calibrations that cannot be right: one line that names file, camera and what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from helpers import footage
+
+from cl import InputError
+from psfs.cameras.calibration import read_calibration
+
+
+def _toml_with(change: Callable[[dict], object]) -> str:
+    import tomli_w
+
+    tables = footage.tables(footage.rig(2))
+    change(tables["cam02"])
+    return tomli_w.dumps(tables)
+
+
+BROKEN = [
+    ("c.toml", _toml_with(lambda t: t.update(fisheye=True)), "cam02: fisheye"),
+    ("c.toml", _toml_with(lambda t: t.pop("matrix")), "cam02: no matrix"),
+    ("c.toml", _toml_with(lambda t: t.update(matrix=[[1.0, 2.0]])), "matrix has 2 numbers"),
+    (
+        "c.toml",
+        _toml_with(lambda t: t.update(matrix=[[1.0, 2.0], [3.0]])),
+        "expected a list of numbers",
+    ),
+    ("c.toml", _toml_with(lambda t: t.update(distortions=[float("nan")] * 4)), "not finite"),
+    ("c.toml", _toml_with(lambda t: t.update(distortions=[0.1] * 8)), "at most 5"),
+    ("c.toml", _toml_with(lambda t: t.update(distortions="none")), "cam02: distortions"),
+    ("c.toml", _toml_with(lambda t: t.update(translation=[0.0, float("inf"), 1.0])), "not finite"),
+    ("c.toml", _toml_with(lambda t: t.update(size=["a", "b"])), "size"),
+    ("c.toml", _toml_with(lambda t: t.update(size=[0.0, 480.0])), "size"),
+    ("c.toml", _toml_with(lambda t: t.update(name="cam01")), "names must differ"),
+    ("c.toml", "[cam01\nname = 3", "malformed TOML"),
+    ("c.toml", "title = 'nothing'", "no camera tables"),
+    ("c.cal", "1 2 3", "3 numbers; expected at least 22"),
+    ("c.cal", "1 2 x", "found 'x'"),
+    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1 0 0 0 -1 0 0 0", "R is not a rotation"),
+    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1.1 0 0 0 1 0 0 0", "R is not a rotation"),
+    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 nan 0 0 0 1 0 0 0", "not finite"),
+    ("c.xml", "<?xml version='1.0'?><opencv_storage><a></opencv_storage>", "malformed"),
+    ("c.yml", "%YAML:1.0\n---\nsomething: 3\n", "no CameraMatrix"),
+    ("c.json", "", "c.json"),
+    ("x_par.txt", "1\na.png 1 2 3", "view a: 3 numbers; expected 21"),
+    ("p.txt", "cam 1 2 3", "expected 12"),
+    ("p.txt", "cam " + "1 " * 12, "singular"),
+    ("p.txt", "cam nan " + "1 " * 11, "not finite"),
+    ("p.txt", "", "no projection matrix"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "expected"), BROKEN)
+def test_broken(tmp_path: Path, name: str, text: str, expected: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_calibration(path, sizes=(64, 48))
+    message = str(caught.value)
+    assert expected in message and name in message and "\n" not in message
+
+
+def test_missing_binary_and_mixed(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such calibration"):
+        read_calibration(tmp_path / "none.toml")
+    for name in ("a.toml", "a.cal", "a.xml", "a.txt"):
+        (tmp_path / name).write_bytes(b"\xff\xfe\x00\x01\x80")
+        with pytest.raises(InputError, match=name):
+            read_calibration(tmp_path / name, sizes=(64, 48))
+    with pytest.raises(InputError, match="all of one kind"):
+        read_calibration(tmp_path, sizes=(64, 48))

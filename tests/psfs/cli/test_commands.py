@@ -1,0 +1,175 @@
+"""`psfs reconstruct`, `check` and `view` on a small folder with ready masks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from helpers import scenes
+
+import psfs.cli.reconstruct as command
+from psfs.cli import main
+from psfs.diagnostics.silhouette_iou import volume_region, without_speckle
+from psfs.voxels.clouds import read_cloud
+from psfs.voxels.grid import VoxelGrid
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A native folder of five cameras; the body is there in all frames but the first."""
+    path = tmp_path_factory.mktemp("walk")
+    rig = scenes.ring(5, size=(160, 120))
+    masks = scenes.masks_of(rig)
+    lines = []
+    for camera, mask in zip(rig, masks, strict=True):
+        rotation = cv2.Rodrigues(camera.R)[0].ravel().tolist()
+        lines += [
+            f"[{camera.name}]",
+            f'name = "{camera.name}"',
+            f"size = {list(map(float, camera.size))}",
+            f"matrix = {camera.K.tolist()}",
+            f"distortions = {camera.distortion[:4].tolist()}",
+            f"rotation = {rotation}",
+            f"translation = {camera.t.tolist()}",
+            "fisheye = false",
+        ]
+        target = path / "masks" / camera.name
+        target.mkdir(parents=True)
+        for frame in range(FRAMES):
+            picture = mask[: camera.size[1], : camera.size[0]] * np.uint8(frame > 0)
+            cv2.imwrite(str(target / f"{frame:04d}.png"), picture)
+    (path / "calibration.toml").write_text("\n".join(lines) + "\n")
+    return path
+
+
+def reconstruct(folder: Path, out: Path, *flags: str) -> int:
+    return main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04", *flags])
+
+
+def test_reconstruct_then_check_then_view(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert reconstruct(folder, out) == 0
+    assert "warning" not in capsys.readouterr().err
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["complete"] and len(summary["frames"]) == FRAMES
+    assert summary["frames"][0]["surface_voxels"] == 0
+    cloud = read_cloud(out / "clouds" / "frame_000001.npz")
+    assert len(cloud) == summary["frames"][1]["surface_voxels"] > 100
+    assert len(trimesh.load(out / "clouds" / "frame_000001.ply").vertices) == len(cloud)
+    assert cv2.imread(str(out / "preview.png")).shape[1] == 1800
+
+    assert main(["check", str(out)]) == 0
+    report = json.loads((out / "check.json").read_text())
+    assert report["mean_iou"] > 0.8 and len(report["cameras"]) == 5
+    assert report["frames"]["0"] == [None] * 5
+
+    assert main(["view", str(out), "--frame", "2", "--png", str(tmp_path / "view.png")]) == 0
+    assert (tmp_path / "view.png").is_file()
+    assert main(["view", str(out), "--frame", "9"]) == 2
+    assert "frames 0 to 3" in capsys.readouterr().err
+
+
+def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
+    flags = ("--frames", "1:2", "--volume", "-0.5,0.6,-0.5,0.5,0,1.8")
+    assert reconstruct(folder, tmp_path / "cl", *flags) == 0
+    assert reconstruct(folder, tmp_path / "np", *flags, "--device", "numpy") == 0
+    ours, twins = (
+        read_cloud(tmp_path / name / "clouds" / "frame_000001.npz").indices for name in ("cl", "np")
+    )
+    assert len(np.setxor1d(ours, twins)) <= 0.02 * len(twins)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--grid", "0,10,10"), "expected three positive numbers"),
+        (("--grid", "5000,5000,5000"), "voxels"),
+        (("--voxel-size", "1e-7"), "voxels"),
+        (("--voxel-size", "0"), "voxel size is 0"),
+        (("--frames", "0:1"), "nothing stands out"),
+        (("--frames", "0:1", "--volume", "-1,1,-1,1,0,2"), "nothing stands out"),
+        (("--frames", "40:50"), "none of the 4 frames"),
+        (("--debris", "2"), "--debris is 2"),
+        (("--device", "no such device"), "no OpenCL device"),
+    ],
+)
+def test_bad_input_writes_nothing(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    flags: tuple[str, ...],
+    message: str,
+) -> None:
+    out = tmp_path / "out"
+    assert main(["reconstruct", str(folder), "-o", str(out), *flags]) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert message in error[-1] and sum("error" in line for line in error) == 1
+    assert not out.exists()
+
+
+def test_an_interrupted_run_leaves_whole_files(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, write = tmp_path / "out", command.write_cloud
+
+    def interrupted(cloud, stem: Path) -> None:
+        if stem.name == "frame_000003":
+            raise KeyboardInterrupt
+        write(cloud, stem)
+
+    monkeypatch.setattr(command, "write_cloud", interrupted)
+    assert reconstruct(folder, out) == 130
+    summary = json.loads((out / "summary.json").read_text())
+    assert not summary["complete"] and len(summary["frames"]) == 3
+    assert sorted(p.name for p in out.rglob("*") if p.name.startswith(".")) == []
+    assert main(["check", str(out)]) == 0
+
+
+def test_voxels_finer_than_the_pixels_are_warned_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["--frames", "1:2", "--volume", "-0.01,0.01,-0.01,0.01,1,1.02"]
+    command = ["reconstruct", str(folder), "-o", str(tmp_path / "out"), "--grid", "20,20,20"]
+    assert main([*command, *small]) == 0
+    assert "8,000 voxels of 1 mm: finer than the pictures" in capsys.readouterr().err
+
+
+def test_check_names_what_is_missing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(tmp_path)]) == 2
+    assert "summary.json" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert reconstruct(folder, out, "--frames", "1:2") == 0
+    summary = json.loads((out / "summary.json").read_text())
+    summary["sequence"] |= {"folder": "gone", "absolute": "/gone"}
+    (out / "summary.json").write_text(json.dumps(summary))
+    capsys.readouterr()
+    assert main(["check", str(out)]) == 2
+    assert "/gone is gone" in capsys.readouterr().err
+
+
+def test_speckle_and_volume_region() -> None:
+    silhouette = np.zeros((80, 100), bool)
+    silhouette[20:60, 30:60] = True
+    clean = without_speckle(silhouette)
+    silhouette[5:9, 80:84] = True  # survives the median, not the share
+    silhouette[70, 10] = True
+    np.testing.assert_array_equal(without_speckle(silhouette), clean)
+    assert not without_speckle(np.zeros((9, 9), bool)).any()
+
+    rig = scenes.ring(2)
+    grid = VoxelGrid(np.array([-0.2, -0.2, 0.5]), 0.1, (4, 4, 6))
+    region = volume_region(rig, grid)
+    for view, camera in enumerate(rig):
+        pixels, _ = camera.project(grid.centres())
+        column, row = np.rint(pixels).astype(int).T
+        assert region[view, row, column].all() and region[view].mean() < 0.5

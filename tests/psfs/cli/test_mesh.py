@@ -1,0 +1,106 @@
+"""`psfs mesh` on a small run with ready masks, and on the Middlebury dinosaur."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from helpers.shared import shared_data
+from scipy import spatial
+
+from cl import Device, NumpyDevice, select_device
+from psfs.cli import main
+from psfs.mesh.marching_cubes import Mesher, occupied_box
+from psfs.output.runs import Run
+
+
+def test_one_frame_checked(out: Path, tmp_path: Path) -> None:
+    path = tmp_path / "body.glb"
+    assert main(["mesh", str(out), "-o", str(path), "--check"]) == 0
+    report = json.loads((out / "mesh_check.json").read_text())
+    assert list(report["frames"]) == ["1"]  # the first that shows something
+    assert report["frames"]["1"]["watertight"] and report["mean_iou"] > 0.85
+    assert len(report["frames"]["1"]["iou"]) == 5
+    volume = Run.open(out).cloud(1).volume
+    assert report["frames"]["1"]["volume_m3"] == pytest.approx(volume, rel=0.05)
+    assert path.stat().st_size > 10_000
+
+
+def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
+    assert main(["mesh", str(out), "--frame", "all", "--format", "obj"]) == 0
+    names = sorted(path.name for path in (out / "meshes").iterdir())
+    assert names == ["frame_000001.obj", "frame_000002.obj"]
+    assert main(["mesh", str(out), "--frame", "all", "-o", str(tmp_path), "--smooth", "0"]) == 0
+    smooth = trimesh.load(out / "meshes" / "frame_000002.obj", process=False)
+    rough = trimesh.load(tmp_path / "frame_000002.ply", process=False)
+    assert len(smooth.vertices) == len(rough.vertices)
+    assert np.abs(smooth.vertices - rough.vertices).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--frame", "7"), "holds frames 0 to 2"),
+        (("--frame", "0"), "cloud of frame 0 is empty"),
+        (("--smooth", "-1"), "--smooth is -1"),
+        (("-o", "body.stl"), "body.stl: expected a name that ends in .ply or .glb or .obj"),
+        (("-o", "body.ply", "--format", "obj"), "expected a name that ends in .obj"),
+        (("--frame", "all", "-o", __file__), "is a file"),
+    ],
+)
+def test_bad_input(
+    out: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], message: str
+) -> None:
+    assert main(["mesh", str(out), *flags]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("device", [select_device("auto"), NumpyDevice()])
+def test_the_surface_is_that_of_the_run(out: Path, device: Device | NumpyDevice) -> None:
+    """Computed anew in a box around the cloud, it passes between the cloud's voxels and others."""
+    run = Run.open(out)
+    mesher = Mesher(device, run, run.sequence(), smoothing=0)
+    for index in (1, 2):  # the second is placed into the first one's grid
+        mesh, cloud = mesher(index), run.cloud(index)
+        assert mesh.is_watertight
+        distance, _ = spatial.cKDTree(cloud.centres).query(mesh.vertices)
+        assert distance.max() <= cloud.grid.voxel_size * 1.0001
+        distance, _ = spatial.cKDTree(mesh.vertices).query(cloud.centres)
+        assert distance.max() <= cloud.grid.voxel_size * 1.0001
+
+
+def test_the_voxels_are_the_clouds_whatever_comes_out_anew(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run.open(out)
+    mesher = Mesher(select_device("auto"), run, run.sequence())
+    whole = mesher(1)
+    for value in (0.0, 1.0):
+        probability = np.full(occupied_box(run.cloud(1)).shape, value, np.float32)
+        monkeypatch.setattr(mesher, "_probability", lambda *_, p=probability: p)
+        mesh = mesher(1)
+        assert mesh.is_watertight and mesh.volume == pytest.approx(whole.volume, rel=0.25)
+
+
+def test_parameters_of_another_version_are_said(
+    out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = json.loads((out / "summary.json").read_text())
+    summary["config"]["silhouette"]["magic"] = 1
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    assert main(["mesh", str(tmp_path)]) == 2
+    assert "'magic'" in capsys.readouterr().err
+
+
+def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:
+    folder = shared_data("middlebury_dino")
+    size = ["--volume", "-0.064,0.022,-0.068,0.019,-0.035,0.075", "--voxel-size", "0.0009"]
+    assert main(["reconstruct", str(folder), "-o", str(tmp_path), *size]) == 0
+    assert main(["mesh", str(tmp_path), "--check"]) == 0
+    report = json.loads((tmp_path / "mesh_check.json").read_text())
+    assert report["frames"]["0"]["watertight"] and report["mean_iou"] >= 0.95
+    mesh = trimesh.load(tmp_path / "meshes" / "frame_000000.ply")
+    assert isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight

@@ -1,0 +1,123 @@
+"""Cameras that disagree with the others are named, with the likely reason."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.shared import shared_data
+
+import apf.cli
+from apf.body.model import load_body
+from apf.synthetic.generate import write_calibration
+from psfs.cli import main
+from psfs.diagnostics.camera_consistency import suspects
+from psfs.sequence import Frame, Sequence
+
+
+class Spoilt:
+    """A sequence one of whose cameras shows something else."""
+
+    def __init__(self, sequence: Sequence, kind: str, view: int = 2) -> None:
+        self._sequence, self._kind, self._view = sequence, kind, view
+
+    def __getattr__(self, name: str):
+        return getattr(self._sequence, name)
+
+    def __len__(self) -> int:
+        return len(self._sequence)
+
+    def read(self, index: int) -> Frame:
+        frame = self._sequence.read(index)
+        assert frame.images is not None
+        images, view = frame.images.copy(), self._view
+        if self._kind == "noise":
+            images[view] = np.random.default_rng(index).integers(0, 256, images[view].shape)
+        elif self._kind == "black":
+            images[view] = 0
+        elif self._kind == "late":
+            before = self._sequence.read(max(0, index - 10)).images
+            assert before is not None
+            images[view] = before[view]
+        return replace(frame, images=images)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Sequence:
+    return Sequence.open(shared_data("synth_walk_8cam"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("noise", "looks like foreground"),
+        ("black", "one colour, 0 grey"),
+        ("late", "about 10 frames late"),
+    ],
+)
+def test_a_spoilt_camera_is_named(walk: Sequence, device, kind: str, reason: str) -> None:
+    (suspect,) = suspects(Spoilt(walk, kind), device=device)
+    assert suspect.camera == "cam03" and reason in suspect.reason
+    assert suspect.iou < 0.5 * suspect.others and "cam03" in str(suspect)
+
+
+@pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated"])
+def test_good_cameras_are_not_named(device, name: str) -> None:
+    assert suspects(Sequence.open(shared_data(name)), device=device) == []
+
+
+def test_a_late_camera_is_left_out_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of eight masks stands 10 frames behind; `info` and `check` name it too."""
+    folder = late_walk(tmp_path / "walk")
+    assert main(["info", str(folder)]) == 0
+    assert "camera c2 disagrees" in capsys.readouterr().out
+    volumes, some = {}, ["--voxel-size", "0.05", "--frames", "::3"]
+    for flag in ("--no-colour", "--all-cameras"):
+        out = tmp_path / flag
+        assert main(["reconstruct", str(folder), "-o", str(out), *some, flag]) == 0
+        summary = json.loads((out / "summary.json").read_text())
+        volumes[flag] = summary["frames"][0]["volume_m3"]
+        assert len(summary["sequence"]["cameras"]) == (8 if flag == "--all-cameras" else 7)
+        capsys.readouterr()
+        assert main(["check", str(out)]) == 0
+        assert "camera c2 disagrees" in capsys.readouterr().out
+        assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
+    assert volumes["--no-colour"] > volumes["--all-cameras"]
+
+
+@pytest.mark.parametrize("flags", [(), ("--all-cameras",)])
+def test_tracking_leaves_a_late_camera_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]
+) -> None:
+    folder, pose = late_walk(tmp_path / "walk"), tmp_path / "pose.txt"
+    np.savetxt(pose, load_body("song31").rest_pose)
+    small = ["--frames", "0:2", "--particles", "40", "--layers", "2", "--objective", "sp"]
+    command = ["track", str(folder), "-o", str(tmp_path / "out"), "--init", str(pose)]
+    assert apf.cli.main([*command, *small, "--no-overlay", *flags]) == 0
+    warned = "left out: camera c2 disagrees" in capsys.readouterr().err
+    assert warned == (not flags)
+
+
+def late_walk(folder: Path) -> Path:
+    """Masks of a block that walks past eight cameras, c2 ten frames late."""
+    rig = scenes.ring(8, size=(160, 120))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_calibration(folder / "calibration.toml", rig)
+    corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    for camera in rig:
+        target = folder / "masks" / camera.name
+        target.mkdir(parents=True)
+        for frame in range(30):
+            time = max(0, frame - 10) if camera.name == "c2" else frame
+            pixels, _ = camera.project(corners + np.array([0.03 * (time - 15), 0, 0]))
+            mask = np.zeros(camera.size[::-1], np.uint8)
+            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(pixels).astype(np.int32)), 255)
+            assert cv2.imwrite(str(target / f"{frame:04d}.png"), mask)
+    return folder

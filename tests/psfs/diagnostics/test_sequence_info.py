@@ -1,0 +1,98 @@
+"""`psfs info`: facts and warnings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import footage, scenes
+from helpers.shared import shared_data
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import axes_meet, seen_box
+from psfs.cameras.units import scaled_rig, turned_rig, z_up_from
+from psfs.cli import main
+from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
+from psfs.sequence import Sequence
+
+
+def test_facts(tmp_path: Path) -> None:
+    info = sequence_info(Sequence.open(footage.native(tmp_path, views=4)))
+    np.testing.assert_allclose(info.centre, [0, 0, 0.9], atol=0.05)
+    assert info.extent == pytest.approx(6, abs=1e-6)
+    assert [camera.frames for camera in info.cameras] == [12] * 4
+    assert info.cameras[0].distance == pytest.approx(np.hypot(3, 0.6), abs=0.05)
+    assert info.cameras[0].height == pytest.approx(1.5)
+    assert info.warnings == [] and info.notes == []
+    low, high = info.shared
+    assert (low < [-0.3, -0.3, 0.7]).all() and (high > [0.3, 0.3, 1.1]).all()
+
+
+def test_axes_meet_at_the_common_target_and_survive_one_camera() -> None:
+    rig = footage.rig(5)
+    unshifted = []
+    for camera in rig:  # the axis through the principal point is the third row of R
+        unshifted.append(replace(camera, distortion=np.zeros(5)))
+    np.testing.assert_allclose(axes_meet(CameraRig(tuple(unshifted))), [0, 0, 0.9], atol=1e-9)
+    alone = CameraRig((rig[0],))
+    assert np.isfinite(axes_meet(alone)).all()
+    assert rig_warnings(alone) == []
+
+
+def test_warnings_of_a_wrong_rig() -> None:
+    rig = footage.rig(4)
+    assert any("millimetres read as metres" in w for w in rig_warnings(scaled_rig(rig, 1000)))
+    assert any("metres read as milli" in w for w in rig_warnings(scaled_rig(rig, 0.001)))
+    assert any("up axis" in w for w in rig_warnings(turned_rig(rig, z_up_from("-z"))))
+    away = scenes.looking_at("lost", np.array([3, 0, 1.5]), np.array([9, 0, 1]), footage.SIZE, 60.0)
+    assert rig_warnings(CameraRig((*rig, away))) == [
+        "camera lost sees nothing of the volume the others share"
+    ]
+
+
+def test_two_cameras_that_look_apart() -> None:
+    centre = np.array([0.0, 0.0, 1.0])
+    aside = np.array([0.2, 0.0, 0.0])
+    left = scenes.looking_at("left", centre - aside, np.array([-9, 0, 1]), (64, 48), 60.0)
+    right = scenes.looking_at("right", centre + aside, np.array([9, 0, 1]), (64, 48), 60.0)
+    rig = CameraRig((left, right))
+    assert seen_box(rig, 2) is None
+    assert any("no place is seen by two" in warning for warning in rig_warnings(rig))
+
+
+def test_unequal_counts_are_told(tmp_path: Path) -> None:
+    footage.native(tmp_path)
+    footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
+    warnings = sequence_info(Sequence.open(tmp_path)).warnings
+    assert warnings == [
+        "unequal numbers of images: cam01 12, cam02 9, cam03 12; the first 9 are used"
+    ]
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = footage.native(tmp_path / "walk[1]")
+    assert main(["info", str(folder), "--up", "-z", "--volume", "-1,1,-1,1,0,2"]) == 0
+    captured = capsys.readouterr()
+    assert "cam03" in captured.out and "64 x 48" in captured.out and "walk[1]" in captured.out
+    assert "warning: all cameras lie below z = 0" in captured.out
+    assert "(-1.00, -1.00, 0.00) to (1.00, 1.00, 2.00) m" in captured.out
+    assert captured.err == ""
+    with pytest.raises(SystemExit, match="2"):
+        main(["info", str(folder), "--volume", "1,2,3"])
+
+
+def test_devices_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["devices"]) == 0
+    assert "compute" in capsys.readouterr().out
+
+
+def test_real_millimetres_read_as_metres() -> None:
+    sequence = Sequence.open(shared_data("bodytrack_walk"), unit="m")
+    assert any("millimetres" in warning for warning in sequence_info(sequence).warnings)
+
+
+@pytest.mark.parametrize("name", ["synth_walk_8cam", "utrecht_seated", "dancer8"])
+def test_real_folders_look_right(name: str) -> None:
+    assert sequence_info(Sequence.open(shared_data(name))).warnings == []

@@ -1,0 +1,67 @@
+"""Silhouettes and pictures of meshes, by rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+from helpers import scenes
+
+from psfs.cameras.camera import Camera
+from psfs.mesh.preview import shaded_mesh
+from psfs.mesh.raycast import RayScene
+
+CENTRE, RADIUS = np.array([0.1, -0.2, 0.9]), 0.4
+
+
+def ball() -> trimesh.Trimesh:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
+    mesh.apply_translation(CENTRE)
+    return mesh
+
+
+def camera(**changes: object) -> Camera:
+    given = scenes.looking_at("c", np.array([2.5, 1.0, 1.4]), CENTRE, (161, 121), 150.0)
+    return replace(given, **changes)  # type: ignore[arg-type]
+
+
+def test_directions_undo_the_projection() -> None:
+    view = camera()
+    there = np.stack(np.meshgrid(np.arange(0, 161, 20), np.arange(0, 121, 20)), -1).reshape(-1, 2)
+    pixels, depth = view.project(view.centre + 2 * view.rays(there))
+    np.testing.assert_allclose(pixels, there, atol=1e-3)
+    np.testing.assert_allclose(depth, 2, rtol=1e-9)
+
+
+def test_silhouette_of_a_ball() -> None:
+    """The rays that pass the centre at less than the radius."""
+    view = camera()
+    pixels = np.stack(np.meshgrid(np.arange(161), np.arange(121)), -1).reshape(-1, 2)
+    directions = view.rays(pixels)
+    passing = np.linalg.norm(np.cross(directions, CENTRE - view.centre), axis=1)
+    expected = (passing / np.linalg.norm(directions, axis=1) < RADIUS).reshape(121, 161)
+    shown = RayScene(ball()).silhouette(view)
+    assert 500 < expected.sum() < 10_000 and (shown != expected).sum() <= 0.005 * expected.sum()
+
+
+def test_around_and_behind_the_camera() -> None:
+    """A camera inside the ball sees nothing else; one that looks away from it sees none of it."""
+    view = camera()
+    inside = replace(view, t=-view.R @ CENTRE)
+    assert RayScene(ball()).silhouette(inside).all()
+    away = replace(view, t=-view.R @ (CENTRE + 2 * view.R[2]))
+    assert not RayScene(ball()).silhouette(away).any()
+
+
+def test_shaded_views_show_shape_and_colours() -> None:
+    mesh = ball()
+    plain = shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
+    assert plain.shape == (120, 90, 3) and plain.dtype == np.uint8
+    assert plain[60, 45, 2] > plain[60, 45, 0]  # clay
+    assert plain[50, 35].sum() > plain[75, 60].sum() + 30  # lit from the upper left
+    mesh.visual = trimesh.visual.ColorVisuals(
+        mesh, vertex_colors=np.tile(np.uint8([10, 200, 10]), (len(mesh.vertices), 1))
+    )
+    green = shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
+    assert green[60, 45].argmax() == 1

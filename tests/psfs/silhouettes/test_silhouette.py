@@ -1,0 +1,175 @@
+"""Silhouette likelihood maps on every OpenCL device against the NumPy twin, and their meaning."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+
+from cl import Device, InputError
+from psfs.background.gaussian import Background
+from psfs.config import SilhouetteConfig
+from psfs.reference.silhouette import (
+    background_ratio,
+    floor_light,
+    mask_evidence,
+    silhouette_evidence,
+)
+from psfs.silhouettes.silhouette import Silhouette
+
+CONFIGS = [
+    SilhouetteConfig(),
+    SilhouetteConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3),
+    SilhouetteConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0),
+]
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("views", [1, 3])
+def test_pictures_agree_with_the_twin(device: Device, views: int, config: SilhouetteConfig) -> None:
+    rig = scenes.ring(views)
+    frame, background = scenes.pictures_of(rig)
+    counts = Silhouette(device, rig, background, config)(frame.images).get()
+    expected = silhouette_evidence(frame.images, rig, background, config)
+    difference = np.abs(counts.astype(int) - expected)
+    assert (difference > 1).mean() < 2e-3  # where rounding decides which pixel shows the floor
+    assert (difference > 0).mean() < 0.03  # the table's resolution
+
+
+@pytest.mark.parametrize("size", [(161, 121), (50, 37), (17, 40), (13, 12)])
+def test_pictures_of_any_width(device: Device, size: tuple[int, int]) -> None:
+    rig, random = scenes.ring(2, size=size), np.random.default_rng(0)
+    shape = (2, rig.height, rig.width)
+    coarse = [random.random((-(-shape[1] // 9), -(-shape[2] // 9))) < 0.5 for _ in range(2)]
+    person = np.stack([np.kron(c, np.ones((9, 9)))[: shape[1], : shape[2]] for c in coarse])
+    share = np.stack([cv2.blur(view, (5, 5)) for view in person])[..., None]
+    plate = Background(np.full((*shape, 3), 90, np.float32), np.full((*shape, 3), 3, np.float32))
+    colours = share * [30, 160, 60] + (1 - share) * 90 + random.normal(0, 2, (*shape, 3))
+    images, config = colours.astype(np.uint8), SilhouetteConfig()
+    counts = Silhouette(device, rig, plate, config)(images).get()
+    expected = silhouette_evidence(images, rig, plate, config)
+    assert (expected > 0).mean() > 0.1 and (expected < 0).mean() > 0.1
+    assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
+    plain = silhouette_evidence(images, rig, plate, replace(config, rim_cost=100.0))
+    assert (plain != expected).mean() > 0.02  # mixed pixels there are
+
+
+def test_black_and_noiseless_backgrounds(device: Device) -> None:
+    rig = scenes.ring(2)
+    shape = (2, rig.height, rig.width, 3)
+    background = Background(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
+    images = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
+    config = SilhouetteConfig()
+    counts = Silhouette(device, rig, background, config)(images).get()
+    expected = silhouette_evidence(images, rig, background, config)
+    assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
+
+
+def test_masks_agree_with_the_twin(device: Device) -> None:
+    rig = scenes.ring(3)
+    masks = np.random.default_rng(0).integers(0, 256, (3, rig.height, rig.width)).astype(np.uint8)
+    config = SilhouetteConfig()
+    counts = Silhouette(device, rig, None, config)(masks).get()
+    np.testing.assert_array_equal(counts, mask_evidence(masks, rig, config))
+    for view, camera in enumerate(rig):
+        outside = np.ones((rig.height, rig.width), bool)
+        outside[: camera.size[1], : camera.size[0]] = False
+        assert not counts[view, outside].any()
+
+
+def test_evidence_is_songs(device: Device) -> None:
+    config = replace(SilhouetteConfig(), clamp=1e-3)
+    slm = np.array([0.0, 0.01, 0.5, 0.8, 1.0])
+    expected = np.log(np.clip(slm, 1e-3, 1 - 1e-3) / 0.5)
+    np.testing.assert_allclose(config.evidence(slm, config.clamp), expected)
+    for occlusion in (0.1, 0.5, 0.9):
+        other = replace(config, occlusion_prior=occlusion)
+        assert (np.sign(other.evidence(slm, 1e-3)) == np.sign(slm - 0.5)).all()
+
+
+def ratio(colour: list[float], background: list[float], config: SilhouetteConfig) -> float:
+    std = np.full((1, 1, 3), 2.0)
+    return float(
+        background_ratio(np.array([[colour]]), np.array([[background]]), std, config)[0, 0]
+    )
+
+
+def test_shadows_are_background_and_clothes_are_not() -> None:
+    config, carpet = SilhouetteConfig(), [90.0, 160.0, 30.0]
+    assert ratio(carpet, carpet, config) > 5
+    assert ratio([c * 0.8 for c in carpet], carpet, config) > 0  # its shadow
+    assert ratio([128.0, 128.0, 40.0], carpet, config) < 0  # as bright, other colour
+    assert ratio([c * 0.3 for c in carpet], carpet, config) < 0  # too dark for a shadow
+    grey = [150.0, 150.0, 150.0]
+    assert ratio([c * 0.97 for c in grey], grey, config) > 0
+    assert ratio([c * 0.8 for c in grey], grey, config) < 0  # grey clothes before a grey wall
+
+
+def shadowed_floor(views: int):
+    """A grey floor, on it a disc of shadow and a dark post that looks like shadow."""
+    rig = scenes.ring(views, size=(161, 121))
+    shape = (views, rig.height, rig.width)
+    plate = Background(np.full((*shape, 3), 120, np.float32), np.full((*shape, 3), 2, np.float32))
+    images = np.full((*shape, 3), 120, np.uint8)
+    post = np.zeros(shape, bool)
+    for view, camera in enumerate(rig):
+        columns, rows = np.meshgrid(np.arange(rig.width), np.arange(rig.height))
+        x, y = floor_of(camera, np.column_stack([columns.ravel(), rows.ravel()])).T
+        images[view].reshape(-1, 3)[np.hypot(x - 0.3, y) < 0.4] = 66
+        height = np.linspace(0, 1, 200)
+        column = np.column_stack([np.full((200, 2), -0.3), height])
+        for u, v in np.rint(camera.project(column)[0]).astype(int):
+            post[view, max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5] = True
+        images[view][post[view]] = 66
+    return rig, plate, images, post
+
+
+def floor_of(camera, pixels: np.ndarray) -> np.ndarray:
+    rays = camera.rays(pixels)
+    distance = -camera.centre[2] / rays[:, 2]
+    hits = camera.centre + distance[:, None] * rays
+    return np.where((distance > 0)[:, None], hits[:, :2], 1e3)
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_light_on_the_floor(device: Device, views: int) -> None:
+    rig, plate, images, post = shadowed_floor(views)
+    config = SilhouetteConfig()
+    counts = Silhouette(device, rig, plate, config)(images).get()
+    expected = silhouette_evidence(images, rig, plate, config)
+    assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
+    light = floor_light(images, rig, plate, config)
+    assert 0.54 < np.nanmin(light) < 0.56 and np.nanmax(light) == 1
+    inside = np.zeros_like(post)
+    for view, camera in enumerate(rig):
+        inside[view, : camera.size[1], : camera.size[0]] = True
+    person = (counts > 0) & inside
+    shadow = (images[..., 0] == 66) & ~post & inside
+    assert (person & shadow).sum() < 0.15 * shadow.sum()
+    core = np.stack([cv2.erode(view.astype(np.uint8), np.ones((5, 5))) > 0 for view in post])
+    assert (person & core).sum() > 0.7 * (core & inside).sum()  # all but what the disc hides
+    assert (person & ~post & ~shadow).sum() < 0.02 * post.sum()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"clamp": 0.6}, {"foreground_prior": 1.0}, {"shadow_low": 0.0}, {"sigma_floor": -1.0}],
+)
+def test_wrong_parameters_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong)).split("_")[0]):
+        SilhouetteConfig(**wrong)
+
+
+def test_an_arm_of_the_floors_colour_is_no_shade_where_the_floor_is_lit() -> None:
+    wood = np.array([[[84.0, 119.0, 153.0]]])
+    std, config = np.full_like(wood, 3.0), SilhouetteConfig()
+
+    def lit(share: float, light: float) -> float:
+        """Of a pixel that shows so much of the wood's light."""
+        return float(background_ratio(share * wood, wood, std, config, np.array([[light]]))[0, 0])
+
+    assert lit(0.88, 1.0) < 0 < lit(0.88, 0.88)
+    assert lit(1.0, 1.0) - lit(1.1, 1.0) > 5  # nor brighter

@@ -1,0 +1,278 @@
+"""Sequences: folder layouts, settings, frames, background, decoding ahead."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from helpers.shared import shared_data
+
+from cl import InputError
+from psfs.background.gaussian import (
+    PRIOR_FRAMES,
+    STD_FLOOR,
+    STD_PRIOR,
+    clipped_moments,
+    median_moments,
+)
+from psfs.footage.media import open_media
+from psfs.footage.prefetch import prefetched
+from psfs.sequence import Sequence
+
+
+def levels(frame) -> list[int]:
+    return frame.images[:, 20, 30, 0].astype(int).tolist()
+
+
+def expected(index: int, views: int) -> list[int]:
+    return [footage.grey(index, view) for view in range(views)]
+
+
+def test_native_videos(tmp_path: Path) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "walk"))
+    assert (sequence.name, len(sequence), sequence.fps) == ("walk", 12, 25)
+    assert sequence.background_kind == "gaussian"
+    assert sequence.volume is None
+    assert sequence.notes == []
+    frames = list(sequence)
+    assert [frame.index for frame in frames] == list(range(12))
+    assert frames[0].images.shape == (3, 48, 64, 3) and frames[0].images.dtype == np.uint8
+    assert frames[0].masks is None
+    for frame in frames:
+        np.testing.assert_allclose(levels(frame), expected(frame.index, 3), atol=footage.LOSS)
+    for index in (7, 3, 11, 0, -1):
+        np.testing.assert_allclose(
+            levels(sequence.read(index)), expected(index % 12, 3), atol=footage.LOSS
+        )
+    with pytest.raises(IndexError):
+        sequence.read(12)
+    assert [frame.index for frame in sequence.frames(slice(1, None, 4))] == [1, 5, 9]
+    background = sequence.background
+    assert background.mean.shape == background.std.shape == (3, 48, 64, 3)
+    assert background.mean.dtype == background.std.dtype == np.float32
+    np.testing.assert_allclose(background.mean[:, 5, 5, 0], [100, 101, 102], atol=footage.LOSS)
+    assert sequence.background is background
+
+
+def test_frame_numbers_after_seeking_far(tmp_path: Path) -> None:
+    footage.write_video(tmp_path / "a.mp4", [footage.grey(i, 0) for i in range(140)])
+    media = open_media("a", [tmp_path / "a.mp4"])
+    assert media.count == 140
+    decoder = media.open()
+    for index in (139, 0, 68, 69, 137, 2, 100):
+        assert decoder.read(index)[9, 9, 0] == pytest.approx(footage.grey(index, 0), abs=5)
+    decoder.close()
+
+
+def test_ascending_reads_do_not_seek(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    footage.write_video(tmp_path / "a.mp4", [footage.grey(i, 0) for i in range(40)])
+    decoder = open_media("a", [tmp_path / "a.mp4"]).open()
+    capture = decoder._capture  # type: ignore[attr-defined]
+    unseekable = SimpleNamespace(grab=capture.grab, read=capture.read, release=capture.release)
+    monkeypatch.setattr(decoder, "_capture", unseekable)
+    for index in (0, 1, 5, 6, 30):
+        assert decoder.read(index)[9, 9, 0] == pytest.approx(footage.grey(index, 0), abs=5)
+    decoder.close()
+
+
+def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
+    rig = footage.rig(2)
+    footage.write_toml(tmp_path / "Calib_scene.toml", footage.tables(rig))
+    for view, camera in enumerate(rig):
+        for frame in range(3):  # 9 before 10, though "10" sorts before "9"
+            name = f"{camera.name}/{frame + 8}.png"
+            footage.write_image(tmp_path / "images" / name, footage.grey(frame, view))
+            footage.write_image(tmp_path / "masks" / name, 255 if frame == 1 else 0)
+        footage.write_image(tmp_path / "background" / f"{camera.name}.png", 50 + view)
+        footage.write_image(tmp_path / "background" / f"{camera.name}_old.png", 7)
+    with_masks = Sequence.open(tmp_path, fps=10)
+    assert with_masks.background_kind == "masks" and with_masks.background is None
+    frames = list(with_masks)
+    assert [levels(frame) for frame in frames] == [expected(i, 2) for i in range(3)]
+    assert [frame.masks.mean() for frame in frames] == [0, 255, 0]
+    plain = Sequence.open(tmp_path, background="gaussian")
+    assert plain.read(0).masks is None
+    assert plain.background.mean[:, 0, 0, 0].tolist() == [50, 51]
+    single = np.sqrt(PRIOR_FRAMES * STD_PRIOR**2 / (1 + PRIOR_FRAMES))
+    np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
+
+
+def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:
+    tables = footage.tables(footage.rig(2))
+    tables["cam02"]["size"] = [40, 56]
+    footage.write_toml(tmp_path / "calibration.toml", tables)
+    footage.write_image(tmp_path / "images/cam01/0.png", 100)
+    footage.write_image(tmp_path / "images/cam02/0.png", 200, (40, 56))
+    sequence = Sequence.open(tmp_path)
+    images = sequence.read(0).images
+    assert images.shape == (2, 56, 64, 3)
+    assert (images[0, :48] == 100).all() and (images[0, 48:] == 0).all()
+    assert (images[1, :, :40] == 200).all() and (images[1, :, 40:] == 0).all()
+    assert sequence.background_kind == "frames"
+    assert (sequence.background.mean[0, 48:] == 0).all()
+    assert (sequence.background.std >= STD_FLOOR).all()
+
+
+def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
+    footage.native(tmp_path)
+    footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
+    sequence = Sequence.open(tmp_path)
+    assert len(sequence) == len(list(sequence)) == 9
+
+
+def test_settings_file_flags_and_layout(tmp_path: Path) -> None:
+    footage.native(tmp_path)
+    settings = {
+        "unit": "cm",
+        "up": "y",
+        "fps": 50,
+        "background": "frames",
+        "volume": [[-1, -1, 0], [1, 1, 2]],
+        "cameras": ["cam03", "cam01"],
+    }
+    footage.write_toml(tmp_path / "sequence.toml", settings)
+    sequence = Sequence.open(tmp_path, unit="m", background="gaussian")
+    assert sequence.rig.names == ["cam03", "cam01"]
+    original = footage.rig(3).centres[[2, 0]]
+    np.testing.assert_allclose(sequence.rig.centres, original[:, [2, 0, 1]], atol=1e-9)
+    assert sequence.fps == 50 and sequence.background_kind == "gaussian"
+    assert sequence.volume[1].tolist() == [1, 1, 2]
+    np.testing.assert_allclose(
+        levels(sequence.read(2)), np.array(expected(2, 3))[[2, 0]], atol=footage.LOSS
+    )
+    np.testing.assert_allclose(
+        Sequence.open(tmp_path, up="z").rig.centres, original / 100, atol=1e-9
+    )
+
+
+def test_videos_named_otherwise_are_taken_in_order(tmp_path: Path) -> None:
+    footage.native(tmp_path)
+    for number in (1, 2, 3):
+        (tmp_path / f"videos/cam0{number}.mp4").rename(tmp_path / f"videos/GX{number + 8}.mp4")
+    sequence = Sequence.open(tmp_path)
+    assert sequence.rig.names == ["cam01", "cam02", "cam03"]
+    assert len(sequence.notes) == 1 and "GX9 for cam01" in sequence.notes[0]
+    np.testing.assert_allclose(levels(sequence.read(4)), expected(4, 3), atol=footage.LOSS)
+
+
+def test_flat_folder_with_masks_for_all_and_images_for_some(tmp_path: Path) -> None:
+    rig = footage.rig(3)
+    text = ""
+    for view, camera in enumerate(rig):
+        P = camera.K @ np.column_stack([camera.R, camera.t])
+        text += " ".join([camera.name, *map(str, P.ravel())]) + "\n"
+        for frame in (1, 2):
+            footage.write_image(tmp_path / f"silh_{camera.name}_{frame:05d}.pbm", 255 * (frame - 1))
+            if view:
+                footage.write_image(tmp_path / f"{camera.name}_{frame:05d}.png", 9)
+    (tmp_path / "projection_matrices.txt").write_text(text)
+    sequence = Sequence.open(tmp_path)
+    assert len(sequence) == 2 and sequence.background_kind == "masks"
+    assert [frame.masks.mean() for frame in sequence] == [0, 255]
+    assert sequence.read(0).images is None
+    assert any("none for cam01" in note for note in sequence.notes)
+
+
+def test_threshold_masks_grow_by_dilation_less_erosion(tmp_path: Path) -> None:
+    rig = footage.rig(1)
+    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[20:25, 30:40] = 60
+    (tmp_path / "images/cam01").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "images/cam01/0.png"), image)
+    sequence = Sequence.open(tmp_path, background="threshold", threshold=0.2, dilate=5, erode=3)
+    rows, columns = np.nonzero(sequence.read(0).masks[0])
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 26, 28, 41)
+    assert not Sequence.open(tmp_path, background="threshold", threshold=0.3).read(0).masks.any()
+
+
+def test_background_moments() -> None:
+    random = np.random.default_rng(3)
+    frames = random.normal(120, 4, (60, 12, 9, 3))
+    frames[7, 3:6] += 90  # somebody's shadow passes
+    frames = frames.clip(0, 255).round().astype(np.uint8)
+    for mean, std in (clipped_moments(list(frames)), median_moments(frames)):
+        np.testing.assert_allclose(mean, 120, atol=3.5)
+        assert 3.5 < std.mean() < 4.6 and std[3:6].mean() < 4.8
+    odd = random.integers(0, 256, (7, 5, 3, 3)).astype(np.uint8)
+    np.testing.assert_array_equal(median_moments(odd)[0], np.median(odd, axis=0))
+    constant = np.full((50, 4, 4, 3), 9, np.uint8)
+    mean, std = clipped_moments(list(constant))
+    assert (mean == 9).all() and (std >= STD_FLOOR).all()
+
+
+def test_prefetch_stops_cleanly_and_passes_errors_on() -> None:
+    closed = threading.Event()
+
+    def numbers(fail_at: int | None = None) -> Iterator[int]:
+        try:
+            for i in range(10**6):
+                if i == fail_at:
+                    raise InputError(f"no {i}")
+                yield i
+        finally:
+            closed.set()
+
+    before = threading.active_count()
+    ahead = prefetched(numbers(), 2)
+    assert [next(ahead), next(ahead)] == [0, 1]
+    ahead.close()
+    assert closed.is_set() and threading.active_count() == before
+    closed.clear()
+    seen = []
+    with pytest.raises(InputError, match="no 3"):
+        for value in prefetched(numbers(3), 2):
+            seen.append(value)
+    assert seen == [0, 1, 2] and closed.is_set() and threading.active_count() == before
+
+
+def test_prefetch_is_bounded() -> None:
+    made = []
+
+    def numbers() -> Iterator[int]:
+        for i in range(100):
+            made.append(i)
+            yield i
+
+    ahead = prefetched(numbers(), 3)
+    assert next(ahead) == 0
+    time.sleep(0.15)
+    assert len(made) <= 5  # one taken, three waiting, one in hand
+    ahead.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "views", "fps", "kind", "size"),
+    [
+        ("synth_walk_4cam", 172, 4, 60, "gaussian", (480, 640)),
+        ("utrecht_seated", 426, 4, 50, "gaussian", (486, 644)),
+        ("bodytrack_walk", 4, 4, 60, "masks", (480, 640)),
+        ("middlebury_dino", 1, 15, 1, "threshold", (480, 640)),
+        ("dancer8", 1, 8, 30, "masks", (582, 780)),
+        ("pose2sim_balance", 100, 4, 60, "gaussian", (1920, 1088)),
+    ],
+)
+def test_real_folders(name: str, frames: int, views: int, fps: int, kind: str, size) -> None:
+    sequence = Sequence.open(shared_data(name))
+    assert (len(sequence), len(sequence.rig), sequence.fps) == (frames, views, fps)
+    assert sequence.background_kind == kind
+    frame = sequence.read(frames - 1)
+    if frame.images is not None:
+        assert frame.images.shape == (views, *size, 3)
+    if kind in ("masks", "threshold"):
+        assert frame.masks.shape == (views, *size)
+        assert 0.01 < (frame.masks > 127).mean() < 0.6
+
+
+def test_utrecht_stands_upright_in_metres() -> None:
+    sequence = Sequence.open(shared_data("utrecht_seated"))
+    np.testing.assert_allclose(
+        sequence.rig[0].centre, 0.00076 * np.array([3485, -4446, 1803]), atol=2e-3
+    )

@@ -1,0 +1,75 @@
+"""The automatic reconstruction volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.shared import shared_data
+
+from cl import Device, InputError
+from psfs.cameras.camera import CameraRig
+from psfs.sequence import Frame, Sequence
+from psfs.voxels.bounding_volume import automatic_grid, reachable_box
+from psfs.voxels.grid import VoxelGrid
+
+
+@dataclass
+class Footage:
+    """As much of a `Sequence` as the volume needs."""
+
+    rig: CameraRig
+    masks: list[np.ndarray]
+    volume: tuple[np.ndarray, np.ndarray] | None = None
+    background: None = None
+    empty_scene: bool = True
+    folder: Path = field(default_factory=lambda: Path("footage"))
+
+    def __len__(self) -> int:
+        return len(self.masks)
+
+    def read(self, index: int) -> Frame:
+        return scenes.frame(index, masks=self.masks[index])
+
+
+def test_the_body_lies_inside(device: Device) -> None:
+    rig = scenes.ring(5)
+    footage = Footage(rig, [scenes.masks_of(rig)] * 3)
+    for grid in (automatic_grid(footage), automatic_grid(footage, device=device)):
+        assert grid.voxel_size == 0.02
+        assert np.all(grid.low < [-0.2, -0.3, 0.2]) and np.all(grid.high > [0.4, 0.3, 1.6])
+        assert np.all(grid.high - grid.low < [1.4, 1.4, 2.4])
+
+
+def test_a_stated_volume_is_taken() -> None:
+    volume = np.array([-1.0, -1, 0]), np.array([1.0, 1, 2])
+    footage = Footage(scenes.ring(2), [], volume)
+    grid = automatic_grid(footage, voxel_size=0.1)
+    assert grid.shape == (20, 20, 20)
+    with pytest.raises(InputError, match="voxel size is 0"):
+        automatic_grid(footage, voxel_size=0.0)
+
+
+def test_only_background_is_an_error() -> None:
+    rig = scenes.ring(3)
+    empty = np.zeros((3, rig.height, rig.width), np.uint8)
+    with pytest.raises(InputError, match="nothing stands out"):
+        automatic_grid(Footage(rig, [empty] * 20))
+
+
+def test_the_search_scales_with_the_rig() -> None:
+    low, high = reachable_box(scenes.ring(4, radius=3.0))
+    assert low[2] == -0.1 and np.all(high - low < 8)
+    low, high = reachable_box(scenes.ring(1))
+    assert np.isfinite([low, high]).all() and np.all(high > low)
+
+
+def test_real_sets() -> None:
+    dino = automatic_grid(Sequence.open(shared_data("middlebury_dino")))
+    assert 0.05 < np.max(dino.high - dino.low) < 0.2 and dino.voxel_size < 0.002
+    dancer = automatic_grid(Sequence.open(shared_data("dancer8")))
+    inside = VoxelGrid.covering(np.array([-0.26, -1.64, 0.0]), np.array([0.94, -1.12, 1.65]), 0.1)
+    assert np.all(dancer.low < inside.low + 0.05) and np.all(dancer.high > inside.high - 0.1)

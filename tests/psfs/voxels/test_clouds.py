@@ -1,0 +1,93 @@
+"""Voxel clouds written and read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from helpers import scenes
+from scipy import ndimage
+
+from cl import InputError
+from psfs.reference.surface import surface_voxels
+from psfs.voxels.clouds import coarsened, connected_parts, read_cloud, without_debris, write_cloud
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+
+def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
+    grid = scenes.small_grid()
+    occupied = scenes.solid(grid.centres()).reshape(grid.shape)
+    if speck:
+        occupied[0, 0, :2] = True
+    indices = surface_voxels(occupied)
+    random = np.random.default_rng(1)
+    colours = random.integers(0, 255, (len(indices), 3)).astype(np.uint8) if colour else None
+    probability = random.uniform(0.5, 1, len(indices)).astype(np.float32)
+    return VoxelCloud(grid, indices, probability, colours, occupied.sum() * 0.06**3)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_round_trip(tmp_path: Path, colour: bool) -> None:
+    cloud = a_cloud(colour)
+    write_cloud(cloud, tmp_path / "frame_000000")
+    again = read_cloud(tmp_path / "frame_000000.npz")
+    np.testing.assert_array_equal(again.indices, cloud.indices)
+    np.testing.assert_array_equal(again.probability, cloud.probability)
+    np.testing.assert_allclose(again.centres, cloud.centres)
+    assert again.volume == cloud.volume
+    points = trimesh.load(tmp_path / "frame_000000.ply")
+    np.testing.assert_allclose(points.vertices, cloud.centres, atol=1e-6)
+    columns = points.metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(columns["probability"], cloud.probability)
+    if cloud.colour is not None:
+        np.testing.assert_array_equal(points.colors[:, :3], cloud.colour)
+
+
+def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
+    cloud = VoxelCloud(scenes.small_grid(), np.zeros(0, np.int32), np.zeros(0, np.float32))
+    write_cloud(without_debris(cloud), tmp_path / "empty")
+    assert len(read_cloud(tmp_path / "empty.npz")) == 0
+    assert b"element vertex 0\n" in (tmp_path / "empty.ply").read_bytes()
+
+
+def test_debris_is_dropped() -> None:
+    clean, dirty = a_cloud(), a_cloud(speck=True)
+    kept = without_debris(dirty)
+    np.testing.assert_array_equal(kept.indices, clean.indices)
+    assert kept.volume == pytest.approx(clean.volume)
+    assert len(without_debris(dirty, 0)) == len(dirty)
+
+
+@pytest.mark.parametrize("density", [0.01, 0.06, 0.3])
+def test_parts_are_those_of_the_whole_grid(density: float) -> None:
+    """Also of voxels at opposite borders, which are neighbours in memory only."""
+    for shape in ((9, 5, 7), (1, 12, 3), (4, 4, 4)):
+        flags = np.random.default_rng(1).random(shape) < density
+        flags[0, 0, 0] = True
+        indices = np.flatnonzero(flags).astype(np.int32)
+        grid = VoxelGrid(np.zeros(3), 1.0, shape)
+        cloud = VoxelCloud(grid, indices, np.ones(len(indices), np.float32))
+        expected = ndimage.label(flags, np.ones((3, 3, 3)))[0].ravel()[indices]
+        ours = connected_parts(cloud)
+        pairs = set(zip(ours.tolist(), expected.tolist(), strict=True))
+        assert len(pairs) == len(set(ours)) == len(set(expected))
+
+
+def test_a_coarser_cloud_covers_the_same_place() -> None:
+    cloud = a_cloud(colour=True)
+    coarse = coarsened(cloud, 3)
+    offsets = cloud.centres[:, None] - coarse.centres
+    assert np.abs(offsets).max(2).min(1).max() <= coarse.grid.voxel_size / 2
+    assert len(coarse) < len(cloud) and coarsened(cloud, 1).grid.shape == cloud.grid.shape
+    assert cloud.colour is not None and coarse.colour is not None
+    assert set(map(tuple, coarse.colour)) <= set(map(tuple, cloud.colour))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"something else"])
+def test_broken_files_are_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"broken\.npz"):
+        read_cloud(path)

@@ -1,0 +1,125 @@
+"""Colours of the surface on every OpenCL device against the NumPy twin, and their meaning."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.recolour import peak_signal_to_noise, recoloured
+from helpers.shared import shared_data
+
+from cl import Device, InputError, NumpyDevice
+from psfs.reconstruct import Reconstructor
+from psfs.reference.colour import nearest_depth, surface_colour
+from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
+from psfs.sequence import Frame, Sequence
+from psfs.voxels.grid import VoxelGrid
+
+
+def both(device: Device, rig, grid, frame, background=None) -> tuple[np.ndarray, np.ndarray]:
+    reconstructor = Reconstructor(device, rig, grid, background)
+    voxels = reconstructor(frame)
+    count = int(voxels.count.get()[0])
+    evidence = frame_evidence(frame, rig, background, reconstructor.config.silhouette)
+    expected = surface_colour(rig, grid, voxels.surface.get(count), frame.images, evidence)
+    return voxels.colours().get(count), expected
+
+
+def painted(rig) -> Frame:
+    """Masks of the test body, and pictures that vary slowly."""
+    y, x = np.mgrid[: rig.height, : rig.width]
+    images = np.stack([np.stack([x, y, x + y], -1) + 20 * k for k in range(len(rig))])
+    return scenes.frame(images=(images % 256).astype(np.uint8), masks=scenes.masks_of(rig))
+
+
+@pytest.mark.parametrize("views", [1, 2, 5])
+def test_agrees_with_the_twin(device: Device, views: int) -> None:
+    rig = scenes.ring(views)
+    colours, expected = both(device, rig, scenes.small_grid(0.04), painted(rig))
+    assert len(colours) > 100
+    # Voxels at the limit of visibility, or between two pixels, may differ.
+    assert (colours != expected).any(1).mean() < 0.03
+
+
+def test_pictures_with_a_background_agree_with_the_twin(device: Device) -> None:
+    rig = scenes.ring(4)
+    frame, background = scenes.pictures_of(rig)
+    colours, expected = both(device, rig, scenes.small_grid(), frame, background)
+    assert (colours != expected).any(1).mean() < 0.03
+
+
+def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
+    rig = scenes.ring(3)
+    grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
+    frame = painted(rig)
+    frame = scenes.frame(images=frame.images, masks=np.full_like(frame.masks, 255))
+    colours, expected = both(device, rig, grid, frame)
+    assert (colours != expected).any(1).mean() < 0.03
+
+
+def test_no_voxels_have_no_colours(device: Device) -> None:
+    rig = scenes.ring(2)
+    frame = painted(rig)
+    frame = scenes.frame(images=frame.images, masks=np.zeros_like(frame.masks))
+    voxels = Reconstructor(device, rig, scenes.small_grid(), None)(frame)
+    assert voxels.cloud(colour=True).colour.shape == (0, 3)
+
+
+def test_a_voxel_behind_another_takes_no_colour_from_that_side(device: Device) -> None:
+    """Cameras see red, but for one, which sees blue: only what it sees may be blue."""
+    rig = scenes.without_distortion(scenes.ring(6))
+    images = np.zeros((6, rig.height, rig.width, 3), np.uint8)
+    images[..., 2] = 255
+    images[0] = [255, 0, 0]
+    frame = scenes.frame(images=images, masks=scenes.masks_of(rig))
+    grid = scenes.small_grid(0.03)
+    cloud = Reconstructor(device, rig, grid, None)(frame).cloud(colour=True)
+    buffer = nearest_depth(rig[0], cloud.centres, np.zeros(2), (rig.height, rig.width))
+    pixels, depth = rig[0].project(cloud.centres)
+    column, row = np.rint(pixels).astype(int).T
+    hidden = depth > buffer[row, column] + 6 * grid.voxel_size
+    assert hidden.any()
+    assert (cloud.colour[hidden, 2] == 0).mean() > 0.99
+    assert (cloud.colour[~hidden, 2] > 0).any()
+
+
+def test_either_reconstructor_colours_its_cloud(device: Device) -> None:
+    rig = scenes.ring(3)
+    frame, grid = painted(rig), scenes.small_grid()
+    cloud = Reconstructor(device, rig, grid, None, sparse=True)(frame).cloud(colour=True)
+    twin = NumpyReconstructor(NumpyDevice(), rig, grid, None)(frame).cloud(colour=True)
+    for coloured in (cloud, twin):
+        assert coloured.colour.shape == (len(coloured), 3)
+        assert coloured.colour.dtype == np.uint8
+    _, a, b = np.intersect1d(cloud.indices, twin.indices, return_indices=True)
+    assert (cloud.colour[a] != twin.colour[b]).any(1).mean() < 0.05
+
+
+@pytest.mark.parametrize("twin", [True, False])
+def test_masks_alone_have_no_colours(device: Device, twin: bool) -> None:
+    rig = scenes.ring(2)
+    kind = NumpyReconstructor if twin else Reconstructor
+    frame = scenes.frame(masks=scenes.masks_of(rig))
+    voxels = kind(device, rig, scenes.small_grid(), None)(frame)
+    with pytest.raises(InputError, match="no pictures"):
+        voxels.cloud(colour=True)
+
+
+def test_recoloured_pictures_resemble_the_pictures(device: Device) -> None:
+    folder = shared_data("synth_walk_8cam")
+    sequence = Sequence.open(folder)
+    volume = (np.array([-2.5, -2.5, 0.0]), np.array([2.5, 2.5, 2.1]))
+    grid = VoxelGrid.covering(*volume, 0.02)
+    frame = sequence.read(40)
+    reconstructor = Reconstructor(device, sequence.rig, grid, sequence.background, sparse=True)
+    cloud = reconstructor(frame).cloud(colour=True)
+    ratios = []
+    for view, camera in enumerate(sequence.rig):
+        path = folder / "truth_masks" / f"{camera.name}_{frame.index:06d}.png"
+        truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
+        picture, covered = recoloured(cloud, camera)
+        assert covered[truth].mean() > 0.9
+        # What no voxel covers counts as black.
+        ratios.append(peak_signal_to_noise(frame.images[view], picture, truth))
+    assert np.mean(ratios) > 20

@@ -1,0 +1,65 @@
+"""Reprojection of the voxels on every OpenCL device against its NumPy twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import scenes
+from scipy import ndimage
+
+from cl import Device, NumpyDevice
+from psfs.reconstruct import Reconstructor
+from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.reprojection import Reprojection, edge_reach
+
+
+def both(device: Device, rig, grid, masks, **options):
+    voxels = Reconstructor(device, rig, grid, None)(scenes.frame(masks=masks))
+    maps = Reprojection(device, rig, grid, **options)(voxels).get()
+    surface = voxels.cloud().indices
+    twin = NumpyVoxels(grid, voxels.probability.get(), surface, 0)
+    return maps, NumpyReprojection(NumpyDevice(), rig, grid, **options)(twin)
+
+
+@pytest.mark.parametrize("views", [1, 3])
+@pytest.mark.parametrize("options", [{}, {"scale": 0.5}, {"sigma": 2.5, "radius": 5}])
+def test_maps_agree_with_the_twin(device: Device, views: int, options) -> None:
+    rig = scenes.ring(views)
+    maps, expected = both(device, rig, scenes.small_grid(), scenes.masks_of(rig), **options)
+    assert expected[..., 0].any()
+    assert (maps[..., 0] != expected[..., 0]).mean() < 1e-3
+    assert (maps[..., 1] != expected[..., 1]).mean() < 2e-2  # a moved edge moves what is near it
+
+
+def test_edges_are_exact_for_the_same_silhouette(device: Device) -> None:
+    rig = scenes.ring(3)
+    maps, _ = both(device, rig, scenes.small_grid(), scenes.masks_of(rig))
+    sigma, radius = edge_reach(rig, None, None)
+    for view, camera in enumerate(rig):
+        edge = boundary(maps[view, ..., 0] > 0, camera.size)
+        expected = edge_proximity(edge, sigma, radius)
+        np.testing.assert_array_equal(maps[view, ..., 1], expected)
+
+
+def test_no_voxels_give_empty_maps(device: Device) -> None:
+    rig = scenes.ring(2)
+    masks = np.zeros((2, rig.height, rig.width), np.uint8)
+    maps, expected = both(device, rig, scenes.small_grid(), masks)
+    assert not maps.any() and not expected.any()
+
+
+def test_voxels_around_and_behind_the_cameras(device: Device) -> None:
+    rig = scenes.ring(3)
+    grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
+    masks = np.full((3, rig.height, rig.width), 255, np.uint8)
+    maps, expected = both(device, rig, grid, masks)
+    assert (maps[..., 0] != expected[..., 0]).mean() < 2e-3
+
+
+def test_solid_silhouettes_have_no_holes(device: Device) -> None:
+    rig = scenes.ring(4)
+    maps, _ = both(device, rig, scenes.small_grid(0.03), scenes.masks_of(rig))
+    for silhouette in maps[..., 0] > 0:
+        assert (ndimage.binary_fill_holes(silhouette) == silhouette).all()

@@ -1,0 +1,184 @@
+"""The sparse mode on every OpenCL device: voxel for voxel the dense mode, over awkward inputs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import scenes
+from scipy import ndimage
+
+from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import CameraRig
+from psfs.config import OccupancyConfig, ReconstructionConfig
+from psfs.reconstruct import Reconstructor, reconstructor_for
+from psfs.reference.occupancy import occupancy
+from psfs.voxels import sparse
+from psfs.voxels.bricks import Bricks, lens_reach
+from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupancy import Occupancy
+from psfs.voxels.sparse import SparseSurface
+from psfs.voxels.surface import Surface
+
+STEP = 0.05
+
+
+def evidence_of(rig: CameraRig, seed: int, block: int) -> np.ndarray:
+    """Mostly plain background."""
+    return scenes.patches_of_evidence(rig, seed, block, 40, 0.5)
+
+
+def compare(
+    device: Device,
+    rig: CameraRig,
+    grid: VoxelGrid,
+    evidence: np.ndarray,
+    config: OccupancyConfig,
+) -> tuple[int, int]:
+    """Numbers of surface voxels and of active bricks, after comparing both modes."""
+    maps = device.to_device(evidence)
+    bricks = Bricks(device, rig, grid, maps, STEP, config)
+    dense = Occupancy(bricks)
+    surface = Surface(device, grid.shape, dense(), config.threshold)
+    surface()
+    found = SparseSurface(bricks)
+    for _ in range(2):  # the second time over what the first one left
+        found()
+    count = int(surface.list.count.get()[0])
+    assert found.list.count.get()[0] == count
+    assert found.list.occupied.get()[0] == surface.list.occupied.get()[0]
+    np.testing.assert_array_equal(found.list.indices.get(count), surface.list.indices.get(count))
+    np.testing.assert_array_equal(
+        found.surface_probability(count), surface.surface_probability(count)
+    )
+    expected, there = surface.probability.get(), found.probability.get()
+    near = ndimage.binary_dilation(expected > config.threshold, np.ones((3, 3, 3)))
+    np.testing.assert_array_equal(there[near], expected[near])
+    assert np.isin(there[~near], np.append(expected[~near], 0)).all()
+    return count, int(found.n_active.get()[0])
+
+
+@pytest.mark.parametrize("distorted", [True, False])
+@pytest.mark.parametrize("views", [1, 2, 5, 16])
+def test_sparse_is_dense(device: Device, views: int, distorted: bool) -> None:
+    rig = scenes.ring(views)
+    rig = rig if distorted else scenes.without_distortion(rig)
+    config = OccupancyConfig(prior=0.4, min_cameras=min(views, 2))
+    for block in (1, 8, 40):
+        evidence = evidence_of(rig, views, block)
+        compare(device, rig, scenes.small_grid(0.04), evidence, config)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 1, 70), (2, 35, 1), (9, 8, 17), (33, 40, 32)])
+def test_odd_grids(device: Device, shape: tuple[int, int, int]) -> None:
+    rig = scenes.ring(3)
+    grid = VoxelGrid(np.array([-0.2, -0.1, 0.3]), 0.03, shape)
+    compare(device, rig, grid, evidence_of(rig, 1, 6), OccupancyConfig(min_cameras=1))
+
+
+def test_voxels_behind_and_around_the_cameras(device: Device) -> None:
+    rig = scenes.ring(3)
+    grid = VoxelGrid.covering(np.full(3, -6.0), np.full(3, 6.0), 0.23)
+    evidence = evidence_of(rig, 2, 10)
+    count, _ = compare(device, rig, grid, evidence, OccupancyConfig(min_cameras=1, prior=0.4))
+    assert count > 0
+
+
+@pytest.mark.parametrize("value", [-60, 0, 14])
+def test_uniform_evidence(device: Device, value: int) -> None:
+    rig, grid = scenes.ring(4), scenes.small_grid(0.05)
+    evidence = np.full((4, rig.height, rig.width), value, np.int8)
+    count, active = compare(device, rig, grid, evidence, OccupancyConfig(prior=0.45))
+    assert (count > 0) == (value > 0) and (active > 0) == (value > 0)
+
+
+def test_most_bricks_are_left_out(device: Device) -> None:
+    rig = scenes.without_distortion(scenes.ring(6, size=(240, 200)))
+    frame = scenes.frame(masks=scenes.masks_of(rig))
+    grid = VoxelGrid.covering(np.array([-2.0, -2, -0.1]), np.array([2.0, 2, 2.4]), 0.025)
+    dense = Reconstructor(device, rig, grid, None)(frame).cloud()
+    reconstructor = Reconstructor(device, rig, grid, None, sparse=True)
+    cloud = reconstructor(frame).cloud()
+    np.testing.assert_array_equal(cloud.indices, dense.indices)
+    np.testing.assert_array_equal(cloud.probability, dense.probability)
+    assert cloud.volume == dense.volume
+    surface = reconstructor.surface
+    assert isinstance(surface, SparseSurface)
+    assert 0 < surface.n_active.get()[0] < 0.25 * surface.slots.size
+
+
+def test_pictures_of_either_mode_agree_with_the_twin(device: Device) -> None:
+    rig = scenes.ring(5)
+    frame, background = scenes.pictures_of(rig)
+    config = ReconstructionConfig()
+    clouds = [
+        reconstructor_for(where, rig, scenes.small_grid(), background, config, sparse=True)(
+            frame
+        ).cloud()
+        for where in (device, NumpyDevice())
+    ]
+    union = np.union1d(clouds[0].indices, clouds[1].indices)
+    common = np.intersect1d(clouds[0].indices, clouds[1].indices)
+    assert len(union) - len(common) <= max(2, 0.01 * len(union))
+
+
+def test_tiles_hold_the_extremes(device: Device) -> None:
+    rig = scenes.ring(3)
+    evidence = evidence_of(rig, 3, 3)
+    maps = device.to_device(evidence)
+    bricks = Bricks(device, rig, scenes.small_grid(), maps, STEP)
+    bricks()
+    tiles = bricks.tiles.get()
+    at = 0
+    for edge in (8, 32):
+        for y in range(0, rig.height, edge):
+            for x in range(0, rig.width, edge):
+                tile = evidence[:, y : y + edge, x : x + edge]
+                extremes = np.stack([tile.min((1, 2)), tile.max((1, 2))], -1)
+                np.testing.assert_array_equal(tiles[:, at], extremes)
+                at += 1
+    assert at == tiles.shape[1]
+
+
+def test_a_lens_carries_no_point_further_than_its_reach() -> None:
+    for camera in scenes.ring(4):
+        xx, _, _, yy, picture, outer, largest, _ = lens_reach(camera)
+        corner = (np.array(camera.size) / 2) / np.diag(camera.K)[:2]
+        assert np.linalg.norm(corner) < picture < outer and picture < largest
+        # Centres of pictures are magnified by the focal length, nothing more by much.
+        assert camera.K[0, 0] * 0.99 <= xx < 2 * camera.K[0, 0]
+        assert camera.K[1, 1] * 0.99 <= yy < 2 * camera.K[1, 1]
+
+
+def test_too_many_bricks_are_refused(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sparse, "_ROOM", 4096)
+    rig, grid = scenes.ring(4), scenes.small_grid(0.04)
+    evidence = device.to_device(np.full((4, rig.height, rig.width), 14, np.int8))
+    surface = SparseSurface(Bricks(device, rig, grid, evidence, STEP))
+    surface()
+    with pytest.raises(InputError, match="bricks"):
+        surface.surface_probability(1)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        [-0.35, 0.1, 0.0, 0.0, 0.0],  # turns back within the picture's corners
+        [-0.9, 0.0, 0.0, 0.0, 0.0],  # turns back well inside
+        [0.5, 0.3, 0.01, -0.01, 0.0],
+        [-0.28, 0.0, 0.02, 0.015, -0.05],
+    ],
+)
+def test_strong_lenses(device: Device, lens: list[float]) -> None:
+    """Bricks whose evidence is taken for uniform have the twin's occupancy, whatever the lens."""
+    bent = [replace(camera, distortion=np.array(lens)) for camera in scenes.ring(4, (161, 120))]
+    rig, config = CameraRig(tuple(bent)), OccupancyConfig(min_cameras=1, prior=0.4)
+    grid = VoxelGrid.covering(np.array([-2.5, -2.5, -0.5]), np.array([2.5, 2.5, 3.0]), 0.07)
+    for block in (8, 40):
+        evidence = evidence_of(rig, block, block)
+        compare(device, rig, grid, evidence, config)
+        bricks = Bricks(device, rig, grid, device.to_device(evidence), STEP, config)
+        dense = Occupancy(bricks)().get()
+        expected = occupancy(rig, grid, evidence, STEP, config)
+        assert (np.abs(dense - expected) > 1e-5).mean() < 1e-3

@@ -1,0 +1,55 @@
+"""Smoothing, threshold and surface voxels on every OpenCL device against the NumPy twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cl import Device
+from psfs.reference.surface import smooth, surface_voxels
+from psfs.voxels.surface import Surface
+
+SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
+
+
+def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
+    shape = tuple(n - 2 for n in padded.shape)
+    surface = Surface(device, shape, device.to_device(padded.astype(np.float32)), threshold)
+    surface()
+    return surface
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> None:
+    # Multiples of 1/64: their sums are exact, no voxel sits on the threshold by rounding.
+    padded = np.random.default_rng(1).integers(0, 65, [n + 2 for n in shape]) / 64
+    surface = run(device, padded, threshold=0.501)
+    expected = smooth(padded)
+    np.testing.assert_allclose(surface.probability.get(), expected, atol=1e-6)
+    occupied = expected > 0.501
+    count = int(surface.list.count.get()[0])
+    np.testing.assert_array_equal(surface.list.indices.get(count), surface_voxels(occupied))
+    assert int(surface.list.occupied.get()[0]) == occupied.sum()
+    np.testing.assert_allclose(
+        surface.surface_probability(count), expected.ravel()[surface_voxels(occupied)], atol=1e-6
+    )
+
+
+def test_nothing_occupied(device: Device) -> None:
+    surface = run(device, np.zeros((12, 9, 10)))
+    assert surface.list.count.get()[0] == 0 and surface.list.occupied.get()[0] == 0
+    assert len(surface.surface_probability(0)) == 0
+
+
+def test_all_occupied_leaves_the_border(device: Device) -> None:
+    surface = run(device, np.ones((12, 9, 10)))
+    inner = 8 * 5 * 6
+    assert surface.list.occupied.get()[0] == 10 * 7 * 8
+    assert surface.list.count.get()[0] == 10 * 7 * 8 - inner
+
+
+def test_every_run_gives_the_same_order(device: Device) -> None:
+    padded = np.random.default_rng(2).random((50, 40, 30))
+    first, second = run(device, padded), run(device, padded)
+    count = int(first.list.count.get()[0])
+    np.testing.assert_array_equal(first.list.indices.get(count), second.list.indices.get(count))

@@ -1,0 +1,244 @@
+"""What is reported of timings: the results' files, the papers' figures, the page made of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.shared import ROOT
+
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from timings.bench_scene import Scene
+from timings.measure import Limits, Timing
+from timings.report_limits import serial_share
+from timings.report_machines import read_machines
+from timings.report_page import write_report
+from timings.report_readme import update_readme
+from timings.results import Results, read_results
+from timings.stages import PARTS, stage_of
+from timings.tables import number
+from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
+from timings.whole_tables import papers, table_3
+
+from apf.body.model import load_body
+from apf.filters.config import FilterConfig
+from apf.initialisation.from_joints import fit_to_joints
+from apf.synthetic.render import SyntheticScene
+from apf.synthetic.scene import SceneConfig
+from cl import Device, InputError, NumpyDevice
+from psfs.background.gaussian import Background
+from psfs.sequence import Frame
+
+
+def arguments(folder: Path, **changes: Any) -> argparse.Namespace:
+    given = {"out": folder, "quick": True, "seconds": None, "resume": False, "commit": "abc"}
+    return argparse.Namespace(**{**given, **changes})
+
+
+def times(ms: float, n: int) -> Timing:
+    return Timing(tuple(ms + 0.01 * k for k in range(n)))
+
+
+def column(kind: str, label: str, cores: int | None, ms: float, n: int) -> dict[str, Any]:
+    run = {"frames": times(ms, n), "error_mm": 25.0, "surface_voxels": 9000.0}
+    if kind == "numpy":
+        run["parts"] = {part: times(ms / 3, n) for part in ("reconstruction", "colour", "tracking")}
+    made = {"label": label, "kind": kind, "cores": cores, "setup_ms": 900.0,
+            "first_frame_ms": 2 * ms, "runs": [run] * 3, "streamed": times(ms, 1)}  # fmt: skip
+    if kind != "numpy":
+        made["to_pose"] = {"frames": times(ms / 2, 5), "error_mm": 26.0}
+    return made
+
+
+def measured(folder: Path) -> Path:
+    """A folder with results as `compare_timings.py whole` writes them, of made-up times."""
+    settings = {"views": 8, "shape": (150, 150, 100), "repetitions": {"opencl": 3, "numpy": 3},
+                "filter": {"n_particles": 200, "n_layers": 10}}  # fmt: skip
+    results = Results.begin("whole", arguments(folder), settings)
+    results.environment["devices"] = [
+        {"name": "Some GPU", "platform": "CUDA", "driver": "1", "kind": "gpu", "compute_units": 9},
+        {"name": "cpu-x", "platform": "PoCL", "driver": "3", "kind": "cpu", "compute_units": 4},
+    ]
+    cpu = "cpu-x, 4 cores"
+    for kind, label, cores, ms, n in (
+        ("gpu", "Some GPU", None, 8.0, 200), ("cpu", cpu, 4, 160.0, 200),
+        ("cpu", "cpu-x, 1 core", 1, 400.0, 50), ("numpy", "NumPy, 1 thread", 1, 8000.0, 3),
+    ):  # fmt: skip
+        made = column(kind, label, cores, ms, n)
+        results.section(f"column {'NumPy' if kind == 'numpy' else label}", lambda made=made: made)
+    for label, ms in (("Some GPU", 0.5), (cpu, 10.0)):
+        stages = {stage: times(ms, 5) for names in PARTS.values() for stage in names}
+        section = {"label": label, "limits": Limits(1e11, 1e12), "stages": stages,
+                   "work": {"occupancy": (1e7, 5e8), "upload": (7e6, 0)}}  # fmt: skip
+        results.section(f"stages {label}", lambda section=section: section)
+        for what, values in (("shape", [(75, 75, 50), (150, 150, 100)]), ("cameras", [2, 8]),
+                             ("n_particles", [50, 200]), ("n_layers", [1, 10])):  # fmt: skip
+            rows = [{"value": value, "frames": times(ms, 3)} for value in values]
+            results.section(f"scaling {what}, {label}", lambda rows=rows: rows)
+    return folder
+
+
+def test_every_column_of_songs_table_4_has_the_mean_that_table_2_prints() -> None:
+    song = papers()["song2012"]["tables"]
+    per_frame = np.array(song["4"]["rows"], dtype=float)
+    assert np.array_equal(per_frame[:, 0], np.arange(1, 201))
+    printed = [run for row in (0, 1, 3) for run in song["2"]["rows"][row][1:4]]
+    # The last run lacks a frame that is not legible.
+    np.testing.assert_allclose(np.nanmean(per_frame[:, 1:], 0), printed, rtol=4e-5)
+    averages = {name: average for name, *_, average in song["2"]["rows"]}
+    ratios = {name: final for name, _, final in song["3"]["rows"]}
+    assert ratios["GPU / CPU"] == pytest.approx(averages["CPU"] / averages["GPU (final)"], rel=1e-5)
+
+
+def test_the_parts_of_the_thesis_table_6_7_add_up() -> None:
+    rows = papers()["rymut2016"]["tables"]["6.7"]["rows"]
+    for particles in (96, 304, 512):
+        mine = [row for row in rows if row[1] == particles]
+        parts = np.array([row[2:] for row in mine if not row[0].startswith("g")], dtype=float)
+        total = next(row[2:] for row in mine if row[0].startswith("g"))
+        np.testing.assert_allclose(np.nansum(parts, 0), total, atol=0.021)
+
+
+def test_results_come_back_from_their_file_as_they_were(tmp_path: Path) -> None:
+    results = Results.begin("whole", arguments(tmp_path), {"shape": (1, 2)})
+    value = {"a": Timing((3.0, 1.0, 2.0)), "limits": Limits(1.0, 2.0), "n": np.int64(4)}
+    results.section("one", lambda: value)
+    back = read_results(tmp_path / "whole.json")
+    assert back.sections == {"one": {**value, "n": 4}}
+    assert back.settings == {"shape": [1, 2], "quick": True}
+    assert (back.sections["one"]["a"].median, back.sections["one"]["a"].least) == (2.0, 1.0)
+
+
+def test_what_is_missing_is_told_and_measured_when_resumed(tmp_path: Path) -> None:
+    def absent() -> None:
+        raise ModuleNotFoundError("No module named 'open3d'")
+
+    results = Results.begin("psfs", arguments(tmp_path), {})
+    assert results.section("mine", lambda: 1) == 1
+    assert results.section("open3d", absent) is None
+    assert results.section("growth", lambda: 5, quick=False) is None
+    assert results.left_out["growth"] == "not with --quick"
+    late = Results.begin("psfs", arguments(tmp_path, resume=True, seconds=-1.0), {})
+    assert late.section("late", lambda: 2) is None
+    assert late.left_out["late"].startswith("no time left")
+    resumed = Results.begin("psfs", arguments(tmp_path, resume=True), {})
+    assert resumed.section("mine", lambda: 3) == 1
+    assert resumed.section("open3d", lambda: 4) == 4
+    assert resumed.left_out == {}
+    with pytest.raises(InputError, match=r"settings is .*; expected"):
+        Results.begin("psfs", arguments(tmp_path, resume=True), {"views": 3})
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1}'])
+def test_a_file_that_is_no_results_is_told(tmp_path: Path, text: str) -> None:
+    (tmp_path / "whole.json").write_text(text)
+    with pytest.raises(InputError, match=r"whole\.json: .*results of compare_timings"):
+        read_machines([tmp_path])
+
+
+def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> None:
+    machines = read_machines([measured(tmp_path / "some")])
+    write_report(machines, tmp_path)
+    text, page = (tmp_path / "report.md").read_text(), (tmp_path / "report.html").read_text()
+    for heading in ("Song table 1", "Song table 2", "Song table 3", "Song table 4", "Roofline"):
+        assert f"### {heading}\n" in text
+    assert "84.845207" in text  # Song's GPU
+    assert "| OpenCL GPU, Some GPU | 9.00 | 9.00 | 9.00 | 9.00 | 200 |" in text
+    assert "399.2868 x" in text
+    assert "| OpenCL GPU, Some GPU, streamed | 4.02 | 4.01 | 4.03 | 5 | 249 | 26.0 |" in text
+    assert "NumPy, one thread, streamed" not in text
+    rows = {row[0]: row[1] for row in table_3(machines[0].results["whole"]).rows}
+    assert rows["OpenCL CPU, 4 cores : OpenCL CPU, one core"] == "2.49 x"
+    # One file: every figure is inside, nothing is fetched.
+    assert page.count('src="data:image/svg+xml;base64,') == 6
+    assert 'src="figures' not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {
+        "headline", "per_frame", "stages", "amdahl", "roofline", "scaling",
+    }  # fmt: skip
+
+
+def test_what_was_not_measured_is_left_out_of_the_page(tmp_path: Path) -> None:
+    results = Results.begin("whole", arguments(tmp_path / "some"), read_results(
+        measured(tmp_path / "full") / "whole.json").settings)  # fmt: skip
+    results.section("column cpu", lambda: column("cpu", "cpu-x, 4 cores", 4, 160.0, 5))
+    results.left_out["scaling shape, cpu-x, 4 cores"] = "no time left; --resume measures it"
+    results.write()
+    write_report(read_machines([tmp_path / "some"]), tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    assert "_Not measured._" in text
+    assert "scaling shape, cpu-x, 4 cores | no time left" in text
+    assert not (tmp_path / "figures" / "scaling.svg").exists()
+    (tmp_path / "some" / "whole.json").unlink()
+    Results.begin("psfs", arguments(tmp_path / "some"), {}).write()
+    with pytest.raises(InputError, match=r"no columns in whole\.json"):
+        read_machines([tmp_path / "some"])
+
+
+def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
+    machines = read_machines([measured(tmp_path / "some")])
+    readme = tmp_path / "README.md"
+    readme.write_text("before\n<!-- timings: begin -->\nold\n<!-- timings: end -->\nafter\n")
+    update_readme(readme, machines)
+    text = readme.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("\nafter\n")
+    assert "old" not in text
+    assert "OpenCL GPU, Some GPU | 9.00 |" in text
+    assert "OpenCL GPU, Some GPU, streamed | 4.02 | 249 | 1,990 x |" in text
+    assert "Streamed: from page-locked pictures" in text
+    update_readme(readme, machines)
+    assert readme.read_text() == text
+    readme.write_text("no marks")
+    with pytest.raises(InputError, match="expected <!-- timings: begin -->"):
+        update_readme(readme, machines)
+
+
+def test_amdahls_serial_share_is_found() -> None:
+    times = [(n, 80.0 * (0.3 + 0.7 / n)) for n in (1, 2, 4, 16)]
+    assert serial_share(times) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "-"), (0.0, "0"), (0.00916, "0.00916"), (9.996, "10.0"), (33877.57, "33,900"),
+     (84.845, "84.8"), (1.0, "1.00")],
+)  # fmt: skip
+def test_numbers_are_shown_with_three_digits(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+def small_problem(device: Device) -> Problem:
+    """Two frames of a walk before three small cameras."""
+    walk = SyntheticScene(SceneConfig(cameras=3, frames=2, size=(240, 180)), device)
+    plates = np.stack([walk.background_frame(i) for i in range(6)]).astype(np.float32)
+    frames = [Frame(i, *walk.frame(i)[:2]) for i in range(2)]
+    background = Background(plates.mean(0), plates.std(0))
+    scene = Scene(walk.rig, background, frames, walk.joints, tuple(walk.joint_names))
+    joints = dict(zip(walk.joint_names, walk.joints[0], strict=True))
+    body, pose, _ = fit_to_joints(load_body("song31"), joints)
+    return Problem(scene, body, pose, FilterConfig(n_particles=30, n_layers=2), (50, 50, 33))
+
+
+def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> None:
+    problem = small_problem(device)
+    ours = sequence_run(WholeFrame(device, problem), 2)
+    twins = sequence_run(WholeFrame(NumpyDevice(), problem), 2)
+    assert len(ours["frames"].samples) == len(twins["frames"].samples) == 2
+    assert ours["surface_voxels"] == pytest.approx(twins["surface_voxels"], rel=0.02)
+    assert ours["error_mm"] == pytest.approx(twins["error_mm"], abs=25)
+    streamed = stream_run(WholeFrame(device, problem), problem.scene.pinned(device), 3)
+    assert len(streamed["frames"].samples) == 3 and min(streamed["frames"].samples) > 0
+    assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)
+    profiled = Device(device.handle, profile=True)
+    stages = stage_times(WholeFrame(profiled, problem), 1, warm_up=1)
+    busy = {"silhouette", "occupancy", "smoothing", "surface", "colour", "reprojection",
+            "likelihood", "annealing", "refinement", "download"}  # fmt: skip
+    assert busy <= set(stages)
+    assert stage_of("score_poses") == "likelihood"
+    assert stage_of("a kernel of another project") == "other"
