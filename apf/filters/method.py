@@ -19,7 +19,7 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import listed
 from psfs.config import ReconstructionConfig
-from psfs.reconstruct import reconstructor_for
+from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 

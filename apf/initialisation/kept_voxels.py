@@ -6,8 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.reconstruct import Voxels
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reconstructor import Voxels
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 

@@ -12,7 +12,7 @@ from apf.initialisation.kept_voxels import stored
 from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
 from psfs.config import ReconstructionConfig
-from psfs.reconstruct import reconstructor_for
+from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 

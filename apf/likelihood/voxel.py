@@ -15,7 +15,7 @@ from apf.likelihood.silhouette_recall import Coverage
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
 from psfs.cameras.camera import CameraRig
-from psfs.reconstruct import Voxels
+from psfs.reconstructor import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 

@@ -21,7 +21,7 @@ from apf.live.timeline import Timeline
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import Device
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import MeanPlace

@@ -21,7 +21,7 @@ from apf.reference.noise import normals
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from cl import InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.voxels.grid import VoxelGrid
 

@@ -21,7 +21,7 @@ from apf.tracking.uncertainty import joint_covariance
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
 

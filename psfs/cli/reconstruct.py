@@ -24,7 +24,7 @@ from psfs.config import ReconstructionConfig
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output import runs
 from psfs.output.preview import preview
-from psfs.reconstruct import reconstructor_for
+from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import (
     automatic_grid,

@@ -15,8 +15,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.cameras.rig_geometry import seen_box
 from psfs.config import OccupancyConfig, SilhouetteConfig
-from psfs.reconstruct import frame_input
-from psfs.reference.reconstruct import frame_evidence
+from psfs.reconstructor import frame_input
+from psfs.reference.reconstructor import frame_evidence
 from psfs.reference.reprojection import voxel_silhouette
 from psfs.reference.surface import surface_voxels
 from psfs.sequence import Sequence

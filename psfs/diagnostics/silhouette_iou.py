@@ -9,7 +9,7 @@ from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.output.runs import Run
-from psfs.reconstruct import reconstructor_for
+from psfs.reconstructor import reconstructor_for
 from psfs.reference.reprojection import voxel_silhouette
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid

@@ -15,8 +15,8 @@ from cl import Device, InputError, NumpyDevice
 from psfs.common.files import written_whole
 from psfs.config import OccupancyConfig
 from psfs.output.runs import Run
-from psfs.reconstruct import Reconstructor, reconstructor_for
-from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.reconstructor import Reconstructor, reconstructor_for
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import DEBRIS_SHARE
 from psfs.voxels.grid import VoxelCloud, VoxelGrid

@@ -8,7 +8,7 @@ from scipy import ndimage
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints, pixel_boxes
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import edge_reach, proximity_table
 

@@ -17,7 +17,7 @@ from psfs.config import SilhouetteConfig
 from psfs.silhouettes.floor_shadow import CELL, cells
 
 if TYPE_CHECKING:
-    from psfs.reconstruct import Voxels
+    from psfs.reconstructor import Voxels
 
 #: Colour bins per channel of the histogram.
 BINS = 32

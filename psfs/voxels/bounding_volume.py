@@ -9,8 +9,8 @@ from scipy import ndimage
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstruct import frame_input
-from psfs.reference.reconstruct import frame_evidence
+from psfs.reconstructor import frame_input
+from psfs.reference.reconstructor import frame_evidence
 from psfs.sequence import Sequence
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.grid import VoxelGrid

@@ -19,7 +19,7 @@ from apf.results.joint_names import match_joints
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import written_whole
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import automatic_grid
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -63,7 +63,7 @@ class Recording:
 class Replay:
     """A recording's frames on a device, as a reconstructor leaves them there.
 
-    grid, surface, count, cloud(): as of psfs.reconstruct.Voxels.
+    grid, surface, count, cloud(): as of psfs.reconstructor.Voxels.
     """
 
     def __init__(self, device: Device, recording: Recording) -> None:

@@ -18,8 +18,8 @@ from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference.base import NumpyVoxelLikelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
-from psfs.reconstruct import Reconstructor
-from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from timings.apf_tables import print_report
 from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
 from timings.measure import (

@@ -14,9 +14,9 @@ import numpy as np
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.mesh.raycast import load_open3d
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.occupancy import occupancy
-from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
+from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame
 from timings.bench_scene import SHAPE, VIEWS, Scene, grid_of, playing, shared_scene
 from timings.measure import (

@@ -10,8 +10,8 @@ from apf.reference.kinematics import posed_cones
 from cl import Device
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
-from psfs.reconstruct import Reconstructor, Voxels
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reconstructor import Reconstructor, Voxels
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.voxels.grid import VoxelGrid
 
 SONG = bodies.named("song31")

@@ -23,8 +23,8 @@ from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, share, surface_errors
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from cl import Device, InputError, NumpyDevice
-from psfs.reconstruct import Reconstructor
-from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.voxels.grid import VoxelGrid
 
 SONG = bodies.named("song31")

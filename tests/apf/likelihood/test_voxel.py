@@ -26,7 +26,7 @@ from apf.reference.likelihood import (
 )
 from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelGrid

@@ -12,7 +12,7 @@ from cl import Device, InputError
 from psfs.background.adaptation import PERIOD, Adaptation
 from psfs.background.gaussian import Background
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.silhouettes.appearance import REACH
 from psfs.silhouettes.floor_shadow import cells

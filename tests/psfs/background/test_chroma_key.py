@@ -15,7 +15,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.config import SilhouetteConfig
 from psfs.footage.media import open_media
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.reference.silhouette import silhouette_evidence
 from psfs.sequence import Sequence

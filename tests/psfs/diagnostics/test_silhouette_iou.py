@@ -11,7 +11,7 @@ from cl import Device, NumpyDevice
 from psfs.cli import main
 from psfs.diagnostics.silhouette_iou import Checker, volume_region, without_speckle
 from psfs.output.runs import Run
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.silhouettes.silhouette import Silhouette
 
 

@@ -12,9 +12,9 @@ from helpers.shared import shared_data
 
 from cl import Device, NumpyDevice
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.appearance import NumpyForeground
-from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.silhouettes.appearance import BINS, follows
 from psfs.silhouettes.floor_shadow import floor_points

@@ -10,9 +10,9 @@ from helpers.recolour import peak_signal_to_noise, recoloured
 from helpers.shared import shared_data
 
 from cl import Device, InputError, NumpyDevice
-from psfs.reconstruct import Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
-from psfs.reference.reconstruct import NumpyReconstructor, frame_evidence
+from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
 

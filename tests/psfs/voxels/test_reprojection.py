@@ -8,8 +8,8 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.reconstruct import Reconstructor
-from psfs.reference.reconstruct import NumpyVoxels
+from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection, edge_reach

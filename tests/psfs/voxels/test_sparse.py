@@ -12,7 +12,7 @@ from scipy import ndimage
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.config import OccupancyConfig, ReconstructionConfig
-from psfs.reconstruct import Reconstructor, reconstructor_for
+from psfs.reconstructor import Reconstructor, reconstructor_for
 from psfs.reference.occupancy import occupancy
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks, lens_reach

@@ -1,4 +1,4 @@
-"""The NumPy twin of `psfs.reconstruct.Reconstructor`."""
+"""The NumPy twin of `psfs.reconstructor.Reconstructor`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstruct import frame_input
+from psfs.reconstructor import frame_input
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour

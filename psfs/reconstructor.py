@@ -23,7 +23,7 @@ from psfs.voxels.surface import Surface
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
-    from psfs.reference.reconstruct import NumpyReconstructor
+    from psfs.reference.reconstructor import NumpyReconstructor
     from psfs.sequence import Frame
 
 
@@ -224,7 +224,7 @@ def reconstructor_for(
 ) -> Reconstructor | NumpyReconstructor:
     """The reconstructor of the chosen device: OpenCL, or the NumPy twin, which knows no modes."""
     if isinstance(device, NumpyDevice):
-        from psfs.reference.reconstruct import NumpyReconstructor
+        from psfs.reference.reconstructor import NumpyReconstructor
 
         return NumpyReconstructor(device, rig, grid, background, config)
     return Reconstructor(device, rig, grid, background, config, sparse=sparse)

@@ -10,8 +10,8 @@ import pytest
 from helpers import scenes
 
 from cl import Device, NumpyDevice
-from psfs.reconstruct import Reconstructor
-from psfs.reference.reconstruct import NumpyReconstructor
+from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.voxels.grid import VoxelGrid
 
 
