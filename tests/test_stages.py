@@ -15,7 +15,9 @@ SOURCES = {
     for package in ("psfs", "apf")
     for path in sorted((ROOT / package).rglob("*.py"))
 }
-TWINS = {path: text for path, text in SOURCES.items() if "reference" in path.parts}
+#: Host mathematics that production needs too, and that a kernel is compared with.
+HOST = {Path("apf/body/kinematics.py")}
+TWINS = {p: text for p, text in SOURCES.items() if "reference" in p.parts or p in HOST}
 LAUNCHERS = {path: text for path, text in SOURCES.items() if path not in TWINS}
 
 

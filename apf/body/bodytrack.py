@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.body.kinematics import axis_rotation
 from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
-from apf.reference.kinematics import axis_rotation
 from cl import InputError
 from psfs.common.files import read_numbers
 

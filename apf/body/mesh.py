@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from apf.body.cones import distances
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
-from apf.reference.cones import distances
-from apf.reference.kinematics import bone_matrices, posed_cones
 from cl import InputError
 from psfs.common.files import read_npz
 

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import AXES, BodyModel
-from apf.reference.kinematics import CONE_FLOATS
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines, pack_size
 

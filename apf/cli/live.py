@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_height, first_pose, found_start
 from apf.cli.method_flags import add_method_flags, chosen_method
@@ -23,7 +24,6 @@ from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult
 from apf.live.sources import Replay, Source
 from apf.live.timeline import Timeline
-from apf.reference.kinematics import posed_joints
 from apf.results.evaluate import load_truth
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.jacobian import cone_moves
 from apf.body.model import BodyModel
 from apf.body.posing import body_defines, pack_body
 from apf.filters.config import FilterConfig
-from apf.reference.refinement import cone_moves, prior_deviation
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines
 
@@ -136,3 +136,8 @@ class Refinement:
                 f"refining the {self.body.n_dof} degrees of freedom of the body {self.body.name} "
                 f"needs {nbytes} bytes of local memory; {self.device.name} has {room}"
             )
+
+
+def prior_deviation(body: BodyModel, config: FilterConfig) -> np.ndarray:
+    """(D,) how far the refined pose may be from the particles' mean."""
+    return np.maximum(config.refine_width * config.noise * body.sigma, 1e-6)

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.cones import FAR_OUT, outlines
+from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
 from apf.image_objective.shaders import FILL_FRAGMENT, FILL_VERTEX, LINE_FRAGMENT, LINE_VERTEX
-from apf.reference.cones import FAR_OUT, outlines
-from apf.reference.kinematics import posed_cones
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel, Cone
 from apf.body.posing import Kinematics
-from apf.reference.render import cone_edges
 from cl import Array, Device, InputError, Launch
 from psfs.cameras.camera import CameraRig
 
@@ -185,6 +186,20 @@ class MeshRenderer(Renderer):
         bands = {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
         arrays = (self._pixels, self._lines, self._owners, self._edged)
         return "image/render_mesh", arrays, {**self._sizes, **bands}
+
+
+def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
+    """Which cones show edges (C,), and which of their round ends do (C, 2): both bool.
+
+    An end is free, not a joint, if its tip lies outside of all other cones when the body stands.
+    """
+    cones = posed_cones(body, body.rest_pose[None])[0]
+    free = np.zeros((len(cones), 2), bool)
+    for c, cone in enumerate(cones):
+        axis = (cone[4:7] - cone[0:3]) / np.linalg.norm(cone[4:7] - cone[0:3])
+        tips = np.stack([cone[0:3] - cone[3] * axis, cone[4:7] + cone[7] * axis])
+        free[c] = (distances(tips, np.delete(cones, c, 0)) > 0).all(1)
+    return np.array([cone.in_images for cone in body.cones]), free
 
 
 def with_frames(body: BodyModel) -> BodyModel:

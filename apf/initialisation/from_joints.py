@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.reference.kinematics import posed_joints
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import read_numbers, written_whole

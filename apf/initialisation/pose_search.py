@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.cones import overlap_errors
+from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import tracker_for
 from apf.filters.config import FilterConfig
@@ -20,8 +22,6 @@ from apf.initialisation.shape_fit import (
     stature,
     surface_places,
 )
-from apf.reference.kinematics import bone_matrices, posed_cones
-from apf.reference.likelihood import overlap_errors
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from apf.body.cones import distances, normals
+from apf.body.jacobian import point_jacobian
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
-from apf.reference.cones import distances, normals
-from apf.reference.kinematics import posed_cones, posed_joints
-from apf.reference.refinement import motions
 
 #: Deviations of the priors, logs of scales: of the whole body's size and girth, and of a bone's
 #: length and a part's radius beside it.
@@ -240,7 +240,7 @@ def _normal_equations(
     """J'J (D + S, D + S) and J'r (D + S,) of the gaps r along the normals, in deviations."""
     here = placed(found.place, cones[found.cone])
     gap = np.sum(found.normal * (here - found.target), 1)
-    by_pose = motions(body, pose, found.cone, here, found.normal)
+    by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
     rows = np.concatenate([by_pose, _growths(cones, by_shape, found, here)])
     weighted = rows * (found.weight * _COUNT / n_frames / _NOISE**2)
     return weighted @ rows.T, weighted @ gap

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.likelihood.voxel import cone_sampling
-from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, share, strain_errors, total_errors
 from apf.reference.limb_search import settled
 from apf.reference.motion_prior import expectation, jump_errors

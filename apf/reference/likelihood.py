@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from apf.body.cones import distances, outlines, overlap_errors
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.reference.cones import distances, outlines
 from apf.reference.silhouette_recall import uncovered_errors
 from psfs.cameras.camera import Camera, CameraRig
 
@@ -65,21 +65,6 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
         nearest = np.abs(distances(points, particle)).min(1)
         errors.append(np.mean(nearest**2 / (nearest**2 + scale**2)))
     return np.array(errors)
-
-
-def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """(N,) how deep the parts that must not meet lie in each other: mean over `pairs` (first,
-    second cone) and three points of the first's axis of (overlap / radius)^2, at most 1 each."""
-    errors = np.zeros(len(cones))
-    for first, second in pairs:
-        for t in (0.0, 0.5, 1.0):
-            a = cones[:, first]
-            points = a[:, 0:3] + t * (a[:, 4:7] - a[:, 0:3])
-            radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
-            for i, (point, cone) in enumerate(zip(points, cones[:, second], strict=True)):
-                distance = distances(point[None], cone[None])[0, 0]
-                errors[i] += np.clip(1 - distance / radius[i], 0, 1) ** 2
-    return errors / max(1, 3 * len(pairs))
 
 
 def strain_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.body.cones import distances
 from apf.likelihood.part_colour import DARK, LEAST_SAMPLES
-from apf.reference.cones import distances
 
 
 def chromaticities(colours: np.ndarray) -> np.ndarray:

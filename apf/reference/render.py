@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.body.cones import FAR_OUT, outlines
+from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
-from apf.reference.cones import FAR_OUT, distances, outlines
-from apf.reference.kinematics import posed_cones
+from apf.image_objective.renderer import cone_edges
 from psfs.cameras.camera import Camera, CameraRig
 
 #: What a camera sees: the number of the part, from 1, and whether it is an edge, both (h, w).
@@ -35,20 +36,6 @@ def draw_cones(
     """Pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
     edged, free = cone_edges(body)
     return [[flat_body(camera, c, edged, free, round_ends) for c in cones] for camera in rig]
-
-
-def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
-    """Which cones show edges (C,), and which of their round ends do (C, 2): both bool.
-
-    An end is free, not a joint, if its tip lies outside of all other cones when the body stands.
-    """
-    cones = posed_cones(body, body.rest_pose[None])[0]
-    free = np.zeros((len(cones), 2), bool)
-    for c, cone in enumerate(cones):
-        axis = (cone[4:7] - cone[0:3]) / np.linalg.norm(cone[4:7] - cone[0:3])
-        tips = np.stack([cone[0:3] - cone[3] * axis, cone[4:7] + cone[7] * axis])
-        free[c] = (distances(tips, np.delete(cones, c, 0)) > 0).all(1)
-    return np.array([cone.in_images for cone in body.cones]), free
 
 
 def flat_body(

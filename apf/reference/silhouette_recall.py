@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.reference.cones import outlines
+from apf.body.cones import outlines
 from psfs.cameras.camera import CameraRig
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from apf.body.cones import outlines
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel, side_of
-from apf.reference.cones import outlines
-from apf.reference.kinematics import posed_cones
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig

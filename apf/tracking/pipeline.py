@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import SIGMA_FPS, FilterConfig
 from apf.filters.method import Method, batches, observer_of, tracker_of
-from apf.reference.kinematics import posed_joints
 from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import joint_covariance

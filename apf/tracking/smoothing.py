@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.reference.kinematics import posed_joints
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.ranges import check_range

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
-from apf.reference.kinematics import posed_joints
 
 #: Frames whose derivatives are taken at once, and the step, m or rad.
 _BLOCK, _STEP = 32, 1e-4

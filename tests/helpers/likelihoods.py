@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import share, strain_errors, total_errors
 from cl import Array, Device
 from helpers import bodies, scenes

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import EVALUATED_JOINTS, load_body
 from apf.formats.trc import JointSeries
-from apf.reference.kinematics import posed_joints
 from apf.tracking.track import Track
 
 

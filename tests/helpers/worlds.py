@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones
 from cl import Device
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig

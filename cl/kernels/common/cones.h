@@ -1,4 +1,4 @@
-// Tapered cones in the world, the counterpart of apf/reference/cones.py. A posed cone is
+// Tapered cones in the world, the counterpart of apf/body/cones.py. A posed cone is
 // CONE_FLOATS floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where
 // A, B are the end centres and X, Y the unit axes of the elliptic section.
 #define CONE_FLOATS 16

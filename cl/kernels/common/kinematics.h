@@ -1,5 +1,5 @@
 // Forward kinematics (Rymut 2016 eq. 4.18-4.21) of a pack of poses by a work-group; twin:
-// reference/kinematics.py. Defines: GROUP, N_DOF, N_BONES, N_LEVELS, N_CONES and that of pack.h.
+// body/kinematics.py. Defines: GROUP, N_DOF, N_BONES, N_LEVELS, N_CONES and that of pack.h.
 //
 // The table of a body, BODY_FLOATS numbers: per bone its parent, first axis, number of axes, level
 // in the tree (0 for roots), rest rotation (row-major) and offset; per axis its kind (0-5 = tx ty

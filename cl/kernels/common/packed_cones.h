@@ -1,5 +1,5 @@
 // Posed cones of a pack of particles in local memory; CONE_FLOATS numbers each as cones.h has them.
-// Twin: apf/reference/cones.py. Defines: those of kinematics.h.
+// Twin: apf/body/cones.py. Defines: those of kinematics.h.
 #include "common/camera.h"
 #include "common/kinematics.h"
 

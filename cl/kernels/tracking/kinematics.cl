@@ -1,4 +1,4 @@
-// Forward kinematics of all particles, one work-group per pack; twin: reference/kinematics.py. The
+// Forward kinematics of all particles, one work-group per pack; twin: body/kinematics.py. The
 // tables and the defines are explained in kinematics.h.
 #include "common/kinematics.h"
 

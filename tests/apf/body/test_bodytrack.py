@@ -10,9 +10,9 @@ from helpers.shared import shared_data
 from scipy.spatial.transform import Rotation
 
 from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import EVALUATED_JOINTS
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones, posed_joints
 from cl import InputError
 from psfs.sequence import Sequence
 

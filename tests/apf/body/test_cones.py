@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 
-from apf.reference.cones import distances, outline_corners, outlines
-from apf.reference.kinematics import CONE_FLOATS, posed_cones
+from apf.body.cones import distances, outline_corners, outlines
+from apf.body.kinematics import CONE_FLOATS, posed_cones
 from psfs.cameras.camera import Camera
 
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from helpers import bodies
 
-from apf.body.model import BodyModel
-from apf.body.posing import Kinematics, pack_body
-from apf.reference.kinematics import (
+from apf.body.kinematics import (
     CONE_FLOATS,
     axis_rotation,
     bone_matrices,
     posed_cones,
     posed_joints,
 )
+from apf.body.model import BodyModel
+from apf.body.posing import Kinematics, pack_body
 from cl import Device
 
 BODIES = ["song31", "stick"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.model import EVALUATED_JOINTS, BodyModel, load_body, save_body, sideless
-from apf.reference.kinematics import bone_matrices, posed_joints
 from cl import InputError
 
 SONG = load_body("song31")

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from helpers import scenes
 
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, load_body
 from apf.filters.method import Method, tracker_of
 from apf.image_objective.features import FeatureConfig
+from apf.image_objective.renderer import cone_edges
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.features import proximity, region
-from apf.reference.kinematics import posed_cones, posed_joints
-from apf.reference.render import cone_edges, flat_body
+from apf.reference.render import flat_body
 from cl import Device
 from psfs.cameras.camera import CameraRig
 

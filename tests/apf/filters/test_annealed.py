@@ -12,6 +12,7 @@ from helpers import bodies
 from helpers.kinds import other_kind, skipped_without_room
 from helpers.worlds import World
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter, Estimate, tracker_for
 from apf.filters.config import FilterConfig
@@ -24,7 +25,6 @@ from apf.reference.annealing import (
     normalised_weights,
     systematic_parents,
 )
-from apf.reference.kinematics import posed_joints
 from apf.reference.noise import normals, uniform
 from cl import Device, InputError, Launch, NumpyDevice
 

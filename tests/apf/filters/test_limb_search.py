@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limbs_of
 from apf.body.model import BodyModel, load_body
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import Alternatives
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones, posed_joints
 from apf.reference.likelihood import share
 from apf.reference.limb_search import proposals, settled
 from cl import Array, Device, Launch

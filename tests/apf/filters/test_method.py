@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.cli.first_pose import first_pose
 from apf.filters.method import OBJECTIVES, SEARCHES, Method
-from apf.reference.kinematics import posed_joints
 from apf.tracking.pipeline import track_sequence
 from cl import Device, InputError, NumpyDevice
 from psfs.sequence import Sequence

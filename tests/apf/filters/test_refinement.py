@@ -9,11 +9,12 @@ import pytest
 from helpers import bodies
 from helpers.kinds import other_kind, skipped_without_room
 
+from apf.body.jacobian import distance_jacobian
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, load_body
 from apf.filters.config import FilterConfig
-from apf.filters.refinement import Refinement
-from apf.reference.kinematics import posed_cones, posed_joints
-from apf.reference.refinement import distance_rows, prior_deviation, refined
+from apf.filters.refinement import Refinement, prior_deviation
+from apf.reference.refinement import refined
 from cl import Device
 
 #: Without a prior that is worth mentioning.
@@ -53,10 +54,10 @@ def test_derivatives(name: str) -> None:
     body = bodies.named(name)
     pose = bodies.random_poses(body, 1)[0]
     points = on_surface(body, pose, 100) + np.random.default_rng(0).normal(0, 0.02, (100, 3))
-    distance, rows = distance_rows(body, pose, points)
+    distance, rows = distance_jacobian(body, pose, points)
     step = 1e-6
     for dof in range(body.n_dof):
-        moved = distance_rows(body, pose + step * np.eye(body.n_dof)[dof], points)[0]
+        moved = distance_jacobian(body, pose + step * np.eye(body.n_dof)[dof], points)[0]
         slopes = (moved - distance) / step
         # A point between two cones may change to the other.
         assert np.mean(np.abs(slopes - rows[:, dof]) < 1e-4) > 0.97, body.dof_names[dof]
@@ -111,7 +112,7 @@ def test_never_worse_than_the_mean() -> None:
     points = np.random.default_rng(1).normal(0, 1, (300, 3))  # nothing like a body
 
     def cost(pose: np.ndarray) -> float:
-        distance = distance_rows(body, pose, points)[0]
+        distance = distance_jacobian(body, pose, points)[0]
         share = np.mean(distance**2 / (distance**2 + CONFIG.refine_scale**2))
         away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
         return float(CONFIG.refine_strength * share + away)

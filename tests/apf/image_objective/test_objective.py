@@ -10,13 +10,13 @@ import pytest
 from helpers import bodies, rendered, scenes
 from helpers.shared import shared_data
 
+from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel, load_body
 from apf.image_objective.objective import KINDS, ImageObjective, ObjectiveConfig, objective_for
-from apf.image_objective.renderer import whole_pictures
+from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
-from apf.reference.kinematics import CONE_FLOATS
 from apf.reference.objective import objective_values
-from apf.reference.render import cone_edges, flat_body
+from apf.reference.render import flat_body
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from cl import Device, InputError, NumpyDevice

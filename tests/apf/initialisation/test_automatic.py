@@ -8,6 +8,8 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel, load_body
 from apf.initialisation.automatic import Start, find_start
 from apf.initialisation.kept_voxels import StoredVoxels, person_points
@@ -22,8 +24,6 @@ from apf.initialisation.pose_search import (
     standing_pose,
 )
 from apf.initialisation.shape_fit import Cloud, Shape, fit_shape, placed, stature, surface_places
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones, posed_joints
 from cl import Device, InputError
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 

@@ -10,11 +10,11 @@ from helpers import bodies, scenes
 from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.worlds import World
 
+from apf.body.kinematics import posed_cones
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.motion_prior import Smoothness
 from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.kinematics import posed_cones
 from apf.reference.motion_prior import expectation, jump_errors
 from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice

@@ -13,13 +13,13 @@ from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, only, scattered_poses, smooth_maps
 from helpers.worlds import World
 
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference.base import NumpyVoxelLikelihood
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones
 from apf.reference.likelihood import sampled_surface, share, surface_errors
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from cl import Device, InputError, NumpyDevice

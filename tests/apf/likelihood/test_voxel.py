@@ -10,14 +10,13 @@ import pytest
 from helpers import bodies, scenes
 from helpers.likelihoods import CONFIG, Setup, cloud, only, scattered_poses, smooth_maps
 
+from apf.body.cones import distances, overlap_errors
+from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.cones import distances
-from apf.reference.kinematics import CONE_FLOATS, posed_cones
 from apf.reference.likelihood import (
     image_errors,
-    overlap_errors,
     sampled_surface,
     share,
     strain_errors,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers import footage
 
+from apf.body.kinematics import posed_joints
 from apf.body.model import EVALUATED_JOINTS, load_body, save_body
 from apf.cli import main
 from apf.cli.first_pose import first_pose
@@ -26,7 +27,6 @@ from apf.live.pictures import Smaller, fitting_factor
 from apf.live.session import Live, Observed, translation
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Span, Timeline
-from apf.reference.kinematics import posed_joints
 from apf.synthetic.scene import SceneConfig, make_rig
 from apf.tracking.track import Track
 from cl import Device, InputError

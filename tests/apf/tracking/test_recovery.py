@@ -10,12 +10,12 @@ import pytest
 from helpers import scenes
 
 import apf.initialisation.automatic
+from apf.body.cones import distances
+from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import load_body
 from apf.filters.annealed import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import StoredVoxels
-from apf.reference.cones import distances
-from apf.reference.kinematics import posed_cones, posed_joints
 from apf.tracking.pipeline import track_of, track_voxels, watched
 from apf.tracking.recovery import (
     GLOBAL_RESTART,

@@ -1,6 +1,7 @@
-"""Forward kinematics: poses to bone matrices, cones and joints. Twin of kinematics.cl.
+"""Forward kinematics on the host: poses to bone matrices, cones and joints.
 
-Rymut 2016 eq. (4.18)-(4.21): local matrix L = T R, world matrix W = W_parent L.
+Rymut 2016 eq. (4.18)-(4.21): local matrix L = T R, world matrix W = W_parent L. Also the float64
+specification of kinematics.cl.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ CONE_FLOATS = 16
 
 
 def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
-    """Right-handed rotations (..., 3, 3) by `angles` (...) rad about x, y or z (0, 1, 2)."""
+    """Return right-handed rotations (..., 3, 3) by `angles` (...) rad about x, y or z (0, 1, 2)."""
     c, s = np.cos(angles), np.sin(angles)
     rotation = np.zeros((*np.shape(angles), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -26,7 +27,7 @@ def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
 
 
 def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World rotations (N, B, 3, 3) and origins (N, B, 3) m of all bones in poses (N, D)."""
+    """Return world rotations (N, B, 3, 3) and origins (N, B, 3) m of the bones in poses (N, D)."""
     poses = np.asarray(poses, np.float64)
     rotations = np.empty((len(poses), len(body.bones), 3, 3))
     origins = np.empty((len(poses), len(body.bones), 3))
@@ -50,7 +51,7 @@ def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Joint positions (N, J, 3) m of poses (N, D)."""
+    """Return joint positions (N, J, 3) m of poses (N, D)."""
     rotations, origins = bone_matrices(body, poses)
     bones = [joint.bone for joint in body.joints]
     positions = np.stack([joint.position for joint in body.joints])
@@ -58,7 +59,7 @@ def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
 
 
 def posed_cones(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Cones in the world, (N, C, CONE_FLOATS), of poses (N, D)."""
+    """Return cones in the world, (N, C, CONE_FLOATS), of poses (N, D)."""
     rotations, origins = bone_matrices(body, poses)
     out = np.zeros((len(rotations), len(body.cones), CONE_FLOATS))
     for c, cone in enumerate(body.cones):

@@ -1,6 +1,11 @@
-"""Outlines of tapered cones in a picture, and distances to them. Twin of cones.h."""
+"""Outlines of tapered cones in a picture, distances to them, and how deep they lie in each other.
+
+Also the float64 specification of cones.h and packed_cones.h.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +17,7 @@ FAR_OUT = 1e5
 
 
 def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """World corners (..., 4, 3) of the trapezoids that cones (..., 16) show to `eye` (3,) m.
+    """Return world corners (..., 4, 3) of the trapezoids that cones (..., 16) show to `eye` (3,) m.
 
     Kwolek & Rymut 2016 section 3: the side vector is normal to the axis and to the view; in the
     frame where the elliptic section is a circle it is `normalize(axis x (A - eye))`. Corners in
@@ -35,14 +40,14 @@ def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
 
 
 def outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
-    """Pixels (..., 4, 2) of the corners in `camera`; NaN for a cone with a corner unseen."""
+    """Return pixels (..., 4, 2) of the corners in `camera`; NaN for a cone with a corner unseen."""
     pixels, depth = camera.project(outline_corners(camera.centre, cones))
     visible = np.all((depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1), axis=-1)
     return np.where(visible[..., None, None], pixels, np.nan)
 
 
 def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """Signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
+    """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
 
     Measured in the frame where the elliptic section is a circle, so exact for round cones but
     for their taper; the ends are rounded. Negative inside.
@@ -61,7 +66,7 @@ def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
 
 
 def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """Unit gradients (N, 3) of the distances of points (N, 3), each to its own cone (N, 16)."""
+    """Return unit gradients (N, 3) of the distances of points (N, 3), each to its cone (N, 16)."""
     a, b = cones[:, 0:3], cones[:, 4:7]
     x, y = cones[:, 8:11], cones[:, 12:15]
     axis = b - a
@@ -74,3 +79,21 @@ def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     normal = (u * x + v * y + beyond * axis) / np.maximum(distance, 1e-9)
     taper = (cones[:, 7:8] - cones[:, 3:4]) / length2 * axis
     return np.where(beyond == 0, normal - taper, normal)
+
+
+def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Return (N,) how deep the parts that must not meet lie in each other, 0 to 1.
+
+    The mean over `pairs` (first, second cone) of cones (N, C, 16) and over three points of the
+    first's axis of (overlap / radius)^2, at most 1 each.
+    """
+    errors = np.zeros(len(cones))
+    for first, second in pairs:
+        for t in (0.0, 0.5, 1.0):
+            a = cones[:, first]
+            points = a[:, 0:3] + t * (a[:, 4:7] - a[:, 0:3])
+            radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
+            for i, (point, cone) in enumerate(zip(points, cones[:, second], strict=True)):
+                distance = distances(point[None], cone[None])[0, 0]
+                errors[i] += np.clip(1 - distance / radius[i], 0, 1) ** 2
+    return errors / max(1, 3 * len(pairs))

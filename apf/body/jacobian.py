@@ -1,0 +1,78 @@
+"""Derivatives of points on the body, and of distances to it, by the pose.
+
+World matrices by Rymut 2016 eq. (4.18)-(4.21): the axis of a degree of freedom stands in the world
+as the bones above it and the bone's earlier axes put it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.cones import distances, normals
+from apf.body.kinematics import axis_rotation, bone_matrices, posed_cones
+from apf.body.model import AXES, BodyModel
+
+#: Kinds of influence of a degree of freedom on a cone, in the table `cone_moves`.
+_SLIDES, _TURNS = 1, 2
+
+
+def cone_moves(body: BodyModel) -> np.ndarray:
+    """Return (C, D) uint8: 0 where a degree of freedom does not move a cone, 1 where it slides it,
+    2 where it turns it."""
+    moves = np.zeros((len(body.cones), body.n_dof), np.uint8)
+    for c, cone in enumerate(body.cones):
+        bone = cone.bone
+        while bone >= 0:
+            for axis in body.bones[bone].axes:
+                moves[c, axis.dof] = _SLIDES if AXES.index(axis.kind) < 3 else _TURNS
+            bone = body.bones[bone].parent
+    return moves
+
+
+def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the world axes (D, 3), with their signs, of the degrees of freedom in `pose` (D,), and
+    points (D, 3) m on them."""
+    directions, anchors = np.zeros((2, body.n_dof, 3))
+    rotations, origins = bone_matrices(body, pose[None])
+    for bone in body.bones:
+        rotation, origin = np.eye(3), bone.offset
+        if bone.parent >= 0:
+            rotation = rotations[0, bone.parent]
+            origin = origins[0, bone.parent] + rotation @ bone.offset
+        rotation = rotation @ bone.rest
+        for axis in bone.axes:
+            kind, value = AXES.index(axis.kind), axis.sign * pose[axis.dof]
+            directions[axis.dof] = axis.sign * rotation[:, kind % 3]
+            anchors[axis.dof] = origin
+            if kind < 3:
+                origin = origin + rotation[:, kind] * value
+            else:
+                rotation = rotation @ axis_rotation(kind - 3, value)
+    return directions, anchors
+
+
+def point_jacobian(
+    body: BodyModel, pose: np.ndarray, cone: np.ndarray, points: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
+    """Return (D, K) how fast each degree of freedom moves points (K, 3) m along `normal` (K, 3).
+
+    The points are fixed to the cones numbered `cone` (K,). A turn by d about an axis a through o
+    moves the point p by d (a x (p - o)).
+    """
+    directions, anchors = world_axes(body, pose)
+    slides = directions @ normal.T
+    turns = directions @ np.cross(points, normal).T - np.cross(directions, anchors) @ normal.T
+    moves = cone_moves(body)[cone].T
+    return np.where(moves == _SLIDES, slides, np.where(moves == _TURNS, turns, 0.0))
+
+
+def distance_jacobian(
+    body: BodyModel, pose: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances (K,) m of points (K, 3) m to the nearest cone of `pose` (D,), and their
+    derivatives (K, D)."""
+    cones = posed_cones(body, pose[None])[0]
+    every = distances(points, cones)
+    nearest = np.abs(every).argmin(1)
+    rows = -point_jacobian(body, pose, nearest, points, normals(points, cones[nearest])).T
+    return every[np.arange(len(points)), nearest], rows
