@@ -143,7 +143,7 @@ def load_samples(pairs: list[str]) -> dict[str, Sample]:
         track, _, truth = pair.partition("=")
         if not truth:
             raise InputError(f"{pair}; expected a track and its truth, TRACK=TRUTH")
-        found = evaluate(Track.load(Path(track)), load_truth(truth))
+        found = evaluate(Track.open(Path(track)), load_truth(truth))
         floors = CALIBRATION.floors(list(found.joint_names))
         raw = found.covariance - floors[:, None, None] ** 2 * np.eye(3)
         raw /= CALIBRATION.scale**2

@@ -50,7 +50,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    track = Track.load(args.track)
+    track = Track.open(args.track)
     truth = load_truth(args.truth, args.convention)
     try:
         evaluation = evaluate(track, truth)

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
     chosen = selected_frames(args, sequence)
-    track = Track.load(args.track)
+    track = Track.open(args.track)
     folder = args.track if args.track.is_dir() else args.track.parent
     body = load_body(args.body or folder / "body.toml")
     if tuple(body.dof_names) != track.dof_names:

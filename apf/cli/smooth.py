@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     folder = args.track if args.track.is_dir() else args.track.parent
     if args.output.resolve() == folder.resolve():
         raise InputError(f"{args.output}: holds the track to be smoothed; expected another folder")
-    track = Track.load(args.track)
+    track = Track.open(args.track)
     body = load_body(args.body or folder / "body.toml")
     try:
         track = smoothed(track, body, config)

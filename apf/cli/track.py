@@ -241,6 +241,6 @@ def spread_of(take: Take) -> list[str]:
 def write_files(folder: Path, track: Track, body: BodyModel) -> None:
     """track.npz, joints.trc, joints.csv and body.toml into `folder`."""
     track.save(folder / "track.npz")
-    track.write_trc(folder / "joints.trc")
-    track.write_csv(folder / "joints.csv")
+    track.save(folder / "joints.trc")
+    track.save(folder / "joints.csv")
     save_body(folder / "body.toml", body)

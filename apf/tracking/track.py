@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from apf.formats.trc import JointSeries, write_trc
+from apf.formats import WRITERS, JointSeries
 from cl import InputError
+from psfs.cameras.names import listed
 from psfs.common.files import read_npz, written_whole
 
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
@@ -118,7 +119,24 @@ class Track:
         return JointSeries(self.joint_names, self.joints, self.fps, self.frames)
 
     def save(self, path: str | Path) -> None:
-        """Write `track.npz`: the fields by their names, diagnostics as diagnostic_<name>."""
+        """Write the track; the ending of `path` says as what.
+
+        .npz: all of it, for `open`: the fields by their names, diagnostics as diagnostic_<name>.
+        .trc, .csv: the joints alone, see `apf.formats`. Raises InputError for any other ending,
+        and where the file cannot be written.
+        """
+        ending = Path(path).suffix.lower()
+        if ending == ".npz":
+            self._write_npz(path)
+        elif ending in WRITERS:
+            WRITERS[ending](path, self.series)
+        else:
+            raise InputError(
+                f"{path}: a track is not written as {ending or 'a file without an ending'}; "
+                f"expected {listed(('.npz', *WRITERS))}"
+            )
+
+    def _write_npz(self, path: str | Path) -> None:
         arrays: dict[str, Any] = {
             "body_name": self.body_name,
             "dof_names": np.array(self.dof_names, dtype=str),
@@ -135,8 +153,8 @@ class Track:
             np.savez_compressed(temporary, **arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> Track:
-        """The track of an npz that `save` wrote, or of the folder that holds `track.npz`.
+    def open(cls, path: str | Path) -> Track:
+        """Return the track of an npz that `save` wrote, or of the folder that holds `track.npz`.
 
         Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
         """
@@ -154,21 +172,6 @@ class Track:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from None
-
-    def write_trc(self, path: str | Path) -> None:
-        """Write the joints for OpenSim; see `apf.formats.trc.write_trc`."""
-        write_trc(path, self.series)
-
-    def write_csv(self, path: str | Path) -> None:
-        """Write one row per frame: frame, time_s, then <joint>_x_m, _y_m, _z_m (world, Z up)."""
-        columns = [f"{name}_{axis}_m" for name in self.joint_names for axis in "xyz"]
-        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-            file.write(",".join(["frame", "time_s", *columns]) + "\n")
-            for frame, time, row in zip(
-                self.frames, self.times, self.joints.reshape(len(self), -1), strict=True
-            ):
-                values = ",".join(f"{value:.6f}" for value in row)
-                file.write(f"{frame},{time:.6f},{values}\n")
 
 
 def spans(frames: Sequence[int]) -> str:

@@ -37,7 +37,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
         "start.txt",
         "overlay.mp4",
     }
-    found = Track.load(tmp_path / "out")
+    found = Track.open(tmp_path / "out")
     assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
     assert found.diagnostics["ess"].shape == (FRAMES, 5)
     assert json.loads(found.config)["filter"]["n_particles"] == 60
@@ -53,7 +53,7 @@ def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
     few = ["--frames", "0:3", "--no-overlay"]
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         assert track(walk, tmp_path / name, "--seed", seed, *few) == 0
-    a, b, c = (Track.load(tmp_path / name).poses for name in "abc")
+    a, b, c = (Track.open(tmp_path / name).poses for name in "abc")
     np.testing.assert_array_equal(a, b)
     assert np.any(a != c)
 
@@ -68,20 +68,20 @@ def test_several_seeds_at_once(
     assert "2 runs: joints lie" in said and "mean error:" in said
     assert {path.name for path in (tmp_path / "all").iterdir()} == {"seed3", "seed4"}
     assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
-    together, alone = Track.load(tmp_path / "all" / "seed4"), Track.load(tmp_path / "one")
+    together, alone = Track.open(tmp_path / "all" / "seed4"), Track.open(tmp_path / "one")
     np.testing.assert_array_equal(together.poses, alone.poses)
     assert together.config == alone.config
 
 
 def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
     assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay") == 0
-    first = Track.load(tmp_path / "a")
+    first = Track.open(tmp_path / "a")
     pose = tmp_path / "pose.txt"
     pose.write_text(" ".join(f"{value:.6f}" for value in first.poses[1]))
     body = str(tmp_path / "a" / "body.toml")
     more = ["--body", body, "--init", str(pose), "--frames", "1:", "--no-overlay"]
     assert track(walk, tmp_path / "b", *more) == 0
-    second = Track.load(tmp_path / "b")
+    second = Track.open(tmp_path / "b")
     assert second.frames.tolist() == [1, 2, 3, 4]
     assert evaluate(second, load_truth(walk / "truth.npz")).mean_error < 0.08
 
@@ -98,7 +98,7 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(apf.tracking.pipeline.Sequence, "frames", two)
     assert track(walk, tmp_path / "out", "--no-overlay") == 130
-    assert Track.load(tmp_path / "out").frames.tolist() == [0, 1]
+    assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
 def without_first_video(folder: Path) -> None:
@@ -160,14 +160,14 @@ def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
     plain = [*few, "--no-overlay", "-o"]
     assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
-    found, truth = Track.load(tmp_path / "a"), load_truth(walk / "truth.npz")
+    found, truth = Track.open(tmp_path / "a"), load_truth(walk / "truth.npz")
     for name in ("pelvis", "neck", "head_top", "l_hip", "l_knee", "l_ankle", "r_knee", "r_ankle"):
         mine = found.joints[:, found.joint_names.index(name)]
         theirs = truth.joints[:4, truth.joint_names.index(name)]
         assert np.linalg.norm(mine - theirs, axis=1).mean() < 0.1, name
     again = ["--body", str(tmp_path / "a/body.toml"), "--init", str(tmp_path / "a/start.txt")]
     assert main(["track", str(walk), *plain, str(tmp_path / "b"), *again]) == 0
-    first, second = (Track.load(tmp_path / name) for name in "ab")
+    first, second = (Track.open(tmp_path / name) for name in "ab")
     np.testing.assert_allclose(second.joints, first.joints, atol=1e-4)
 
 

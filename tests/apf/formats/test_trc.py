@@ -15,7 +15,7 @@ from cl import InputError
 
 def test_round_trip(tmp_path: Path) -> None:
     track = tracks.walker(start=5)
-    track.write_trc(tmp_path / "joints.trc")
+    track.save(tmp_path / "joints.trc")
     again = read_trc(tmp_path / "joints.trc")
     assert again.joint_names == track.joint_names
     assert again.fps == track.fps

@@ -271,7 +271,7 @@ def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, capfd) 
     assert live(filmed, out, "--particles", "48", "--layers", "6") == 0
     names = {path.name for path in out.iterdir()}
     assert names >= {"track.npz", "joints.trc", "joints.csv", "live.json", "timeline.png"}
-    track, summary = Track.load(out), json.loads((out / "live.json").read_text())
+    track, summary = Track.open(out), json.loads((out / "live.json").read_text())
     assert 1 <= len(track) == summary["results"] <= 5
     assert np.all(np.diff(track.frames) > 0) and track.fps == 60
     assert summary["sizes"] == [[0, 48, 6]]
@@ -285,7 +285,7 @@ def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
     videos = [str(path) for path in sorted((filmed / "videos").iterdir())]
     more = ("--fps", "4", "--captures", *videos)
     assert live(filmed, tmp_path / "out", *more) == 0
-    track = Track.load(tmp_path / "out")
+    track = Track.open(tmp_path / "out")
     assert len(track) >= 1 and not track.lost.any()
     # The grid that follows the first pose holds the person.
     truth = np.load(filmed / "truth.npz")["joints"][-1]

@@ -169,7 +169,7 @@ def folder(tmp_path: Path) -> Path:
     track.save(tmp_path / "out" / "track.npz")
     joints = track.joints + np.array([0, 0, 0.025])
     np.savez(tmp_path / "truth.npz", joint_names=track.joint_names, joints=joints, fps=60)
-    replace(track, joints=joints).write_trc(tmp_path / "truth.trc")
+    replace(track, joints=joints).save(tmp_path / "truth.trc")
     return tmp_path
 
 

@@ -292,7 +292,7 @@ def test_interrupted_takes_leave_whole_results(
     assert main(["track", *folders, "-o", str(tmp_path), *FLAGS, "--at-once", "1"]) == 130
     said = capsys.readouterr()
     assert {path.name for path in tmp_path.iterdir()} == {walks[0].name}
-    assert Track.load(tmp_path / walks[0].name).frames.tolist() == [0, 1]
+    assert Track.open(tmp_path / walks[0].name).frames.tolist() == [0, 1]
     assert f"2 of {FRAMES}" in said.out and said.out.count("not tracked") == 2
     assert said.err.splitlines()[-1] == "apf: interrupted"
 

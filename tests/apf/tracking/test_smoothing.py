@@ -115,9 +115,9 @@ def test_the_command(tmp_path: Path) -> None:
     assert main(["smooth", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--lag", "4"]) == 0
     names = {path.name for path in (tmp_path / "b").iterdir()}
     assert names == {"track.npz", "joints.trc", "joints.csv", "body.toml"}
-    found = Track.load(tmp_path / "b")
+    found = Track.open(tmp_path / "b")
     assert found.smoothing == {"mode": "fixed lag", "lag_frames": 4, "cutoff_hz": 6.0}
-    assert Track.load(tmp_path / "a").smoothing is None
+    assert Track.open(tmp_path / "a").smoothing is None
     np.testing.assert_allclose(
         found.poses, smoothed(track, BODY, SmoothingConfig(lag=4)).poses, atol=1e-9
     )

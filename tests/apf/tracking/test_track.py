@@ -18,7 +18,7 @@ def test_npz_round_trip(tmp_path: Path) -> None:
     track = tracks.walker(start=12)
     track.save(tmp_path / "run" / "track.npz")
     for path in (tmp_path / "run" / "track.npz", tmp_path / "run"):
-        again = Track.load(path)
+        again = Track.open(path)
         for name in ("body_name", "dof_names", "joint_names", "fps", "config"):
             assert getattr(again, name) == getattr(track, name)
         for name in ("frames", "poses", "joints", "edges"):
@@ -31,7 +31,7 @@ def test_npz_round_trip(tmp_path: Path) -> None:
 def test_empty_track_round_trip(tmp_path: Path) -> None:
     track = tracks.walker(frames=0)
     track.save(tmp_path / "track.npz")
-    assert len(Track.load(tmp_path / "track.npz")) == 0
+    assert len(Track.open(tmp_path / "track.npz")) == 0
 
 
 def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
     told = {"lost": lost, "restart": restart, "confidence": np.linspace(0, 1, 30)}
     told["covariance"] = np.ones((30, len(track.joint_names), 3, 3))
     replace(track, diagnostics=told, frames=np.arange(10, 40)).save(tmp_path / "track.npz")
-    found = Track.load(tmp_path)
+    found = Track.open(tmp_path)
     assert spans(found.frames[found.lost].tolist()) == "13-15"
     assert found.restarts.tolist() == [16]
     np.testing.assert_array_equal(found.covariance, told["covariance"])
@@ -53,7 +53,7 @@ def test_what_the_tracker_knows_of_itself(tmp_path: Path) -> None:
 
 def test_csv_rows(tmp_path: Path) -> None:
     track = tracks.walker(frames=3, start=30)
-    track.write_csv(tmp_path / "joints.csv")
+    track.save(tmp_path / "joints.csv")
     with (tmp_path / "joints.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:4] == ["frame", "time_s", "pelvis_x_m", "pelvis_y_m"]
@@ -62,6 +62,12 @@ def test_csv_rows(tmp_path: Path) -> None:
     wrist = [float(rows[2][f"l_wrist_{axis}_m"]) for axis in "xyz"]
     joint = track.joints[2, track.joint_names.index("l_wrist")]
     np.testing.assert_allclose(wrist, joint, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["walk.fbx", "walk"])
+def test_unknown_endings_are_named_with_what_there_is(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}.*expected \.npz, \.trc, \.csv"):
+        tracks.walker(frames=2).save(tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +147,7 @@ def test_bad_files_are_named(tmp_path: Path, make, message: str) -> None:
     path = tmp_path / "track.npz"
     make(path)
     with pytest.raises(InputError, match=message) as error:
-        Track.load(path)
+        Track.open(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
