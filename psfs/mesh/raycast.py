@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
-from functools import cache
 from typing import Any
 
 import numpy as np
 import trimesh
 
 from psfs.cameras.camera import Camera
-
-
-@cache
-def load_open3d() -> Any:
-    """Open3D, imported here only, since it takes a second. Its libusb comes from the package
-    `libusb-package`, as bare machines have none."""
-    import libusb_package
-
-    library = libusb_package.get_library_path()
-    if library:
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    # In notebooks Open3D would start a web server, and say so.
-    os.environ.setdefault("OPEN3D_DISABLE_WEB_VISUALIZER", "true")
-    import open3d
-
-    return open3d
+from psfs.common.open3d import load_open3d
 
 
 class RayScene:

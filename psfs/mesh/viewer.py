@@ -12,8 +12,8 @@ import trimesh
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.open3d import load_open3d
 from psfs.mesh.marching_cubes import CLAY, vertex_colours
-from psfs.mesh.raycast import load_open3d
 from psfs.output.preview import BACKDROP, normals_of
 from psfs.voxels.grid import VoxelCloud
 

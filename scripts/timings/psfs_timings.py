@@ -13,7 +13,7 @@ import numpy as np
 
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
-from psfs.mesh.raycast import load_open3d
+from psfs.common.open3d import load_open3d
 from psfs.reconstructor import Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence

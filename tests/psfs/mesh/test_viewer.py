@@ -14,8 +14,8 @@ from helpers import scenes
 import psfs.cli.view as command
 from cl import InputError
 from psfs.cli import main
+from psfs.common.open3d import load_open3d
 from psfs.mesh import viewer
-from psfs.mesh.raycast import load_open3d
 from psfs.voxels.grid import VoxelCloud
 
 
