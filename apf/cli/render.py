@@ -15,6 +15,7 @@ from apf.image_objective.opengl import OpenGLRenderer
 from apf.image_objective.renderer import draw_hypotheses
 from apf.initialisation.from_joints import read_pose
 from apf.reference import render as twin
+from apf.scene import Scene
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
@@ -118,7 +119,7 @@ def _drawn(
     if device is None:
         return OpenGLRenderer(body, rig, mesh).draw(pose[None])[0]
     if isinstance(device, Device):
-        return draw_hypotheses(device, body, rig, pose[None], mesh, round_ends)[0]
+        return draw_hypotheses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
     out = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
     pictures = twin.draw_hypotheses(body, rig, pose[None], mesh, round_ends)
     for view, ((parts, edges),) in enumerate(pictures):

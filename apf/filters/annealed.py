@@ -15,9 +15,8 @@ from apf.filters.limb_search import Alternatives
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Scorer
 from apf.likelihood.voxel import VoxelLikelihood
-from cl import Array, Device, InputError, Launch, NumpyDevice
-from psfs.cameras.camera import CameraRig
-from psfs.voxels.grid import VoxelGrid
+from apf.scene import Scene
+from cl import Array, InputError, Launch, NumpyDevice
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +52,10 @@ class Tracker:
     """
 
     def __init__(
-        self,
-        device: Device,
-        body: BodyModel,
-        scorer: Scorer,
-        particles: ParticleSet,
-        config: FilterConfig,
+        self, scene: Scene, scorer: Scorer, particles: ParticleSet, config: FilterConfig
     ) -> None:
-        self.device = device
-        self.body = body
+        self.device = device = scene.opencl
+        self.body = body = scene.body
         self.config = config
         self.scorer = scorer
         self._particles = particles
@@ -164,19 +158,17 @@ class Tracker:
 
 
 class AnnealedParticleFilter(Tracker):
-    """Tracks `body` through voxel clouds of `grid`, seen by `rig`. Twin: reference/annealed.py.
+    """Tracks the body of a scene through its voxels. Twin: reference/annealed.py.
 
     With a `scorer` of its own it tracks through whatever that observes, image features say, and
-    needs no grid. With several `seeds` it makes as many runs at once, each bit by bit that of its
-    seed alone, for `step_runs`; a scorer of its own then has room for the particles of all.
+    the scene needs no grid. With several `seeds` it makes as many runs at once, each bit by bit
+    that of its seed alone, for `step_runs`; a scorer of its own then has room for the particles of
+    all.
     """
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
-        grid: VoxelGrid | None,
+        scene: Scene,
         config: FilterConfig | None = None,
         *,
         scorer: Scorer | None = None,
@@ -184,9 +176,9 @@ class AnnealedParticleFilter(Tracker):
     ) -> None:
         config = config or FilterConfig()
         if scorer is None:
-            assert grid is not None, "voxels have a grid"
-            scorer = VoxelLikelihood(device, body, rig, grid, config, len(seeds or [0]))
-        super().__init__(device, body, scorer, ParticleSet(device, body, config, seeds), config)
+            scorer = VoxelLikelihood(scene, config, len(seeds or [0]))
+        particles = ParticleSet(scene.opencl, scene.body, config, seeds)
+        super().__init__(scene, scorer, particles, config)
 
     def _search(self, source: int) -> list[Launch]:
         launches = [self._particles.diffuse(0, source)]
@@ -197,13 +189,13 @@ class AnnealedParticleFilter(Tracker):
         return launches
 
 
-def tracker_for(device: Device | NumpyDevice, *args: Any, **kwargs: Any) -> Any:
-    """The tracker of `device`: OpenCL's, or its twin for `--device numpy`."""
-    if isinstance(device, NumpyDevice):
+def tracker_for(scene: Scene, *args: Any, **kwargs: Any) -> Any:
+    """The tracker of the scene's device: OpenCL's, or its twin for `--device numpy`."""
+    if isinstance(scene.device, NumpyDevice):
         from apf.reference.annealed import NumpyAnnealedParticleFilter
 
-        return NumpyAnnealedParticleFilter(device, *args, **kwargs)
-    return AnnealedParticleFilter(device, *args, **kwargs)
+        return NumpyAnnealedParticleFilter(scene, *args, **kwargs)
+    return AnnealedParticleFilter(scene, *args, **kwargs)
 
 
 def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:

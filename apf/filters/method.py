@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
-from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, SirParticleFilter
@@ -14,6 +13,7 @@ from apf.filters.swarm import ParticleSwarm, SwarmConfig
 from apf.image_objective.features import FeatureConfig, features_for
 from apf.image_objective.objective import KINDS, ObjectiveConfig, objective_for
 from apf.likelihood.voxel import VoxelLikelihood
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -88,29 +88,20 @@ class Method:
         return used
 
 
-def tracker_of(
-    device: Device | NumpyDevice,
-    body: BodyModel,
-    rig: CameraRig,
-    grid: VoxelGrid | None,
-    method: Method,
-    seeds: Sequence[int] | None = None,
-) -> Any:
-    """The tracker of `method` on the device, or its twin; only the voxels' needs a grid.
+def tracker_of(scene: Scene, method: Method, seeds: Sequence[int] | None = None) -> Any:
+    """The tracker of `method` in the scene, or its twin; only the voxels' needs a grid.
 
     seeds: of the runs that it makes at once, see `batches`; the method's by default.
     """
-    assert seeds is None or batches(device, method), "only some trackers make several runs"
-    scorer = scorer_of(device, body, rig, grid, method, len(seeds or [0]))
-    if isinstance(device, NumpyDevice):
-        return _twin(device, body, rig, scorer, method)
+    assert seeds is None or batches(scene.device, method), "only some trackers make several runs"
+    scorer = scorer_of(scene, method, len(seeds or [0]))
+    if isinstance(scene.device, NumpyDevice):
+        return _twin(scene, scorer, method)
     if method.search == "pso":
-        return ParticleSwarm(device, body, scorer, method.filter, method.swarm)
+        return ParticleSwarm(scene, scorer, method.filter, method.swarm)
     if method.search == "sir":
-        return SirParticleFilter(device, body, scorer, method.filter, method.sir)
-    return AnnealedParticleFilter(
-        device, body, rig, grid, method.filter, scorer=scorer, seeds=seeds
-    )
+        return SirParticleFilter(scene, scorer, method.filter, method.sir)
+    return AnnealedParticleFilter(scene, method.filter, scorer=scorer, seeds=seeds)
 
 
 def batches(device: Device | NumpyDevice, method: Method) -> bool:
@@ -119,35 +110,27 @@ def batches(device: Device | NumpyDevice, method: Method) -> bool:
     return fits and isinstance(device, Device)
 
 
-def scorer_of(
-    device: Device | NumpyDevice,
-    body: BodyModel,
-    rig: CameraRig,
-    grid: VoxelGrid | None,
-    method: Method,
-    n_runs: int = 1,
-) -> Any:
+def scorer_of(scene: Scene, method: Method, n_runs: int = 1) -> Any:
     """What the tracker of `method` searches with, or its twin; for so many runs at once."""
     if not method.uses_voxels:
-        return objective_for(device, body, rig, method.filter.n_particles, method.image)
-    assert grid is not None, "voxels have a grid"
-    if isinstance(device, NumpyDevice):
+        return objective_for(scene, method.filter.n_particles, method.image)
+    if isinstance(scene.device, NumpyDevice):
         from apf.reference.base import NumpyVoxelLikelihood
 
-        return NumpyVoxelLikelihood(device, body, rig, grid, method.filter)
-    return VoxelLikelihood(device, body, rig, grid, method.filter, n_runs)
+        return NumpyVoxelLikelihood(scene, method.filter)
+    return VoxelLikelihood(scene, method.filter, n_runs)
 
 
-def _twin(device: NumpyDevice, body: BodyModel, rig: CameraRig, scorer: Any, method: Method) -> Any:
+def _twin(scene: Scene, scorer: Any, method: Method) -> Any:
     from apf.reference.annealed import NumpyAnnealedParticleFilter
     from apf.reference.sir import NumpySirParticleFilter
     from apf.reference.swarm import NumpyParticleSwarm
 
     if method.search == "pso":
-        return NumpyParticleSwarm(device, body, scorer, method.filter, method.swarm)
+        return NumpyParticleSwarm(scene, scorer, method.filter, method.swarm)
     if method.search == "sir":
-        return NumpySirParticleFilter(device, body, scorer, method.filter, method.sir)
-    return NumpyAnnealedParticleFilter(device, body, rig, None, method.filter, scorer=scorer)
+        return NumpySirParticleFilter(scene, scorer, method.filter, method.sir)
+    return NumpyAnnealedParticleFilter(scene, method.filter, scorer=scorer)
 
 
 class Footage(Protocol):

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.body.model import BodyModel
 from apf.filters.annealed import Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Scorer
-from cl import Device, InputError, Launch
+from apf.scene import Scene
+from cl import InputError, Launch
 from psfs.common.ranges import check_range
 
 
@@ -43,16 +43,16 @@ class SirParticleFilter(Tracker):
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
+        scene: Scene,
         scorer: Scorer,
         config: FilterConfig,
         sir: SirConfig | None = None,
     ) -> None:
         check_layers(config)
         self.sir = sir or SirConfig()
+        device = scene.opencl
         self._squared = device.empty((config.n_particles,), np.float32, "the errors")
-        super().__init__(device, body, scorer, ParticleSet(device, body, config), config)
+        super().__init__(scene, scorer, ParticleSet(device, scene.body, config), config)
 
     def _search(self, source: int) -> list[Launch]:
         particles, n = self._particles, self.config.n_particles

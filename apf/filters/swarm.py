@@ -11,6 +11,7 @@ from apf.filters.annealed import Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Scorer
+from apf.scene import Scene
 from cl import Array, Device, InputError, Launch
 
 _GROUP = 256
@@ -109,15 +110,14 @@ class ParticleSwarm(Tracker):
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
+        scene: Scene,
         scorer: Scorer,
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
         config = replace(config, trunk_layers=0)  # particles scatter once a frame, all of the body
-        self._swarm = Swarm(device, body, config, swarm or SwarmConfig())
-        super().__init__(device, body, scorer, self._swarm, config)
+        self._swarm = Swarm(scene.opencl, scene.body, config, swarm or SwarmConfig())
+        super().__init__(scene, scorer, self._swarm, config)
 
     def _search(self, source: int) -> list[Launch]:
         swarm, launches = self._swarm, []

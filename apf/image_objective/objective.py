@@ -10,9 +10,9 @@ import numpy as np
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh
 from apf.body.model import BodyModel
 from apf.image_objective.renderer import renderer_for, silhouette_shape
-from cl import Array, Device, InputError, Launch, NumpyDevice
+from apf.scene import Scene
+from cl import Array, InputError, Launch, NumpyDevice
 from cl.workgroups import row_group
-from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_range
 
@@ -107,7 +107,7 @@ class FeatureMaps(Protocol):
 
 
 class ImageObjective:
-    """A `Scorer` of poses of `body` by the silhouettes and edges that `rig` sees.
+    """A `Scorer` of poses of a scene's body by the silhouettes and edges that its cameras see.
 
     mesh: what is drawn, by default what `config` makes of the body's cones.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
@@ -116,13 +116,12 @@ class ImageObjective:
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
+        scene: Scene,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
         mesh: BodyMesh | None = None,
     ) -> None:
+        device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig = device, rig
         self.config = config = config or ObjectiveConfig()
         self.n_hypotheses = n_hypotheses
@@ -136,9 +135,7 @@ class ImageObjective:
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
         labels = config.part_labels(mesh.n_parts if mesh else len(body.cones))
-        self._renderer = renderer_for(
-            device, body, rig, n_hypotheses, labels, mesh, config.round_ends
-        )
+        self._renderer = renderer_for(scene, n_hypotheses, labels, mesh, config.round_ends)
         self._observed: tuple[Array | None, ...] = ()
         self._preparation: list[Launch] = []
 
@@ -210,10 +207,10 @@ class ImageObjective:
         )
 
 
-def objective_for(device: Device | NumpyDevice, *args: Any, **kwargs: Any) -> Any:
-    """`ImageObjective` of the device, or its twin for `--device numpy`."""
-    if isinstance(device, NumpyDevice):
+def objective_for(scene: Scene, *args: Any, **kwargs: Any) -> Any:
+    """`ImageObjective` of the scene's device, or its twin for `--device numpy`."""
+    if isinstance(scene.device, NumpyDevice):
         from apf.reference.objective import NumpyImageObjective
 
-        return NumpyImageObjective(device, *args, **kwargs)
-    return ImageObjective(device, *args, **kwargs)
+        return NumpyImageObjective(scene, *args, **kwargs)
+    return ImageObjective(scene, *args, **kwargs)

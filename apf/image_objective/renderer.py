@@ -11,7 +11,8 @@ from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel, Cone
 from apf.body.posing import Kinematics
-from cl import Array, Device, InputError, Launch
+from apf.scene import Scene
+from cl import Array, InputError, Launch
 from psfs.cameras.camera import CameraRig
 
 #: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
@@ -28,15 +29,15 @@ _GPU_BYTES, _CPU_BYTES = 16384, 65536
 class Renderer:
     """Draws posed bodies as the cameras see them and counts their pixels.
 
-    body: whose cones are what is drawn, or what that moves with. labels: (P,) int32 segment of each
-    part that is drawn, from 0, for counts by segment. counts: device array (V, N, 2 + 2 L) int32
-    that the launches of `launcher` fill: visible edge pixels, the sum of the edge proximity there,
-    then per segment the model's pixels and their overlap with the silhouette (eq. 4.36-4.40).
+    The cones of the scene's body are what is drawn, or what that moves with. labels: (P,) int32
+    segment of each part that is drawn, from 0, for counts by segment. counts: device array
+    (V, N, 2 + 2 L) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the
+    edge proximity there, then per segment the model's pixels and their overlap with the silhouette
+    (eq. 4.36-4.40).
     """
 
-    def __init__(
-        self, device: Device, body: BodyModel, rig: CameraRig, n: int, labels: np.ndarray
-    ) -> None:
+    def __init__(self, scene: Scene, n: int, labels: np.ndarray) -> None:
+        device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.n_hypotheses = device, rig, n
         self.n_parts, self.n_labels = len(labels), int(labels.max()) + 1
         self._kinematics = Kinematics(device, body, n)
@@ -103,14 +104,13 @@ class FlatRenderer(Renderer):
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
+        scene: Scene,
         n: int,
         labels: np.ndarray,
         round_ends: bool = False,
     ) -> None:
-        super().__init__(device, body, rig, n, labels)
+        super().__init__(scene, n, labels)
+        device, body, rig = self.device, scene.body, scene.rig
         self.round_ends = round_ends
         edged, free = cone_edges(body)
         table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
@@ -143,14 +143,13 @@ class MeshRenderer(Renderer):
 
     def __init__(
         self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
+        scene: Scene,
         n: int,
         labels: np.ndarray,
         mesh: BodyMesh,
     ) -> None:
-        super().__init__(device, with_frames(body), rig, n, labels)
+        super().__init__(replace(scene, body=with_frames(scene.body)), n, labels)
+        device, rig = self.device, scene.rig
         self.mesh = mesh
         self._edged = device.to_device(mesh.edged.astype(np.int32), "the parts with edges")
         binds, bones = packed_binds(mesh)
@@ -228,9 +227,7 @@ def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def renderer_for(
-    device: Device,
-    body: BodyModel,
-    rig: CameraRig,
+    scene: Scene,
     n: int,
     labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
@@ -240,27 +237,26 @@ def renderer_for(
 
     Raises InputError for pictures too wide to draw in.
     """
-    if rig.width > _WIDEST:
-        raise InputError(f"pictures {rig.width} px wide; expected at most {_WIDEST}")
-    n_parts = len(body.cones) if mesh is None else mesh.n_parts
+    if scene.rig.width > _WIDEST:
+        raise InputError(f"pictures {scene.rig.width} px wide; expected at most {_WIDEST}")
+    n_parts = len(scene.body.cones) if mesh is None else mesh.n_parts
     labels = np.zeros(n_parts, np.int32) if labels is None else labels
     if mesh is None:
-        return FlatRenderer(device, body, rig, n, labels, round_ends)
-    return MeshRenderer(device, body, rig, n, labels, mesh)
+        return FlatRenderer(scene, n, labels, round_ends)
+    return MeshRenderer(scene, n, labels, mesh)
 
 
 def draw_hypotheses(
-    device: Device,
-    body: BodyModel,
-    rig: CameraRig,
+    scene: Scene,
     poses: np.ndarray,
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> np.ndarray:
     """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D): the number of the part seen, from 1 (0 is
     background), and 255 on edges. The very pixels that an `ImageObjective` counts."""
+    device, rig = scene.opencl, scene.rig
     n, shape = len(poses), (len(rig), rig.height, rig.width)
-    renderer = renderer_for(device, body, rig, n, mesh=mesh, round_ends=round_ends)
+    renderer = renderer_for(scene, n, mesh=mesh, round_ends=round_ends)
     pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
     silhouettes = device.zeros(silhouette_shape(rig, 1), np.uint32, "the silhouettes")
     proximity = device.zeros(shape, np.uint8, "the edge proximity")

@@ -14,6 +14,7 @@ from apf.filters.config import FilterConfig
 from apf.initialisation.kept_voxels import person_points
 from apf.initialisation.pose_search import LIKELIHOOD, Hypothesis, PoseSearch, close, sideways
 from apf.initialisation.shape_fit import GIRTH, Cloud, Shape, fit_shape, stature
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid
@@ -173,9 +174,10 @@ class _Fitting:
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""
         search, every = self.search, self._every
+        scene = Scene(search.device, search.rig, search.grid, body)
         poses = np.tile(pose, (len(self._voxels), 1))
         for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
-            tracker = tracker_for(search.device, body, search.rig, search.grid, self._config)
+            tracker = tracker_for(scene, self._config)
             tracker.start(pose)
             for k in order:
                 self._tell()

@@ -22,6 +22,7 @@ from apf.initialisation.shape_fit import (
     stature,
     surface_places,
 )
+from apf.scene import Scene
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid
@@ -147,7 +148,7 @@ class PoseSearch:
                 limb_spread=0.0, seed=self.seed,
             )  # fmt: skip
             body = self.model.body(shape)
-            self._near = shape, tracker_for(self.device, body, self.rig, self.grid, config)
+            self._near = shape, tracker_for(self._scene(body), config)
         tracker = self._near[1]
         pose, error = _searched(tracker, pose, voxels)
         return Hypothesis(shape, pose, error, misfit(tracker.body, pose, cloud))
@@ -166,7 +167,10 @@ class PoseSearch:
             LIKELIHOOD, n_particles=_PARTICLES[kind], noise=1.0, noise_decay=0.75, trunk_layers=0,
             seed=self.seed,
         )  # fmt: skip
-        return tracker_for(self.device, body, self.rig, self.grid, config)
+        return tracker_for(self._scene(body), config)
+
+    def _scene(self, body: BodyModel) -> Scene:
+        return Scene(self.device, self.rig, self.grid, body)
 
     def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
         """Poses whose `moving` part is as it was, at rest, and anywhere else."""

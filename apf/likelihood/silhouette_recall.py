@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import BodyModel
 from apf.body.posing import Kinematics
-from cl import Array, Device, Launch
+from apf.scene import Scene
+from cl import Array, Launch
 from cl.workgroups import pack_defines
-from psfs.cameras.camera import CameraRig
 
 _GROUP = 256
 #: Most cameras that a GPU's work-group looks at together.
@@ -25,9 +24,8 @@ class Coverage:
     in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42).
     """
 
-    def __init__(
-        self, device: Device, body: BodyModel, rig: CameraRig, cameras: Array, points: Array
-    ) -> None:
+    def __init__(self, scene: Scene, cameras: Array, points: Array) -> None:
+        device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.body = device, body
         self._n_views, self._n_points = len(rig), points.shape[0]
         self._cameras, self._points = cameras, points

@@ -12,9 +12,9 @@ from apf.filters.config import FilterConfig
 from apf.likelihood.motion_prior import Smoothness
 from apf.likelihood.part_colour import LimbColours
 from apf.likelihood.silhouette_recall import Coverage
-from cl import Array, Device, InputError, Launch
+from apf.scene import Scene
+from cl import Array, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
-from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
@@ -47,34 +47,25 @@ def sample_rows(sampling: np.ndarray) -> np.ndarray:
 
 
 class VoxelLikelihood:
-    """A `Scorer` of poses of `body` by the voxels of `grid`: by their reprojection into the
-    cameras of `rig`, and by the surface voxels themselves.
+    """A `Scorer` of poses of a scene's body by its voxels: by their reprojection into the
+    cameras, and by the surface voxels themselves.
 
     `errors` is Song et al. eq. (16) with the sign put right, and more terms (see `FilterConfig`).
     Those of `n_runs` trackings have room in it and, one each, in `misfit`. Raises InputError for
     several with terms that depend on the track so far.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        body: BodyModel,
-        rig: CameraRig,
-        grid: VoxelGrid,
-        config: FilterConfig,
-        n_runs: int = 1,
-    ) -> None:
+    def __init__(self, scene: Scene, config: FilterConfig, n_runs: int = 1) -> None:
         if n_runs > 1 and config.remembers:
             raise InputError(
                 f"{n_runs} runs at once: the likelihood's terms colour and smoothness depend on "
                 "the track so far; expected neither"
             )
-        self.device = device
-        self.rig = rig
-        self.config = config
+        device, body, rig = scene.opencl, scene.body, scene.rig
+        self.device, self.rig, self.config = device, rig, config
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
-        self._reprojection = Reprojection(device, rig, grid)
+        self._reprojection = Reprojection(device, rig, scene.voxel_grid)
         self._body = device.to_device(pack_body(body), "the body model")
         rows = sample_rows(cone_sampling(body, config.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
@@ -91,7 +82,7 @@ class VoxelLikelihood:
         self.misfit = device.zeros((n_runs,), np.float32)
         self._coverage: Coverage | None = None
         if config.settling_two_sided > 0:
-            self._coverage = Coverage(device, body, rig, self._cameras, self.points)
+            self._coverage = Coverage(scene, self._cameras, self.points)
         self._colours: LimbColours | None = None
         if config.colour_weight > 0:
             self._colours = LimbColours(device, body, self._body, self.points, config)

@@ -18,6 +18,7 @@ from apf.live.budget import Governor
 from apf.live.pictures import Smaller
 from apf.live.sources import ACQUISITION, Newest, Shot, Source
 from apf.live.timeline import Timeline
+from apf.scene import Scene
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import Device
 from psfs.config import ReconstructionConfig, SilhouetteConfig
@@ -114,8 +115,8 @@ class Live:
         self._free.set()
         self._errors: list[BaseException] = []
         self._free_at, self._processing_time = 0.0, 0.0
-        scene = (device, body, self._pictures.rig, grid)
-        self._trackers = [tracker_of(*scene, method) for method in searches]
+        scene = Scene(device, self._pictures.rig, grid, body)
+        self._trackers = [tracker_of(scene, method) for method in searches]
         self._governor = self._prepared(budget)
         self._tracking_time = float(self._governor.costs[self._governor.place])
         self._tracker = self._chosen()

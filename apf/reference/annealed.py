@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import FilterConfig
 from apf.reference.annealing import (
@@ -19,9 +18,7 @@ from apf.reference.annealing import (
 )
 from apf.reference.base import NumpyTracker, NumpyVoxelLikelihood
 from apf.reference.noise import uniform
-from cl import NumpyDevice
-from psfs.cameras.camera import CameraRig
-from psfs.voxels.grid import VoxelGrid
+from apf.scene import Scene
 
 
 class NumpyAnnealedParticleFilter(NumpyTracker):
@@ -29,19 +26,15 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
 
     def __init__(
         self,
-        device: NumpyDevice,
-        body: BodyModel,
-        rig: CameraRig,
-        grid: VoxelGrid | None,
+        scene: Scene,
         config: FilterConfig | None = None,
         *,
         scorer: Any = None,
     ) -> None:
         config = config or FilterConfig()
         if scorer is None:
-            assert grid is not None, "voxels have a grid"
-            scorer = NumpyVoxelLikelihood(device, body, rig, grid, config)
-        super().__init__(body, scorer, config)
+            scorer = NumpyVoxelLikelihood(scene, config)
+        super().__init__(scene, scorer, config)
 
     def _search(self) -> Estimate:
         config, body = self.config, self.body

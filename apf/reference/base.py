@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from apf.body.kinematics import posed_cones
-from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
@@ -19,28 +18,20 @@ from apf.reference.limb_search import settled
 from apf.reference.motion_prior import expectation, jump_errors
 from apf.reference.noise import normals
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
+from apf.scene import Scene
 from cl import InputError, NumpyDevice
-from psfs.cameras.camera import CameraRig
 from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection
-from psfs.voxels.grid import VoxelGrid
 
 
 class NumpyVoxelLikelihood:
     """The same as `VoxelLikelihood`, in float64: `observe(voxels)`, then `likelihood(poses)`,
     which looks at share number `turn` of the surface samples."""
 
-    def __init__(
-        self,
-        device: NumpyDevice,
-        body: BodyModel,
-        rig: CameraRig,
-        grid: VoxelGrid,
-        config: FilterConfig,
-    ) -> None:
-        self.body, self.rig, self.config = body, rig, config
-        self._reprojection = NumpyReprojection(device, rig, grid)
-        self._sampling = cone_sampling(body, config.sample_spacing)
+    def __init__(self, scene: Scene, config: FilterConfig) -> None:
+        self.body, self.rig, self.config = scene.body, scene.rig, config
+        self._reprojection = NumpyReprojection(NumpyDevice(), scene.rig, scene.voxel_grid)
+        self._sampling = cone_sampling(scene.body, config.sample_spacing)
         self.points, self._colours = np.empty((0, 3)), np.empty((0, 3))
         self.turn = 0
         self.forget()
@@ -113,8 +104,8 @@ class NumpyTracker:
     where it has `points` (K, 3), the estimate is refined on them.
     """
 
-    def __init__(self, body: BodyModel, scorer: Any, config: FilterConfig) -> None:
-        self.body, self.scorer, self.config = body, scorer, config
+    def __init__(self, scene: Scene, scorer: Any, config: FilterConfig) -> None:
+        self.body, self.scorer, self.config = scene.body, scorer, config
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.body.model import BodyModel
 from apf.image_objective.objective import FeatureMaps, ObjectiveConfig
 from apf.reference.render import Picture, draw_hypotheses
-from cl import NumpyDevice
-from psfs.cameras.camera import CameraRig
+from apf.scene import Scene
 
 
 def count_pixels(
@@ -71,16 +69,14 @@ class NumpyImageObjective:
 
     def __init__(
         self,
-        device: NumpyDevice,
-        body: BodyModel,
-        rig: CameraRig,
+        scene: Scene,
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
         mesh: BodyMesh | None = None,
     ) -> None:
-        self.body, self.rig, self.config = body, rig, config or ObjectiveConfig()
-        self.mesh = mesh or self.config.mesh(body)
-        n_parts = self.mesh.n_parts if self.mesh else len(body.cones)
+        self.body, self.rig, self.config = scene.body, scene.rig, config or ObjectiveConfig()
+        self.mesh = mesh or self.config.mesh(self.body)
+        n_parts = self.mesh.n_parts if self.mesh else len(self.body.cones)
         self._labels = self.config.part_labels(n_parts)
 
     def observe(self, observation: FeatureMaps) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, check_layers
@@ -20,6 +19,7 @@ from apf.reference.annealing import (
 )
 from apf.reference.base import NumpyTracker
 from apf.reference.noise import uniform
+from apf.scene import Scene
 
 
 class NumpySirParticleFilter(NumpyTracker):
@@ -27,14 +27,13 @@ class NumpySirParticleFilter(NumpyTracker):
 
     def __init__(
         self,
-        device: object,
-        body: BodyModel,
+        scene: Scene,
         scorer: Any,
         config: FilterConfig,
         sir: SirConfig | None = None,
     ) -> None:
         check_layers(config)
-        super().__init__(body, scorer, config)
+        super().__init__(scene, scorer, config)
         self.sir = sir or SirConfig()
 
     def _search(self) -> Estimate:

@@ -14,6 +14,7 @@ from apf.filters.swarm import SwarmConfig
 from apf.reference.annealing import diffuse
 from apf.reference.base import NumpyTracker
 from apf.reference.noise import philox4x32, uniform01
+from apf.scene import Scene
 
 
 def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int]) -> np.ndarray:
@@ -29,13 +30,12 @@ class NumpyParticleSwarm(NumpyTracker):
 
     def __init__(
         self,
-        device: object,
-        body: BodyModel,
+        scene: Scene,
         scorer: Any,
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        super().__init__(body, scorer, replace(config, trunk_layers=0))
+        super().__init__(scene, scorer, replace(config, trunk_layers=0))
         self.swarm = swarm or SwarmConfig()
 
     def _search(self) -> Estimate:

@@ -15,6 +15,7 @@ from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import SIGMA_FPS, FilterConfig
 from apf.filters.method import Method, batches, observer_of, tracker_of
+from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import joint_covariance
@@ -108,10 +109,12 @@ def watched_runs(
     if len(seeds) == 1 or not batches(device, method):
         return SeparateRuns([watched(device, body, rig, grid, of) for of in methods])
 
+    scene = Scene(device, rig, grid, body)
+
     def watch(run: int, restart: Any) -> Watched:
         return watched(device, body, rig, grid, methods[run], restart)
 
-    return WatchedRuns(tracker_of(device, body, rig, grid, method, seeds), len(seeds), watch)
+    return WatchedRuns(tracker_of(scene, method, seeds), len(seeds), watch)
 
 
 def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
@@ -146,12 +149,12 @@ def watched(
 ) -> Watched:
     """The tracker of `method` that knows when it has lost the person, see `recovery`; or `tracker`,
     which searches by that method."""
-    search = method.filter
+    scene, search = Scene(device, rig, grid, body), method.filter
     longer = {} if method.search == "sir" else {"n_layers": _LONGER * search.n_layers}
     wider = replace(search, noise=_WIDER * search.noise, **longer)
 
     def wide() -> Any:
-        return tracker_of(device, body, rig, grid, replace(method, filter=wider))
+        return tracker_of(scene, replace(method, filter=wider))
 
     def everywhere(voxels: Any) -> list[np.ndarray]:
         from apf.initialisation.automatic import find_start  # which tracks, too
@@ -168,7 +171,7 @@ def watched(
             return []  # nobody is there
         return [found.pose]
 
-    tracker = tracker or tracker_of(device, body, rig, grid, method)
+    tracker = tracker or tracker_of(scene, method)
     return Watched(tracker, wide, everywhere if method.uses_voxels else None)
 
 

@@ -75,7 +75,7 @@ def by_twin(problem: Problem) -> dict[str, Any]:
     """Scoring by the NumPy twin."""
     scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
     reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
-    scorer = NumpyVoxelLikelihood(device, problem.body, scene.rig, grid, problem.config)
+    scorer = NumpyVoxelLikelihood(problem.on(device), problem.config)
     scorer.observe(reconstruct(scene.frames[0]))
     poses = spread(problem, _SCORED_BY_TWIN)
     scoring = timed(lambda: scorer(poses), 3, warm_up=0)
@@ -108,7 +108,7 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
     device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
     config = replace(problem.config, n_particles=n)
-    scorer = VoxelLikelihood(device, problem.body, scene.rig, grid, config)
+    scorer = VoxelLikelihood(problem.on(device), config)
     scorer.observe(reconstruct(scene.frames[0]))
     launches = scorer.launcher(device.to_device(spread(problem, n)))
 
@@ -127,9 +127,7 @@ class Halves:
         scene, grid = problem.scene, grid_of(problem.shape)
         self.device = place.device(profile)
         self.reconstruct = Reconstructor(self.device, scene.rig, grid, scene.background)
-        self.tracker = AnnealedParticleFilter(
-            self.device, problem.body, scene.rig, grid, problem.config
-        )
+        self.tracker = AnnealedParticleFilter(problem.on(self.device), problem.config)
         self.tracker.start(problem.pose)
         self._frames = playing(scene.frames)
 

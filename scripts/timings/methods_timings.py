@@ -99,7 +99,7 @@ def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
     """The scene once through after a warm-up: ms per frame by the clock, and the mean error."""
     device, scene = place.device(), problem.scene
     features = features_for(device, scene.rig, scene.background, method.features)
-    tracker = tracker_of(device, problem.body, scene.rig, None, method)
+    tracker = tracker_of(problem.on(device), method)
     ms: list[float] = []
     errors: list[float] = []
     n = len(scene.frames)

@@ -22,6 +22,7 @@ from apf.image_objective.objective import ImageObjective, ObjectiveConfig
 from apf.image_objective.opengl import OpenGLRenderer
 from apf.reference.objective import count_pixels, objective_values
 from apf.reference.render import Picture, draw_cones
+from apf.scene import Scene
 from cl import Device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command
@@ -177,7 +178,7 @@ def on_place(
 
 def _evaluation(device: Device, observed: Observed, n: int) -> tuple[Callable[[], None], Device]:
     """What evaluates `n` hypotheses and waits."""
-    objective = ImageObjective(device, observed.body, observed.rig, n)
+    objective = ImageObjective(Scene(device, observed.rig, None, observed.body), n)
     objective.observe(observed.on(device))
     launches = objective.launcher(device.to_device(observed.poses(n)))
     device.finish()

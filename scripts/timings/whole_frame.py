@@ -16,6 +16,7 @@ from apf.body.model import BodyModel, load_body
 from apf.filters.annealed import Estimate, tracker_for
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
+from apf.scene import Scene as TrackedScene
 from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
 from psfs.reconstructor import reconstructor_for
@@ -45,6 +46,10 @@ class Problem:
         truth = truth[[self.scene.joint_names.index(name) for name in names]]
         return 1e3 * float(np.linalg.norm(mine - truth, axis=-1).mean())
 
+    def on(self, device: Device | NumpyDevice) -> TrackedScene:
+        """What a tracker on that device needs."""
+        return TrackedScene(device, self.scene.rig, grid_of(self.shape), self.body)
+
     def smaller(self, **changes: Any) -> Problem:
         """With other settings of the filter, `shape` or `cameras`."""
         scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
@@ -73,7 +78,7 @@ class WholeFrame:
         scene, grid = problem.scene, grid_of(problem.shape)
         self.device, self.problem = device, problem
         self.reconstruct: Any = reconstructor_for(device, scene.rig, grid, scene.background)
-        self.tracker = tracker_for(device, problem.body, scene.rig, grid, problem.config)
+        self.tracker = tracker_for(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)
         self.parts_ms = np.zeros(3)

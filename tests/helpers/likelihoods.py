@@ -14,6 +14,7 @@ from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
 from apf.reference.likelihood import share, strain_errors, total_errors
+from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
@@ -63,7 +64,7 @@ class Setup:
         self.poses = poses.astype(np.float32)
         self.config = replace(config, n_particles=len(poses), first_survival=0.9, last_survival=0.6)
         grid = grid or scenes.small_grid(0.1)
-        self.likelihood = VoxelLikelihood(device, body, rig, grid, self.config)
+        self.likelihood = VoxelLikelihood(Scene(device, rig, grid, body), self.config)
         self.likelihood.points.fill(0)
         self.on_device = device.to_device(self.poses)
 

@@ -13,6 +13,7 @@ from apf.body.model import BodyModel
 from apf.image_objective.objective import ImageObjective, ObjectiveConfig
 from apf.image_objective.renderer import draw_hypotheses, whole_pictures
 from apf.reference import render
+from apf.scene import Scene
 from cl import Device
 from helpers import bodies
 from psfs.cameras.camera import CameraRig
@@ -72,7 +73,7 @@ def check_pictures(
 ) -> None:
     """The device draws what the twin does, but for a boundary band: pixels on a part's outline,
     where rounding decides."""
-    drawn = draw_hypotheses(device, body, rig, poses, mesh, round_ends)
+    drawn = draw_hypotheses(Scene(device, rig, None, body), poses, mesh, round_ends)
     expected = render.draw_hypotheses(body, rig, poses, mesh, round_ends)
     differing = painted = 0
     for v, camera in enumerate(rig):
@@ -100,11 +101,11 @@ def check_counts(
     labels = tuple(1 + i % n_labels for i in range(n_parts)) if n_labels > 1 else ()
     observed = random_maps(rig, n_labels)
     config = ObjectiveConfig(labels=labels)
-    objective = ImageObjective(device, body, rig, len(poses), config, mesh)
+    objective = ImageObjective(Scene(device, rig, None, body), len(poses), config, mesh)
     objective.observe(observed.on(device))
     errors_of(device, objective, poses)
     counts = objective._renderer.counts.get()
-    pictures = draw_hypotheses(device, body, rig, poses, mesh)
+    pictures = draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
     label_of = np.array([0, *(labels or [1] * n_parts)])
     for v, (x0, y0, x1, y1) in enumerate(observed.roi):
         parts, edges = np.moveaxis(pictures[:, v, y0:y1, x0:x1], -1, 0)

@@ -7,7 +7,8 @@ import numpy as np
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from cl import Device
+from apf.scene import Scene
+from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor, Voxels
@@ -26,6 +27,10 @@ class World:
         low, high = np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9])
         self.grid = VoxelGrid.covering(low, high, voxel)
         self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
+
+    def scene(self, device: Device | NumpyDevice | None = None) -> Scene:
+        """The world for what tracks in it, by default on its own device."""
+        return Scene(device or self.device, self.rig, self.grid, self.body)
 
     def pose(self, frame: int) -> np.ndarray:
         pose = self.body.rest_pose.copy()

@@ -13,6 +13,7 @@ import apf.image_objective.renderer
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.body.model import BodyModel, load_body
 from apf.image_objective.objective import ImageObjective, ObjectiveConfig, objective_for
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 
 
@@ -95,9 +96,9 @@ def test_errors_equal_the_twins(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(2, (161, 123))
     config = ObjectiveConfig("aosp", 0.7, 0.3, vertices_per_part=18)
     observed, poses = rendered.random_maps(rig), rendered.scattered_poses(body, 5)
-    objective = ImageObjective(device, body, rig, 5, config)
+    objective = ImageObjective(Scene(device, rig, None, body), 5, config)
     objective.observe(observed.on(device))
-    twin = objective_for(NumpyDevice(), body, rig, 5, config)
+    twin = objective_for(Scene(NumpyDevice(), rig, None, body), 5, config)
     twin.observe(observed)
     errors = rendered.errors_of(device, objective, poses)
     np.testing.assert_allclose(errors, twin(poses), atol=2e-3)

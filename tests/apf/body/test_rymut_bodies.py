@@ -18,6 +18,7 @@ from apf.image_objective.renderer import cone_edges
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.features import proximity, region
 from apf.reference.render import flat_body
+from apf.scene import Scene
 from cl import Device
 from psfs.cameras.camera import CameraRig
 
@@ -102,7 +103,7 @@ def test_tracked_alone(device: Device, name: str) -> None:
     body = load_body(name)
     film = Film(device, body, rig())
     method = Method.of("pso", "sp", n_particles=200, n_layers=12)
-    tracker = tracker_of(device, body, film.rig, None, method)
+    tracker = tracker_of(Scene(device, film.rig, None, body), method)
     tracker.start(body.rest_pose)
     random = np.random.default_rng(1)
     direction = random.choice([-1, 1], body.n_dof) * body.sigma

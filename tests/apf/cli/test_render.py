@@ -12,6 +12,7 @@ from helpers import footage, tracks
 from apf.body.model import load_body, save_body
 from apf.cli import main
 from apf.image_objective.renderer import draw_hypotheses
+from apf.scene import Scene
 from cl import Device
 
 
@@ -35,7 +36,7 @@ def test_pictures_show_what_is_counted(recorded: Path, tmp_path: Path) -> None:
     for kind in ("silhouettes", "edges", "overlay"):
         assert {path.name for path in (tmp_path / kind).iterdir()} == names
     body, track = load_body("song31"), tracks.walker(5, start=2)
-    drawn = draw_hypotheses(Device.best(), body, footage.rig(), track.poses[1:2])[0, 1]
+    drawn = draw_hypotheses(Scene(Device.best(), footage.rig(), None, body), track.poses[1:2])[0, 1]
     silhouette = cv2.imread(str(tmp_path / "silhouettes" / "cam02_000003.png"), 0)
     edges = cv2.imread(str(tmp_path / "edges" / "cam02_000003.png"), 0)
     overlay = cv2.imread(str(tmp_path / "overlay" / "cam02_000003.png"))

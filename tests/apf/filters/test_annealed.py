@@ -332,7 +332,7 @@ def test_one_run_is_started_again_alone(device: Device) -> None:
 
 
 def run(world: World, config: FilterConfig, frames: int) -> Iterator[Estimate]:
-    tracker = AnnealedParticleFilter(world.device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     for frame in range(frames):
         yield tracker.step(world.voxels(frame))
@@ -346,7 +346,7 @@ def assert_equal(a: Estimate, b: Estimate) -> None:
 def test_a_frame_is_one_small_download(device: Device) -> None:
     world = World(device)
     config = FilterConfig(n_particles=37, n_layers=3)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     tracker.step(world.voxels(0))  # tells the reprojection where the grid lies
     for frame in (1, 2):
@@ -366,7 +366,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
     """The frame's number is the first word of the counter of the random numbers."""
     world = World(device)
     config = FilterConfig(n_particles=37, n_layers=n_layers)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     for _ in range(2):
         tracker.start(world.pose(0))
         for frame in range(3):
@@ -377,7 +377,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
 def test_frames_do_not_allocate(device: Device) -> None:
     world = World(device)
     config = FilterConfig(n_particles=37, n_layers=2)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
     tracker.step(voxels)
@@ -393,7 +393,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     world = World(device, body)
     config = FilterConfig(n_particles=5, n_layers=2, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
-    tracker = tracker_for(chosen, body, world.rig, world.grid, config)
+    tracker = tracker_for(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")
 
     def step() -> float:
@@ -442,7 +442,7 @@ def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: d
     """Bit by bit, and in any place among the others."""
     world, config = World(device), FilterConfig(**{"last_survival": 0.2, **settings})
     seeds = (4, 2**40 + 1, 0)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config, seeds=seeds)
+    tracker = AnnealedParticleFilter(world.scene(), config, seeds=seeds)
     tracker.start(world.pose(0))
     found = [tracker.step_runs(world.voxels(frame)) for frame in range(3)]
     for place, seed in enumerate(seeds):
@@ -461,7 +461,7 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     other.info = device.info if kind == "own" else replace(device.info, kind="gpu")
     world, config = World(other), FilterConfig(n_particles=37, n_layers=3)
     expected = list(run(world, config, 4))
-    tracker = AnnealedParticleFilter(other, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     for wanted in (4, 2, 4):
         tracker.start(world.pose(0))
         stream = tracker.stream(world.voxels(frame) for frame in range(4))
@@ -475,12 +475,12 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
 def test_terms_that_depend_on_the_track_serve_one_run(device: Device) -> None:
     world, config = World(device), FilterConfig(n_particles=37, smoothness_weight=0.1)
     with pytest.raises(InputError, match="2 runs at once"):
-        AnnealedParticleFilter(device, world.body, world.rig, world.grid, config, seeds=(0, 1))
+        AnnealedParticleFilter(world.scene(), config, seeds=(0, 1))
 
 
 def test_a_filter_started_again_forgets(device: Device) -> None:
     world, config = World(device), FilterConfig(n_particles=37, n_layers=3, spread=1.0)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     runs = []
     for _ in range(2):
         tracker.start(world.pose(0))
@@ -506,7 +506,7 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
     world = World(device)
     settings = {"refine_steps": 0, **settings}  # which would hide errors before it
     config = FilterConfig(n_particles=64, n_layers=n_layers, last_survival=0.2, **settings)
-    twin = NumpyAnnealedParticleFilter(NumpyDevice(), world.body, world.rig, world.grid, config)
+    twin = NumpyAnnealedParticleFilter(world.scene(NumpyDevice()), config)
     twin.start(world.pose(0))
     # A flip in the second frame would be a first step from elsewhere, to elsewhere.
     n_frames = 1 if config.refine_steps else 3
@@ -541,7 +541,7 @@ def test_a_moving_body_is_followed(device: Device) -> None:
 def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
     world = World(device)
     config = FilterConfig(n_particles=37, n_layers=3)
-    tracker = AnnealedParticleFilter(device, world.body, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
     voxels.count.fill(0)
@@ -559,7 +559,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     world = World(device)
     chosen = device if kind == "opencl" else NumpyDevice()
     config = FilterConfig(n_particles=5, n_layers=1, **MILD)
-    tracker = tracker_for(chosen, world.body, world.rig, world.grid, config)
+    tracker = tracker_for(world.scene(chosen), config)
     assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
     for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
         with pytest.raises(InputError, match="expected 31 finite values"):

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import bodies
+from helpers import bodies, scenes
 from helpers.searches import Distance
 
-from apf.body.model import load_body
+from apf.body.model import BodyModel, load_body
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, SirParticleFilter
 from apf.filters.swarm import ParticleSwarm, SwarmConfig
 from apf.reference.sir import NumpySirParticleFilter
 from apf.reference.swarm import NumpyParticleSwarm
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 
 SONG = load_body("song31")
@@ -32,11 +33,16 @@ def moving(frames: int, step: float = 0.5) -> list[np.ndarray]:
     return list(np.clip(SONG.rest_pose + steps.cumsum(0), SONG.lower, SONG.upper))
 
 
+def scene_on(device: Device | NumpyDevice, body: BodyModel = SONG) -> Scene:
+    """A scene without voxels."""
+    return Scene(device, scenes.ring(1), None, body)
+
+
 def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
     kind, twin, _ = SEARCHES[search]
     scorer = Distance(device, SONG, config.n_particles)
     chosen = NumpyDevice() if device is None else device
-    tracker = (twin if device is None else kind)(chosen, SONG, scorer, config, *more)
+    tracker = (twin if device is None else kind)(scene_on(chosen), scorer, config, *more)
     tracker.start(SONG.rest_pose)
     return [tracker.step(target) for target in moving(frames)], scorer
 
@@ -96,7 +102,7 @@ def test_runs_repeat_and_seeds_differ(device: Device, search: str) -> None:
 @pytest.mark.parametrize("search", SEARCHES)
 def test_started_again_it_forgets(device: Device, search: str) -> None:
     config = config_of(search, velocity=0.5)
-    tracker = SEARCHES[search][0](device, SONG, Distance(device, SONG, 65), config)
+    tracker = SEARCHES[search][0](scene_on(device), Distance(device, SONG, 65), config)
     poses = []
     for _ in range(2):
         tracker.start(SONG.rest_pose)
@@ -109,7 +115,7 @@ def test_limits_hold(device: Device, search: str) -> None:
     """A pose beyond the limits draws the particles to them, and not beyond."""
     config = config_of(search, n_layers=8 if search == "pso" else 1)
     scorer = Distance(device, SONG, 65)
-    tracker = SEARCHES[search][0](device, SONG, scorer, config)
+    tracker = SEARCHES[search][0](scene_on(device), scorer, config)
     tracker.start(SONG.rest_pose)
     far = SONG.rest_pose.copy()
     knee = SONG.dof_names.index("l_calf.ry")
@@ -140,7 +146,9 @@ def test_the_swarms_factors(device: Device) -> None:
 
 def test_another_body(device: Device) -> None:
     body = bodies.named("stick")
-    tracker = ParticleSwarm(device, body, Distance(device, body, 33), config_of("pso", 33))
+    tracker = ParticleSwarm(
+        scene_on(device, body), Distance(device, body, 33), config_of("pso", 33)
+    )
     tracker.start(body.rest_pose)
     assert tracker.step(body.rest_pose).pose.shape == (5,)
 
@@ -152,11 +160,13 @@ def test_bad_settings() -> None:
     with pytest.raises(InputError, match="expected"):
         SirConfig(sigma_z=-1)
     with pytest.raises(InputError, match="expected 1"):
-        NumpySirParticleFilter(NumpyDevice(), SONG, None, FilterConfig(n_layers=2))
+        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig(n_layers=2))
 
 
 def test_widened_it_spreads_further(device: Device) -> None:
-    tracker = ParticleSwarm(device, SONG, Distance(device, SONG, 65), config_of("pso", n_layers=1))
+    tracker = ParticleSwarm(
+        scene_on(device), Distance(device, SONG, 65), config_of("pso", n_layers=1)
+    )
     deviations = []
     for factor in (1.0, 4.0):
         tracker.widen(factor)

@@ -19,6 +19,7 @@ from apf.reference.objective import objective_values
 from apf.reference.render import flat_body
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.sequence import Sequence
@@ -145,8 +146,8 @@ def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> Non
     config = ObjectiveConfig(kind, 0.7, 0.3, 0.4, labels, weights)
     observed = rendered.random_maps(rig, n_labels)
     poses = rendered.scattered_poses(body, 9)
-    objective = ImageObjective(device, body, rig, 9, config)
-    twin = objective_for(NumpyDevice(), body, rig, 9, config)
+    objective = ImageObjective(Scene(device, rig, None, body), 9, config)
+    twin = objective_for(Scene(NumpyDevice(), rig, None, body), 9, config)
     twin.observe(observed)
     expected = twin(poses)
     for _ in range(2):  # what is left of a frame does not reach the next
@@ -225,7 +226,7 @@ def test_the_walkers_true_pose_covers_its_silhouette(
     config = ObjectiveConfig("ws", 1.0, 0.0, round_ends=round_ends)
     away = pose.copy()
     away[body.dof_names.index("pelvis.tx")] += 0.5
-    objective = ImageObjective(device, body, rig, 2, config)
+    objective = ImageObjective(Scene(device, rig, None, body), 2, config)
     maps = np.stack([masks, np.zeros_like(masks)], -1)
     objective.observe(rendered.Maps(maps, whole_pictures(rig)).on(device))
     right, wrong = 1 - rendered.errors_of(device, objective, np.stack([pose, away]))

@@ -10,6 +10,7 @@ from helpers import bodies, rendered, scenes
 from apf.body.mesh import cone_mesh
 from apf.image_objective.opengl import OpenGLRenderer, egl_context
 from apf.image_objective.renderer import draw_hypotheses
+from apf.scene import Scene
 from cl import Device, InputError
 
 
@@ -37,7 +38,7 @@ def test_pictures_equal_opencl_within_a_pixel(device: Device, vertices: int) -> 
     assert renderer.n_tiles < len(poses) * len(rig)
     drawn, expected = (
         renderer.draw(poses),
-        draw_hypotheses(device, body, rig, poses, mesh, round_ends=False),
+        draw_hypotheses(Scene(device, rig, None, body), poses, mesh, round_ends=False),
     )
     assert drawn.shape == expected.shape
     parts, edges = expected.reshape(-1, *expected.shape[2:4], 2).transpose(3, 0, 1, 2)

@@ -100,8 +100,8 @@ def test_trackers_tell_the_term_their_estimates(device: Device) -> None:
     config = FilterConfig(
         n_particles=64, n_layers=2, last_survival=0.2, refine_steps=0, smoothness_weight=0.5
     )
-    tracker = AnnealedParticleFilter(device, SONG, world.rig, world.grid, config)
-    twin = NumpyAnnealedParticleFilter(NumpyDevice(), SONG, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
+    twin = NumpyAnnealedParticleFilter(world.scene(NumpyDevice()), config)
     for one in (tracker, twin):
         one.start(world.pose(0))
     for frame in range(3):

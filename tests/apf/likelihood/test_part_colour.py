@@ -22,6 +22,7 @@ from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference.base import NumpyVoxelLikelihood
 from apf.reference.likelihood import sampled_surface, share, surface_errors
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
+from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
@@ -160,7 +161,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
     config = FilterConfig(n_particles=37, n_layers=2, colour_weight=1.0, n_points=400)
-    tracker = AnnealedParticleFilter(device, SONG, world.rig, world.grid, config)
+    tracker = AnnealedParticleFilter(world.scene(), config)
     parts = np.zeros((len(SONG.cones), 3))
     tracker.start(world.pose(0))
     for frame in range(2):
@@ -188,9 +189,9 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
     images[..., 2] = 250 - images[..., 0]
     picture: Any = scenes.frame(images=images, masks=masks)
     config = FilterConfig(n_particles=37, n_points=200, colour_weight=1.0)
-    here = VoxelLikelihood(device, SONG, rig, grid, config)
+    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
-    twin = NumpyVoxelLikelihood(NumpyDevice(), SONG, rig, grid, config)
+    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
     assert here._colours is not None
     found, points = here._colours._samples.get(), here.points.get()
@@ -206,9 +207,12 @@ def test_without_pictures_the_term_is_refused(device: Device) -> None:
     config = FilterConfig(n_particles=37, colour_weight=1.0)
     picture: Any = scenes.frame(masks=scenes.masks_of(rig))
     likelihoods: list[tuple[Any, Any]] = [
-        (VoxelLikelihood(device, SONG, rig, grid, config), Reconstructor(device, rig, grid, None)),
         (
-            NumpyVoxelLikelihood(NumpyDevice(), SONG, rig, grid, config),
+            VoxelLikelihood(Scene(device, rig, grid, SONG), config),
+            Reconstructor(device, rig, grid, None),
+        ),
+        (
+            NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config),
             NumpyReconstructor(NumpyDevice(), rig, grid, None),
         ),
     ]
@@ -229,7 +233,7 @@ def test_it_is_off_by_default_and_chosen_by_name(device: Device) -> None:
 
     voxels = coloured(device, GRID, np.zeros(0, np.int32), np.zeros((0, 4), np.uint8))
     voxels.colours = forbidden
-    off = VoxelLikelihood(device, SONG, scenes.ring(1), GRID, FilterConfig(n_particles=37))
+    off = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), FilterConfig(n_particles=37))
     off.observe(voxels)
     body: BodyModel = SONG
     assert off.learner(device.zeros((1, body.n_dof), np.float32)) == []

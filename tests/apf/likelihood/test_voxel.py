@@ -23,6 +23,7 @@ from apf.reference.likelihood import (
     surface_errors,
     total_errors,
 )
+from apf.scene import Scene
 from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.reference.reconstructor import NumpyVoxels
@@ -38,7 +39,7 @@ def point_sampler(
 ) -> tuple[VoxelLikelihood, np.ndarray]:
     """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
     config = replace(CONFIG, n_points=n_points)
-    likelihood = VoxelLikelihood(device, body, scenes.ring(1), grid, config)
+    likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config)
     surface: Array = device.empty(grid.size, np.int32)
     padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
     padded[: len(indices)] = indices
