@@ -17,7 +17,7 @@ from psfs.common.files import read_numbers
 
 _N_DOF = 31
 _HALF_TURN, _QUARTER = np.pi, np.pi / 2
-#: Places of the pelvis's position in the pose, the only values that are lengths.
+#: Indices of the pelvis's position in the pose, the only values that are lengths.
 TRANSLATIONS = slice(3, 6)
 
 _DOF_NAMES = (
@@ -46,11 +46,15 @@ _EDGES = (
 
 
 def is_bodytrack(folder: Path) -> bool:
+    """Return whether `folder` holds a body of bodytrack."""
     return (folder / "BodyShapeParameters.txt").is_file()
 
 
 def read_poses(path: Path) -> np.ndarray:
-    """Poses (N, 31) of a text file with 31 values (rad, mm) per pose; positions become metres."""
+    """Read poses (N, 31) of a text file with 31 values (rad, mm) per pose; positions become metres.
+
+    Raises InputError naming the file.
+    """
     values = read_numbers(path)
     if values.size == 0 or values.size % _N_DOF:
         raise InputError(f"{path}: {values.size} numbers; expected a multiple of {_N_DOF}")
@@ -60,10 +64,11 @@ def read_poses(path: Path) -> np.ndarray:
 
 
 def read_body(folder: Path) -> BodyModel:
-    """The model of BodyShapeParameters.txt with the deviations of PoseParameters.txt.
+    """Read the model of BodyShapeParameters.txt with the deviations of PoseParameters.txt.
 
     Limits stay open: the shipped initial pose lies outside the shipped ranges, and the program
     does not apply them either. The initial pose of InitialPose.txt is the rest pose.
+    Raises InputError naming the file that is wrong.
     """
     shape = read_numbers(folder / "BodyShapeParameters.txt")
     if shape.size != 58:
@@ -98,12 +103,14 @@ def read_body(folder: Path) -> BodyModel:
 
 
 def _inverse_euler(x: int | None, y: int | None, z: int | None) -> tuple[FreeAxis, ...]:
-    """The axes of E(x, y, z)' with E = Rz Rx Ry, that is Ry(-y) Rx(-x) Rz(-z)."""
+    """Return the axes of E(x, y, z)' with E = Rz Rx Ry, that is Ry(-y) Rx(-x) Rz(-z)."""
     order = (("ry", y), ("rx", x), ("rz", z))
     return tuple(FreeAxis(kind, -1, dof) for kind, dof in order if dof is not None)
 
 
 def _bones(lengths: np.ndarray) -> tuple[Bone, ...]:
+    """Return the tree of 13 bones for the 18 `lengths`, m."""
+
     def about(axis: int, angle: float) -> np.ndarray:
         return axis_rotation(axis, np.array(angle))
 
@@ -139,7 +146,7 @@ def _bones(lengths: np.ndarray) -> tuple[Bone, ...]:
 
 
 def _cones(parts: np.ndarray, lengths: np.ndarray, index: dict[str, int]) -> tuple[Cone, ...]:
-    """Ten elliptic cones along local +z (torso, legs, head) or -z (arms)."""
+    """Return ten elliptic cones along local +z (torso, legs, head) or -z (arms)."""
     ends = dict(
         zip(
             _PARTS,
@@ -162,7 +169,8 @@ def _cones(parts: np.ndarray, lengths: np.ndarray, index: dict[str, int]) -> tup
 
 
 def _joints(lengths: np.ndarray, index: dict[str, int]) -> tuple[Joint, ...]:
-    places = [
+    """Return the 15 joints, each at a height along its bone's z axis."""
+    heights = [
         ("pelvis", "pelvis", 0.0), ("neck", "head", 0.0), ("head_top", "head", lengths[17]),
         ("l_shoulder", "l_upper_arm", 0.0), ("l_elbow", "l_forearm", 0.0),
         ("l_wrist", "l_forearm", -lengths[11]),
@@ -171,4 +179,4 @@ def _joints(lengths: np.ndarray, index: dict[str, int]) -> tuple[Joint, ...]:
         ("l_hip", "l_thigh", 0.0), ("l_knee", "l_calf", 0.0), ("l_ankle", "l_calf", lengths[3]),
         ("r_hip", "r_thigh", 0.0), ("r_knee", "r_calf", 0.0), ("r_ankle", "r_calf", lengths[7]),
     ]  # fmt: skip
-    return tuple(Joint(name, index[bone], np.array([0.0, 0.0, z])) for name, bone, z in places)
+    return tuple(Joint(name, index[bone], np.array([0.0, 0.0, z])) for name, bone, z in heights)

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from apf.body.cones import distances
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.common.files import read_npz
 
 #: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
@@ -54,8 +53,11 @@ class BodyMesh:
         return len(self.names)
 
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lines (L, 4) int32 and the parts (L,) int32 that they belong to: two ends, and the third
-        corners of the part's two triangles that meet there; -1 where there are not two."""
+        """Return lines (L, 4) int32 and the parts (L,) int32 that they belong to.
+
+        A line is its two ends, and the third corners of the part's two triangles that meet there;
+        -1 where there are not two.
+        """
         corners: dict[tuple[int, int, int], list[int]] = {}
         for (a, b, c), part in zip(self.faces.tolist(), self.parts.tolist(), strict=True):
             for p, q, third in ((a, b, c), (b, c, a), (c, a, b)):
@@ -68,8 +70,8 @@ class BodyMesh:
         return np.array(lines, np.int32), np.array(owners, np.int32)
 
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of each part a bone (P,) and the point (P, 3) in its frame that its depth is taken at:
-        the mean of the vertices that this bone moves most."""
+        """Return of each part a bone (P,) and the point (P, 3) m in its frame that its depth is
+        taken at: the mean of the vertices that this bone moves most."""
         main = self.bones[np.arange(self.n_vertices), self.weights.argmax(1)]
         local = self.positions[np.arange(self.n_vertices), self.weights.argmax(1)]
         bones, points = np.zeros(self.n_parts, int), np.zeros((self.n_parts, 3))
@@ -80,18 +82,19 @@ class BodyMesh:
         return bones, points
 
     def posed(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (N, M, 3) and the parts' middles (N, P, 3) in the world, of poses (N, D)."""
+        """Return vertices (N, M, 3) m and the parts' middles (N, P, 3) m in the world, of poses
+        (N, D): Rymut 2016 eq. (4.25)."""
         rotations, origins = bone_matrices(body, poses)
-        placed = origins[:, self.bones] + np.einsum(
+        by_bone = origins[:, self.bones] + np.einsum(
             "nmkab,mkb->nmka", rotations[:, self.bones], self.positions
         )
         bones, points = self.middles()
         middles = origins[:, bones] + np.einsum("npab,pb->npa", rotations[:, bones], points)
-        return np.einsum("mk,nmka->nma", self.weights, placed), middles
+        return np.einsum("mk,nmka->nma", self.weights, by_bone), middles
 
 
 def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
-    """The cones of `body` as frusta of so many vertices each, one of FRUSTUM_VERTICES.
+    """Make frusta of the cones of `body`, of so many vertices each, one of FRUSTUM_VERTICES.
 
     8: a square base of the ellipse's area; else rings of (n - 2) / 2 vertices on the ellipses and
     the ends' centres. Raises InputError for another number.
@@ -116,7 +119,7 @@ def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
 
 
 def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) in the bone's frame and faces (T, 3)."""
+    """Return vertices (n, 3) m in the bone's frame and faces (T, 3) of a cone."""
     square = n == 8
     segments = 4 if square else (n - 2) // 2
     angles = (np.arange(segments) + 0.5 * square) * 2 * np.pi / segments
@@ -150,13 +153,17 @@ def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
 def load_mesh(
     path: str | Path, body: BodyModel, pose: np.ndarray, weights: str | Path | None = None
 ) -> BodyMesh:
-    """A user's mesh (any file that trimesh reads, metres), shaped as `body` is in `pose` (D,).
+    """Read a user's mesh (any file that trimesh reads, metres), shaped as `body` is in `pose` (D,).
 
     weights: an npz file with `weights` (M, B), a column for each bone of `body` in its order, or
     for those in its `bones` (names). Without it each vertex moves with the bone of the nearest
-    cone. The parts are the bones, each face of that which moves it most. Raises InputError naming
-    the file that is wrong.
+    cone. The parts are the bones, each face of that which moves it most. Raises MissingFileError,
+    or InputError naming the file that is wrong.
     """
+    import trimesh  # takes longer to load than the rest of this package
+
+    if not Path(path).is_file():
+        raise MissingFileError(f"{path}: no such file; expected a mesh that trimesh reads")
     try:
         mesh: Any = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
@@ -176,7 +183,7 @@ def load_mesh(
 def skinned_mesh(
     vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, body: BodyModel, pose: np.ndarray
 ) -> BodyMesh:
-    """Vertices (M, 3) m bound to the bones of `body` in `pose` (D,) with weights (M, B)."""
+    """Bind vertices (M, 3) m to the bones of `body` in `pose` (D,) with weights (M, B)."""
     n_bones = min(MAX_BONES, int((weights > 0).sum(1).max()))
     bones = np.argsort(-weights, axis=1, kind="stable")[:, :n_bones]
     kept = np.take_along_axis(weights, bones, 1)
@@ -197,14 +204,14 @@ def skinned_mesh(
 
 
 def _nearest_bones(vertices: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """(M, B) weights: 1 for the bone of the cone whose surface is nearest."""
+    """Return weights (M, B): 1 for the bone of the cone whose surface is nearest."""
     gaps = distances(vertices, posed_cones(body, pose[None])[0])
     bones = np.array([cone.bone for cone in body.cones])[gaps.argmin(1)]
     return np.eye(len(body.bones))[bones]
 
 
 def _read_weights(path: Path, body: BodyModel, n_vertices: int) -> np.ndarray:
-    """(M, B) weights, a row's sum 1. Raises InputError naming the file."""
+    """Read weights (M, B), a row's sum 1. Raises InputError naming the file."""
     data = read_npz(path, ("weights",), "the array weights, vertices x bones")
     table = np.asarray(data["weights"], np.float64)
     names = [bone.name for bone in body.bones]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
-from apf.body.model import BodyModel, load_body
 from apf.formats.trc import CONVENTIONS
 from apf.initialisation import start_of
 from apf.initialisation.automatic import Start

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
-from apf.body.model import BodyModel, load_body
 from apf.image_objective.opengl import OpenGLRenderer
 from apf.image_objective.renderer import draw_hypotheses
 from apf.initialisation.from_joints import read_pose

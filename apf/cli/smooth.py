@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from apf.body.model import load_body
+from apf.body import load_body
 from apf.cli.track import write_files
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track

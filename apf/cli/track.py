@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body.model import BodyModel, save_body
+from apf.body import BodyModel, save_body
 from apf.cli.first_pose import (
     add_start_flags,
     check_height,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.limbs import trunk
+from apf.body.limbs import trunk_mask
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 
@@ -17,7 +17,7 @@ def layer_sigmas(body: BodyModel, config: FilterConfig) -> np.ndarray:
     """
     sigmas = np.tile(body.sigma, (config.n_layers, 1))
     first = min(config.trunk_layers, config.n_layers - 1)
-    limbs = ~trunk(body)
+    limbs = ~trunk_mask(body)
     sigmas[:first, limbs] = 0.0
     sigmas[first:, limbs] *= config.noise_decay**-first
     return sigmas

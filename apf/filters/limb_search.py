@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.limbs import limbs_of
+from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import seed_words
@@ -54,7 +54,7 @@ class Alternatives:
         self.config = config
         self.scorer = scorer
         self.n_dof = n = body.n_dof
-        limbs = limbs_of(body)
+        limbs = limb_masks(body)
         self._n_limbs = len(limbs) if config.looks_for_limbs else 0
         self._per_run = 1 + 2 * self._n_limbs
         seeds = tuple(seeds or [config.seed])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.limbs import limbs_of
+from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import limb_ranges, n_near
@@ -21,7 +21,7 @@ def proposals(
     """Poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1 (first)
     to `limb_spread` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
     each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
-    limbs, n = limbs_of(body), config.n_particles
+    limbs, n = limb_masks(body), config.n_particles
     near = n_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
     far = np.arange(n) >= near
@@ -44,7 +44,7 @@ def settled(
     scorer: `scorer.rescore(poses, stride)` gives errors (N,) by every `stride`-th of its `points`.
     """
     candidates = [mean]
-    n_limbs = len(limbs_of(body)) if config.looks_for_limbs else 0
+    n_limbs = len(limb_masks(body)) if config.looks_for_limbs else 0
     if n_limbs:
         poses, which = proposals(body, mean, config, frame)
         errors = scorer.rescore(poses, config.point_turns)

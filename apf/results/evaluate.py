@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import EVALUATED_JOINTS
 from apf.formats.trc import JointSeries, read_trc
-from apf.results.joint_names import evaluated_joints, match_joints
+from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
 from cl import InputError

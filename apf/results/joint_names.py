@@ -7,7 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from apf.body.model import EVALUATED_JOINTS
+#: The joints that `apf evaluate` compares.
+EVALUATED_JOINTS = (
+    "pelvis", "neck", "head_top",
+    "l_shoulder", "l_elbow", "l_wrist", "r_shoulder", "r_elbow", "r_wrist",
+    "l_hip", "l_knee", "l_ankle", "r_hip", "r_knee", "r_ankle",
+)  # fmt: skip
 
 #: Names per joint, best first, lower case and without separators. Pose2Sim's, OpenPose's and
 #: MediaPipe's are the plain English ones; BVH files name the bone that starts at the joint.

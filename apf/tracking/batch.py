@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from apf.body.model import BodyModel, load_body
+from apf.body import BodyModel, load_body
 from apf.filters.method import Method
 from apf.initialisation import start_of
 from apf.initialisation.automatic import Start

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import BodyModel, load_body
+from apf.body import BodyModel, load_body
 from apf.formats.trc import JointSeries
 from apf.image_objective.features import FeatureConfig, Features
 from apf.initialisation.from_joints import fit_to_joints

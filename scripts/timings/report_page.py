@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from markdown_it import MarkdownIt
 
-from apf.body.model import load_body
+from apf.body import load_body
 from psfs.common.files import written_whole
 from timings import report_figures as figures
 from timings import report_limits as limits

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.body.model import BodyModel, load_body
 from apf.filters.annealed import Estimate, tracker_for
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints

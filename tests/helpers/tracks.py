@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from apf.body import load_body
 from apf.body.kinematics import posed_joints
-from apf.body.model import EVALUATED_JOINTS, load_body
 from apf.formats.trc import JointSeries
+from apf.results.joint_names import EVALUATED_JOINTS
 from apf.tracking.track import Track
 
 

@@ -25,7 +25,7 @@ from timings.tables import number
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 from timings.whole_tables import papers, table_3
 
-from apf.body.model import load_body
+from apf.body import load_body
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.render import SyntheticScene

@@ -10,8 +10,8 @@ import trimesh
 from helpers import bodies, rendered, scenes
 
 import apf.image_objective.renderer
+from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
-from apf.body.model import BodyModel, load_body
 from apf.image_objective.objective import ImageObjective, ObjectiveConfig, objective_for
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body import BodyModel, load_body, save_body
 from apf.body.kinematics import bone_matrices, posed_joints
-from apf.body.model import EVALUATED_JOINTS, BodyModel, load_body, save_body, sideless
-from cl import InputError
+from apf.body.model import sideless
+from apf.results.joint_names import EVALUATED_JOINTS
+from cl import InputError, MissingFileError
 
 SONG = load_body("song31")
 
@@ -139,8 +141,8 @@ BAD = {
     "two of one name": ('name = "ground"', 'name = "upper"', "same name"),
     "unknown axis": ('axis = "rx"', 'axis = "rw"', "rw"),
     "empty axis": ('axis = "rx"', 'axis = ""', "axis"),
-    "place taken twice": ("dof = 2", "dof = 1", "places"),
-    "place left out": ("dof = 4", "dof = 5", "places"),
+    "index taken twice": ("dof = 2", "dof = 1", "indices"),
+    "index left out": ("dof = 4", "dof = 5", "indices"),
     "limits reversed": ("limits = [-0.1, 0.2]", "limits = [0.2, -0.1]", "bend"),
     "limit not a number": ("limits = [-0.1, 0.2]", "limits = [nan, 0.2]", "bend"),
     "one limit": ("limits = [-0.1, 0.2]", "limits = [0.2]", ""),
@@ -177,6 +179,7 @@ def test_wrong_entries_are_named(change: tuple[str, str, str], tmp_path: Path) -
         load_body(path)
     message = str(caught.value)
     assert message.startswith(str(path)) and said in message and "\n" not in message
+    assert message.count(str(path)) == 1
 
 
 @pytest.mark.parametrize("table", ["bone", "cone", "joint"])
@@ -190,7 +193,7 @@ def test_a_body_lacking_a_table_is_refused(table: str, tmp_path: Path) -> None:
 
 
 def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no body model.*song31"):
+    with pytest.raises(MissingFileError, match=r"no body model.*song31"):
         load_body("nobody_like_this")
     with pytest.raises(InputError, match="no body model"):
         load_body(tmp_path)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers import scenes
 
+from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import BodyModel, load_body
 from apf.filters.method import Method, tracker_of
 from apf.image_objective.features import FeatureConfig
 from apf.image_objective.renderer import cone_edges

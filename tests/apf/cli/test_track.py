@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import apf.tracking.pipeline
-from apf.body.model import load_body
+from apf.body import load_body
 from apf.cli import main
 from apf.results.evaluate import evaluate, load_truth
 from apf.tracking.track import Track

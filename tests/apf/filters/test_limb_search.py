@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body import BodyModel, load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.limbs import limbs_of
-from apf.body.model import BodyModel, load_body
+from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import Alternatives
 from apf.reference.likelihood import share
@@ -84,7 +84,7 @@ def test_proposals_move_one_limb_within_limits() -> None:
     poses, which = proposals(body, mean, CONFIG, 3)
     np.testing.assert_array_equal(poses[0], mean)
     assert np.all((poses >= body.lower) & (poses <= body.upper))
-    limbs = limbs_of(body)
+    limbs = limb_masks(body)
     for pose, limb in zip(poses[1:], which[1:], strict=True):
         assert np.all((pose != mean) <= limbs[limb % len(limbs)])
     near = np.abs(poses - mean)[(which >= 0) & (which < len(limbs))].max(1)

@@ -9,9 +9,9 @@ import pytest
 from helpers import bodies
 from helpers.kinds import other_kind, skipped_without_room
 
+from apf.body import BodyModel, load_body
 from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import BodyModel, load_body
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
 from apf.reference.refinement import refined

@@ -9,7 +9,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.searches import Distance
 
-from apf.body.model import BodyModel, load_body
+from apf.body import BodyModel, load_body
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, SirParticleFilter
 from apf.filters.swarm import ParticleSwarm, SwarmConfig

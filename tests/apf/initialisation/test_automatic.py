@@ -8,9 +8,9 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
+from apf.body import BodyModel, load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import BodyModel, load_body
 from apf.initialisation.automatic import Start, find_start
 from apf.initialisation.kept_voxels import StoredVoxels, person_points
 from apf.initialisation.pose_search import (

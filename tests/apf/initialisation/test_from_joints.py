@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from helpers import bodies
 
+from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.body.model import EVALUATED_JOINTS, BodyModel, load_body
 from apf.initialisation.from_joints import fit_to_joints, read_pose
+from apf.results.joint_names import EVALUATED_JOINTS
 from cl import InputError
 
 SONG = load_body("song31")

@@ -10,9 +10,9 @@ from helpers import bodies, scenes
 from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
 
+from apf.body import load_body
 from apf.body.cones import outlines
 from apf.body.kinematics import posed_cones
-from apf.body.model import load_body
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.reference.likelihood import sampled_surface
 from apf.reference.silhouette_recall import covered, uncovered_errors

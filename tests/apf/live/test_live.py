@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from helpers import footage
 
+from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
-from apf.body.model import EVALUATED_JOINTS, load_body, save_body
 from apf.cli import main
 from apf.cli.first_pose import first_pose
 from apf.filters.annealed import Estimate
@@ -27,6 +27,7 @@ from apf.live.pictures import Smaller, fitting_factor
 from apf.live.session import Live, Observed, translation
 from apf.live.sources import ACQUISITION, Newest, Replay, Shot
 from apf.live.timeline import Span, Timeline
+from apf.results.joint_names import EVALUATED_JOINTS
 from apf.synthetic.scene import SceneConfig, make_rig
 from apf.tracking.track import Track
 from cl import Device, InputError

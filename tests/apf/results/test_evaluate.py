@@ -13,12 +13,11 @@ import pytest
 from helpers import tracks
 from helpers.shared import shared_data
 
-from apf.body.model import EVALUATED_JOINTS
 from apf.cli import main
 from apf.formats.trc import JointSeries, read_trc
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.evaluation_plot import write_plot
-from apf.results.joint_names import match_joints
+from apf.results.joint_names import EVALUATED_JOINTS, match_joints
 from cl import InputError
 
 

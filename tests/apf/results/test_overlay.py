@@ -12,8 +12,8 @@ import pytest
 from helpers import tracks
 from helpers.shared import shared_data
 
+from apf.body import load_body
 from apf.body.kinematics import posed_cones
-from apf.body.model import load_body
 from apf.results.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig

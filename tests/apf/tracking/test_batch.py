@@ -18,7 +18,7 @@ import pytest
 
 import apf.tracking.batch
 import apf.tracking.pipeline
-from apf.body.model import BodyModel, load_body
+from apf.body import BodyModel, load_body
 from apf.cli import main
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints

@@ -10,9 +10,9 @@ import pytest
 from helpers import scenes
 
 import apf.initialisation.automatic
+from apf.body import load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.body.model import load_body
 from apf.filters.annealed import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import StoredVoxels

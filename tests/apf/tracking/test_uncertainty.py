@@ -8,8 +8,8 @@ import numpy as np
 from helpers import bodies
 from helpers.shared import ROOT
 
+from apf.body import load_body
 from apf.body.kinematics import posed_joints
-from apf.body.model import load_body
 from apf.tracking.uncertainty import Calibration, inside, joint_covariance, raw_covariance
 
 sys.path.insert(0, str(ROOT / "scripts"))

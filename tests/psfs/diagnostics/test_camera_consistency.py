@@ -13,7 +13,7 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 import apf.cli
-from apf.body.model import load_body
+from apf.body import load_body
 from apf.synthetic.generate import write_calibration
 from psfs.cli import main
 from psfs.diagnostics.camera_consistency import suspects
