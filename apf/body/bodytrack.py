@@ -97,7 +97,7 @@ def read_body(folder: Path) -> BodyModel:
         upper=np.full(_N_DOF, np.inf),
         sigma=sigma,
         rest_pose=read_poses(folder / "InitialPose.txt")[0],
-        ease=np.full(_N_DOF, np.inf),
+        posture_sigma=np.full(_N_DOF, np.inf),
         edges=tuple((names.index(a), names.index(b)) for a, b in _EDGES),
     )
 

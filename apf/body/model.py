@@ -70,7 +70,7 @@ class BodyModel:
 
     dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard
     deviation of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
-    ease: (D,) how far from rest is easy, infinite where no value is easier than another.
+    posture_sigma: (D,) standard deviation from rest, the posture prior's; infinite for flat ones.
     edges: joint pairs to draw. apart: pairs of cones that must not lie in each other.
     """
 
@@ -83,7 +83,7 @@ class BodyModel:
     upper: np.ndarray
     sigma: np.ndarray
     rest_pose: np.ndarray
-    ease: np.ndarray
+    posture_sigma: np.ndarray
     edges: tuple[tuple[int, int], ...]
     apart: tuple[tuple[int, int], ...] = ()
 

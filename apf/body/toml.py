@@ -63,9 +63,9 @@ def _parse(data: dict[str, Any]) -> BodyModel:
     sigma = np.array([dof["sigma"] for dof in dofs], float)
     if not np.all(sigma >= 0):
         raise ValueError("a sigma is not a number from 0 on")
-    ease = np.array([dof.get("ease", np.inf) for dof in dofs], float)
-    if not np.all(ease > 0):
-        raise ValueError("an ease is not a positive number")
+    posture_sigma = np.array([dof.get("posture_sigma", np.inf) for dof in dofs], float)
+    if not np.all(posture_sigma > 0):
+        raise ValueError("a posture_sigma is not a positive number")
     return BodyModel(
         name=data["name"],
         bones=bones,
@@ -76,7 +76,7 @@ def _parse(data: dict[str, Any]) -> BodyModel:
         upper=limits[:, 1],
         sigma=sigma,
         rest_pose=np.array([dof.get("rest", 0.0) for dof in dofs], float),
-        ease=ease,
+        posture_sigma=posture_sigma,
         edges=_pairs(data["edges"], joint_names, "joint"),
         apart=_pairs(data.get("apart", []), cone_names, "cone"),
     )
@@ -221,6 +221,6 @@ def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:
         "name": body.dof_names[axis.dof],
         "sigma": float(body.sigma[axis.dof]),
         "rest": float(body.rest_pose[axis.dof]),
-        "ease": float(body.ease[axis.dof]),
+        "posture_sigma": float(body.posture_sigma[axis.dof]),
         "limits": [lower, upper],
     }

@@ -73,7 +73,7 @@ class VoxelLikelihood:
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
-        habits = np.stack([body.rest_pose, 1 / body.ease], -1)
+        habits = np.stack([body.rest_pose, 1 / body.posture_sigma], -1)
         self._habits = device.to_device(habits.astype(np.float32))
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._n_launchers = 0

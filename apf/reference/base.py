@@ -13,7 +13,7 @@ from apf.filters.annealed import Estimate, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.likelihood.voxel import cone_sampling
-from apf.reference.likelihood import sampled_surface, share, strain_errors, total_errors
+from apf.reference.likelihood import posture_errors, sampled_surface, share, total_errors
 from apf.reference.limb_search import settled
 from apf.reference.motion_prior import expectation, jump_errors
 from apf.reference.noise import normals
@@ -76,7 +76,7 @@ class NumpyVoxelLikelihood:
         body, rig = self.body, self.rig
         cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
-        errors = errors + len(rig) * config.posture_weight * strain_errors(body, poses)
+        errors = errors + len(rig) * config.posture_weight * posture_errors(body, poses)
         if config.colour_weight > 0:
             samples = share(self._colours, turn, turns)
             found = colour_errors(seen, samples, self.parts, cones, config.colour_scale)

@@ -67,10 +67,10 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
     return np.array(errors)
 
 
-def strain_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """(N,) sum over the degrees of freedom of the squared distance of poses (N, D) from rest, in
-    the body's eases."""
-    return np.sum(((poses - body.rest_pose) / body.ease) ** 2, 1)
+    the body's posture sigmas."""
+    return np.sum(((poses - body.rest_pose) / body.posture_sigma) ** 2, 1)
 
 
 def total_errors(

@@ -13,7 +13,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood import share, strain_errors, total_errors
+from apf.reference.likelihood import posture_errors, share, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
@@ -83,8 +83,8 @@ class Setup:
         errors = total_errors(
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
         )
-        strain = strain_errors(self.body, self.poses.astype(float))
-        return errors + len(self.rig) * self.config.posture_weight * strain
+        posture = posture_errors(self.body, self.poses.astype(float))
+        return errors + len(self.rig) * self.config.posture_weight * posture
 
 
 def only(name: str, **settings: Any) -> FilterConfig:

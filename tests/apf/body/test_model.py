@@ -19,7 +19,7 @@ SONG = load_body("song31")
 
 def assert_same(a: BodyModel, b: BodyModel) -> None:
     assert (a.name, a.dof_names, a.edges, a.apart) == (b.name, b.dof_names, b.edges, b.apart)
-    for field in ("lower", "upper", "sigma", "rest_pose", "ease"):
+    for field in ("lower", "upper", "sigma", "rest_pose", "posture_sigma"):
         np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
     for x, y in zip(a.bones, b.bones, strict=True):
         assert (x.name, x.parent, x.axes) == (y.name, y.parent, y.axes)
@@ -110,7 +110,7 @@ def test_stick_is_read_as_written() -> None:
     stick = bodies.named("stick")
     assert stick.dof_names == ("bend", "l_lower.rz", "upper.rx", "l_lower.tx", "l_lower.ty")
     np.testing.assert_array_equal(stick.sigma, [0.05, 0.02, 0.03, 0.01, 0.0])
-    assert np.isinf(stick.ease).all()
+    assert np.isinf(stick.posture_sigma).all()
     np.testing.assert_array_equal(stick.lower, [-0.1, -np.inf, -2, -0.5, -np.inf])
     np.testing.assert_array_equal(stick.upper, [0.2, np.inf, 2, 0.5, np.inf])
     np.testing.assert_array_equal(stick.rest_pose, [0, 0, 0.3, 0, 0.05])
@@ -149,7 +149,7 @@ BAD = {
     "negative sigma": ("sigma = 0.05", "sigma = -0.05", "sigma"),
     "sigma not a number": ("sigma = 0.05", "sigma = nan", "sigma"),
     "no sigma": ("sigma = 0.05, ", "", "sigma"),
-    "no ease": ("sigma = 0.05", "sigma = 0.05, ease = 0.0", "ease"),
+    "no posture": ("sigma = 0.05", "sigma = 0.05, posture_sigma = 0.0", "posture_sigma"),
     "text for a number": ("sigma = 0.05", 'sigma = "wide"', "wide"),
     "turned by no rotation": ("[0.0, 0.8, 0.6]]", "[0.0, 0.8, 0.7]]", "rotation"),
     "a mirror": ("[0.0, 0.8, 0.6]]", "[0.0, -0.8, -0.6]]", "rotation"),

@@ -17,9 +17,9 @@ from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
 from apf.reference.likelihood import (
     image_errors,
+    posture_errors,
     sampled_surface,
     share,
-    strain_errors,
     surface_errors,
     total_errors,
 )
@@ -386,24 +386,24 @@ def test_bodies_without_pairs_have_no_overlap(device: Device) -> None:
     assert not Setup(device, body, rig, poses, smooth_maps(rig), only("overlap")).errors().any()
 
 
-def test_strain_counts_eases_from_rest() -> None:
+def test_posture_error_counts_sigmas_from_rest() -> None:
     body = bodies.named("song31")
-    eased = np.flatnonzero(np.isfinite(body.ease))
+    bound = np.flatnonzero(np.isfinite(body.posture_sigma))
     poses = np.tile(body.rest_pose, (3, 1))
-    poses[1, eased[0]] += 2 * body.ease[eased[0]]
-    poses[2, eased[:2]] -= body.ease[eased[:2]]
-    poses[:, np.isinf(body.ease)] += 5.0  # not easier anywhere
-    np.testing.assert_allclose(strain_errors(body, poses), [0, 4, 2], atol=1e-12)
+    poses[1, bound[0]] += 2 * body.posture_sigma[bound[0]]
+    poses[2, bound[:2]] -= body.posture_sigma[bound[:2]]
+    poses[:, np.isinf(body.posture_sigma)] += 5.0  # no value is likelier
+    np.testing.assert_allclose(posture_errors(body, poses), [0, 4, 2], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n", [2, 37, 129])
-def test_strain_kernel_agrees(device: Device, name: str, n: int) -> None:
+def test_posture_kernel_agrees(device: Device, name: str, n: int) -> None:
     body, rig = bodies.named(name), scenes.ring(3)
     setup = Setup(
         device, body, rig, bodies.random_poses(body, n, wild=True), smooth_maps(rig),
         only("posture"),
     )  # fmt: skip
     expected = setup.expected(NO_POINTS)
-    assert (expected > 1).any() == (name == "song31")  # the stick has no habits
+    assert (expected > 1).any() == (name == "song31")  # the stick has no posture
     np.testing.assert_allclose(setup.errors(), expected, rtol=1e-4, atol=1e-6)
