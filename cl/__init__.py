@@ -1,8 +1,9 @@
 """OpenCL for this project: devices, programs, arrays, timings. Knows no cameras and no bodies."""
 
 from cl.array import Array
-from cl.device import Device, Launch, NumpyDevice, select_device
+from cl.device import Device, NumpyDevice, select_device
 from cl.errors import DeviceError, InputError, MissingFileError, UserError
+from cl.launch import Kernel, Launch
 from cl.listing import DeviceInfo, list_devices
 from cl.profile import Profile
 
@@ -12,6 +13,7 @@ __all__ = [
     "DeviceError",
     "DeviceInfo",
     "InputError",
+    "Kernel",
     "Launch",
     "MissingFileError",
     "NumpyDevice",

@@ -34,6 +34,11 @@ class Array:
     def nbytes(self) -> int:
         return self.size * self.dtype.itemsize
 
+    def view(self, dtype: Any) -> Array:
+        """Return the same memory, flat, as numbers of another type."""
+        dtype = np.dtype(dtype)
+        return Array(self.device, self.buffer, (self.nbytes // dtype.itemsize,), dtype)
+
     def set(self, host: np.ndarray) -> None:
         """Copy `host` (same number of elements and type) to the device, without waiting."""
         host = np.ascontiguousarray(host)

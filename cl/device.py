@@ -8,7 +8,7 @@ import math
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,9 +18,11 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError
+from cl.launch import Kernel, Launch
 from cl.listing import DeviceInfo, device_info, list_devices, ranked_devices
 from cl.profile import Profile
 from cl.program import Define, build_options, kernel_source
+from cl.signature import signatures
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +88,7 @@ class Device:
         except pyopencl.Error as error:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
-        self._programs: dict[tuple[str, str], Any] = {}
+        self._programs: dict[tuple[str, str, str], Any] = {}
         # Shared by siblings, as a list and a lock are: bytes, and who is building.
         self._allocated = [0]
         self._building = threading.Lock()
@@ -187,27 +189,43 @@ class Device:
 
     # Kernels --------------------------------------------------------------------------------
 
-    def kernel(self, stage: str, name: str, **defines: Define) -> Any:
-        """A fresh kernel object `name` of `cl/kernels/<stage>.cl`; keeps its own arguments.
+    def kernel(self, stage: str, name: str, **defines: Define) -> Kernel:
+        """Return the kernel `name` of `cl/kernels/<stage>.cl`.
 
         The program is built once per device and set of `defines` (passed as -D NAME=VALUE).
+        Raises DeviceError if it has no such kernel.
         """
-        return pyopencl.Kernel(self._program(stage, defines), name)
+        return self.compiled(kernel_source(stage), name, f"{stage}.cl", **defines)
+
+    def compiled(self, source: str, name: str, file: str, /, **defines: Define) -> Kernel:
+        """Return the kernel `name` of a text; `file` names the text in errors."""
+        options = build_options(defines)
+        key = (file, source, options)
+        with self._building:
+            if key not in self._programs:
+                started = time.perf_counter()
+                self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
+                log.info("built %s in %.2f s", file, time.perf_counter() - started)
+        return Kernel(self._programs[key], name, file, signatures(source, file))
 
     def launch(
         self,
-        kernel: Any,
+        kernel: Kernel,
         global_size: Sequence[int],
         local_size: Sequence[int] | None,
+        /,
         *args: Any,
-        name: str | None = None,
+        **arguments: Any,
     ) -> Launch:
-        """A kernel with its arguments set once; call it to enqueue it.
+        """Return a launch of `kernel` with its arguments set once; call it to enqueue it.
 
-        Arguments are `Array`s, NumPy scalars, or None for a local or absent buffer. The global
-        size is padded to a multiple of the local size: kernels check their bounds.
+        Arguments go by their names in the kernel's prototype; see `Launch.set` for their kinds.
+        The global size is padded to a multiple of the local size: kernels check their bounds.
+        Raises TypeError for missing and unknown arguments.
         """
-        return Launch(self, kernel, tuple(global_size), local_size, args, name)
+        if args:
+            arguments = dict(zip(kernel.parameters, args, strict=True))
+        return Launch(self, kernel, global_size, local_size, arguments)
 
     def record(self, name: str, event: Any, upload: int = 0, download: int = 0) -> None:
         """Count a transfer and keep the event if the device is profiled."""
@@ -223,50 +241,6 @@ class Device:
     def finish(self) -> None:
         self.queue.finish()
 
-    def _program(self, stage: str, defines: Mapping[str, Define]) -> Any:
-        options = build_options(defines)
-        key = (stage, options)
-        with self._building:
-            if key not in self._programs:
-                started = time.perf_counter()
-                program = pyopencl.Program(self.context, kernel_source(stage))
-                self._programs[key] = program.build(options=options)
-                log.info("built %s in %.2f s", stage, time.perf_counter() - started)
-        return self._programs[key]
-
-
-class Launch:
-    """A kernel whose arguments are set; calling it enqueues it and records its event."""
-
-    def __init__(
-        self,
-        device: Device,
-        kernel: Any,
-        global_size: tuple[int, ...],
-        local_size: Sequence[int] | None,
-        args: tuple[Any, ...],
-        name: str | None,
-    ) -> None:
-        self.device = device
-        self.kernel = kernel
-        self.local_size = tuple(local_size) if local_size else None
-        self.global_size = _padded(global_size, self.local_size)
-        self.name = name or kernel.function_name
-        self._arrays = args  # kept alive as long as the kernel refers to them
-        kernel.set_args(*(a.buffer if isinstance(a, Array) else a for a in args))
-
-    def __call__(self) -> Any:
-        event = pyopencl.enqueue_nd_range_kernel(
-            self.device.queue, self.kernel, self.global_size, self.local_size
-        )
-        if self.device.profiler is not None:
-            self.device.profiler.add(self.name, event)
-        return event
-
-    def set_arg(self, index: int, value: Any) -> None:
-        """Change one argument between calls."""
-        self.kernel.set_arg(index, value.buffer if isinstance(value, Array) else value)
-
 
 def _behind(later: Any, first: Any) -> None:
     """What the queue `later` gets from now on waits for all that `first` holds."""
@@ -274,12 +248,6 @@ def _behind(later: Any, first: Any) -> None:
         done = pyopencl.enqueue_marker(first)
         first.flush()
         pyopencl.enqueue_barrier(later, wait_for=[done])
-
-
-def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:
-    if local_size is None:
-        return global_size
-    return tuple(-(-g // n) * n for g, n in zip(global_size, local_size, strict=True))
 
 
 def _megabytes(nbytes: int) -> str:

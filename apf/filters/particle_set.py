@@ -10,7 +10,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
-from cl import Array, Device, Launch
+from cl import Array, Device, Kernel, Launch
 from cl.workgroups import pack_defines
 
 #: Items that work on all particles.
@@ -207,7 +207,7 @@ class ParticleSet:
             report,
         )
 
-    def _kernel(self, name: str) -> object:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/annealing", name, **self._defines)
 
 

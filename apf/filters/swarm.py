@@ -12,7 +12,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Scorer
 from apf.scene import Scene
-from cl import Array, Device, InputError, Launch
+from cl import Array, Device, InputError, Kernel, Launch
 
 _GROUP = 256
 
@@ -95,7 +95,7 @@ class Swarm(ParticleSet):
             self.result,
         )
 
-    def _swarm_kernel(self, name: str) -> object:
+    def _swarm_kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/swarm", name, GROUP=_GROUP, N_DOF=self.n_dof)
 
 

@@ -62,7 +62,6 @@ class Renderer:
         """
         rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
         stage, shapes, defines = self._shapes()
-        drawn = () if pictures is None else (pictures,)
         kernel = self.device.kernel(
             stage,
             "count_pixels",
@@ -71,7 +70,7 @@ class Renderer:
             WIDTH=self.rig.width,
             GROUP=rows,
             PACK=pack,
-            **({"DRAW": 1} if drawn else {}),
+            **({} if pictures is None else {"DRAW": 1}),
             **defines,
         )
         count = self.device.launch(
@@ -82,7 +81,7 @@ class Renderer:
             *shapes,
             np.int32(self.rig.height),
             np.int32(silhouettes.shape[-1]),
-            *(roi, self._labels, silhouettes, proximity, self.counts, *drawn),
+            *(roi, self._labels, silhouettes, proximity, self.counts, pictures),
         )
         return [*self._kinematics.launcher(poses), self._place(), count]
 

@@ -64,10 +64,10 @@ class Reprojection:
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
             (tiles * group, views),
             (group, 1),
-            self._silhouette,
-            sizes,
-            table,
-            self.maps,
+            silhouette=self._silhouette.view(np.uint8),
+            sizes=sizes,
+            proximity=table,
+            maps=self.maps,
         )
 
     def __call__(self, voxels: Voxels) -> Array:
@@ -94,12 +94,12 @@ class Reprojection:
             self.device.kernel("reconstruction/reprojection", "splat", **self._defines),
             (16384 if self.device.is_gpu else 512, len(self.rig)),
             (64, 1),
-            self._cameras,
-            self._extents,
-            self._geometry,
-            voxels.surface,
-            voxels.count,
-            self._silhouette,
+            cameras=self._cameras,
+            extents=self._extents,
+            geometry=self._geometry,
+            indices=voxels.surface,
+            n_surface=voxels.count,
+            silhouette=self._silhouette.view(np.uint8),
         )
         self._grid = None
 

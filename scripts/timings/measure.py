@@ -162,12 +162,11 @@ class Limits:
 def measured_limits(place: Place) -> Limits:
     """By a copy of 256 MB and by 96 independent chains of multiply-add per work item."""
     device = place.device(profile=True)
-    program: Any = pyopencl.Program(device.context, _FMA).build()
     size = 2**25
     x, y = device.zeros(size, np.float32), device.zeros(size, np.float32)
-    copy = device.launch(pyopencl.Kernel(program, "copy"), (size // 4,), (256,), x, y)
+    copy = device.launch(device.compiled(_FMA, "copy", "_FMA"), (size // 4,), (256,), x=x, y=y)
     items = 2**20 if device.is_gpu else 2**14
-    chain = device.launch(pyopencl.Kernel(program, "fma_chain"), (items,), (256,), x)
+    chain = device.launch(device.compiled(_FMA, "fma_chain", "_FMA"), (items,), (256,), x=x)
     for _ in range(5):
         copy()
         chain()

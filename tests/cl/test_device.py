@@ -190,7 +190,7 @@ def test_launches_keep_their_arrays(fresh: Device, kernels: Path) -> None:
     (kernels / "some.cl").write_text(FILL)
     out = fresh.empty(64, np.float32)
     launch = fresh.launch(
-        fresh.kernel("some", "fill", SCALE=1), (64,), None, np.int32(64), np.float32(1), out
+        fresh.kernel("some", "fill", SCALE=1), (64,), None, n=64, value=1, out=out
     )
     del out
     gc.collect()
@@ -262,7 +262,7 @@ def test_headers_are_inlined_once_and_lines_keep_their_numbers(
     source = kernel_source.__wrapped__("some")
     assert "#include" not in source and source.count("#define DEEP") == 1
     out = fresh.empty(5, np.int32)
-    fresh.launch(fresh.kernel("some", "lines"), (1,), None, out)()
+    fresh.launch(fresh.kernel("some", "lines"), (1,), None, out=out)()
     np.testing.assert_array_equal(out.get(), [4, 2, 3, 2, 6])
 
 
@@ -292,7 +292,7 @@ def test_programs_are_built_once_per_set_of_defines(fresh: Device, kernels: Path
     for scale in (1, 1, 2, 0.5, np.float64(0.25), np.float32(0.125)):
         out[float(scale)] = fresh.zeros(3, np.float32)
         kernel = fresh.kernel("some", "fill", SCALE=scale)
-        fresh.launch(kernel, (3,), None, np.int32(3), np.float32(4), out[float(scale)])()
+        fresh.launch(kernel, (3,), None, n=3, value=4, out=out[float(scale)])()
     assert len(fresh._programs) == 5
     for scale, array in out.items():
         np.testing.assert_array_equal(array.get(), np.full(3, 4 * scale))
@@ -302,16 +302,13 @@ def test_launches_keep_their_own_arguments(fresh: Device, kernels: Path) -> None
     (kernels / "some.cl").write_text(FILL)
     arrays = [fresh.zeros(3, np.float32) for _ in range(2)]
     launches = [
-        fresh.launch(
-            fresh.kernel("some", "fill", SCALE=1), (3,), None, np.int32(3), np.float32(v), a
-        )
+        fresh.launch(fresh.kernel("some", "fill", SCALE=1), (3,), None, n=3, value=v, out=a)
         for v, a in zip((1, 2), arrays, strict=True)
     ]
     for launch in launches:
         launch()
     assert [array.get()[0] for array in arrays] == [1, 2]
-    launches[0].set_arg(1, np.float32(9))
-    launches[0].set_arg(2, arrays[1])
+    launches[0].set(value=9, out=arrays[1])
     launches[0]()
     assert [array.get()[0] for array in arrays] == [1, 9]
 
@@ -325,7 +322,7 @@ def test_global_sizes_are_padded(
 ) -> None:
     (kernels / "some.cl").write_text(FILL)
     out = fresh.zeros(4, np.int32)
-    fresh.launch(fresh.kernel("some", "sizes", SCALE=1), wanted, local, out)()
+    fresh.launch(fresh.kernel("some", "sizes", SCALE=1), wanted, local, out=out)()
     np.testing.assert_array_equal(out.get(), [*padded, *local, *[1] * (2 - len(local))])
 
 
@@ -343,9 +340,11 @@ def test_profiles_name_every_command(device: Device, kernels: Path) -> None:
     assert profiled.profiler is not None
     (kernels / "some.cl").write_text(FILL)
     out = profiled.empty(1000, np.float32)
-    arguments = ((1000,), None, np.int32(1000), np.float32(1), out)
     kernel = profiled.kernel("some", "fill", SCALE=1)
-    plain, named = (profiled.launch(kernel, *arguments, name=name) for name in (None, "paint"))
+    plain, named = (
+        profiled.launch(kernel, (1000,), None, n=1000, value=1, out=out) for _ in range(2)
+    )
+    named.name = "paint"
     plain()
     plain()
     named()

@@ -7,27 +7,15 @@
 // column and row, ends excluded. labels: (N_PARTS,), 0 to N_LABELS - 1. silhouettes: bits (V,
 // N_LABELS, WORDS, pitch), the word of a row beside those of its neighbours.
 // With DRAW also pictures (N, V, height, WIDTH) uchar2: number of the part seen, from 1, and 255 on
-// an edge.
+// an edge; without, there need be none.
 #include "image/spans.h"
 
 #define WORDS ((WIDTH + 31) / 32)
 #define N_COUNTS (2 + 2 * N_LABELS)
 
 // What the counting kernels have in common: what is compared, and where in it one picture is.
-#ifdef DRAW
-#define COMPARED \
-    int height, int pitch, __global const int4 *roi, __global const int *labels, \
-        __global const uint *silhouettes, __global const uchar *proximity, __global int *counts, \
-        __global uchar2 *pictures
 #define PICTURE {height, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, labels, \
                  silhouettes, proximity, counts, pictures}
-#else
-#define COMPARED \
-    int height, int pitch, __global const int4 *roi, __global const int *labels, \
-        __global const uint *silhouettes, __global const uchar *proximity, __global int *counts
-#define PICTURE {height, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, labels, \
-                 silhouettes, proximity, counts}
-#endif
 typedef struct {
     int height, pitch, particle, view, n_views;
     __global const int4 *roi;
@@ -35,9 +23,7 @@ typedef struct {
     __global const uint *silhouettes;
     __global const uchar *proximity;
     __global int *counts;
-#ifdef DRAW
     __global uchar2 *pictures;
-#endif
 } Picture;
 
 // Of one work-item: the spans of the parts that meet its rows, near ones first, all pixels and

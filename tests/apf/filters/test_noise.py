@@ -5,12 +5,11 @@ from __future__ import annotations
 from importlib import resources
 
 import numpy as np
-import pyopencl
 import pytest
 from scipy import stats
 
 from apf.reference.noise import normals, philox4x32, uniform, uniform01
-from cl import Device
+from cl import Device, Kernel
 
 #: philox4x32 10 of Random123's kat_vectors: counter, key, words.
 KNOWN = [
@@ -43,21 +42,23 @@ def words_of(text: str) -> np.ndarray:
     return np.array([int(word, 16) for word in text.split()], np.uint32)
 
 
-def program(device: Device) -> pyopencl.Program:
+def kernel(device: Device, name: str) -> Kernel:
     kernels = resources.files("cl") / "kernels"
     header = "".join((kernels / name).read_text() for name in ("common/pack.h", "common/philox.h"))
     header = header.replace('#include "common/pack.h"', "")
-    return pyopencl.Program(device.context, header + KERNEL).build(options="-cl-std=CL1.2")
+    return device.compiled(header + KERNEL, name, "test_noise")
 
 
 def drawn(device: Device, counters: np.ndarray, seed: int) -> tuple[np.ndarray, ...]:
     """Words (N, 4), uniforms (N,) and normals (N,) of the device."""
     n = len(counters)
     given = device.to_device(counters.astype(np.uint32))
-    out = [device.empty(shape, kind) for shape, kind in (((n, 4), np.uint32), (n, "f4"), (n, "f4"))]
+    words, uniforms = device.empty((n, 4), np.uint32), device.empty(n, np.float32)
+    normals = device.empty(n, np.float32)
     key = np.array([seed & 0xFFFFFFFF, seed >> 32], np.uint32)
-    device.launch(pyopencl.Kernel(program(device), "draw"), (n,), None, given, key, *out)()
-    return tuple(array.get() for array in out)
+    out = {"words": words, "uniforms": uniforms, "normals": normals}
+    device.launch(kernel(device, "draw"), (n,), None, counters=given, key=key, **out)()
+    return tuple(array.get() for array in out.values())
 
 
 def grid_of_counters() -> np.ndarray:
@@ -99,8 +100,8 @@ def test_uniforms_stay_inside_the_interval(device: Device) -> None:
     """Also in float: neither 0, whose logarithm is infinite, nor 1."""
     words = np.array([0, 1, 511, 512, 2**31, 2**32 - 513, 2**32 - 512, 2**32 - 1], np.uint32)
     out = device.empty(len(words), np.float32)
-    kernel = pyopencl.Kernel(program(device), "ends")
-    device.launch(kernel, (len(words),), None, device.to_device(words), out)()
+    given = device.to_device(words)
+    device.launch(kernel(device, "ends"), (len(words),), None, words=given, uniforms=out)()
     np.testing.assert_array_equal(out.get(), uniform01(words))
     assert out.get().min() > 0 and out.get().max() < 1
     assert np.all(np.diff(uniform01(words)) >= 0)

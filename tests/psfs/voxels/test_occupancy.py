@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from cl import Device, InputError
+from cl import Device, DeviceError, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.config import OccupancyConfig
 from psfs.reference.occupancy import occupancy
@@ -77,5 +77,5 @@ def test_a_grid_beyond_the_memory_is_refused(device: Device) -> None:
     if device.info.memory > 4 * n**3:
         pytest.skip("this device has room for the grid")
     grid = VoxelGrid(np.zeros(3), 1e-6, (n, n, n))
-    with pytest.raises(InputError, match="MiB"):
+    with pytest.raises(DeviceError, match="MiB"):
         Occupancy(Bricks(device, scenes.ring(1), grid, device.empty(1, np.int8), STEP))

@@ -1,0 +1,108 @@
+"""Kernels and their launches, whose arguments are bound by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import pyopencl
+
+from cl.errors import DeviceError
+from cl.signature import Signatures
+
+if TYPE_CHECKING:
+    from cl.device import Device
+
+
+class Kernel:
+    """A kernel of a built program and what it expects; holds no arguments itself.
+
+    parameters: by name, in the order of the prototype. Raises DeviceError if the program has no
+    kernel of that name, or one with other parameters than were read from `file`.
+    """
+
+    def __init__(self, program: Any, name: str, file: str, signatures: Signatures) -> None:
+        self.name, self.file = name, file
+        if name not in signatures:
+            found = ", ".join(signatures) or "none at all"
+            raise DeviceError(f"{file} has no kernel {name}; found: {found}")
+        self._program = program
+        self.parameters = {parameter.name: parameter for parameter in signatures[name]}
+        built = self.fresh().num_args
+        if built != len(self.parameters):
+            raise DeviceError(
+                f"kernel {name} of {file}: {built} arguments were built, but "
+                f"{len(self.parameters)} read from its prototype"
+            )
+
+    def fresh(self) -> Any:
+        """Return a pyopencl kernel that keeps its own arguments."""
+        return pyopencl.Kernel(self._program, self.name)
+
+    def __str__(self) -> str:
+        return f"kernel {self.name} of {self.file}"
+
+
+class Launch:
+    """A kernel whose arguments are set; calling it enqueues it and records its event.
+
+    name: the label of its timings, that of the kernel unless changed.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        kernel: Kernel,
+        global_size: Sequence[int],
+        local_size: Sequence[int] | None,
+        arguments: dict[str, Any],
+    ) -> None:
+        self.device = device
+        self.name = kernel.name
+        self.local_size = tuple(local_size) if local_size else None
+        self.global_size = _padded(tuple(global_size), self.local_size)
+        missing = [name for name in kernel.parameters if name not in arguments]
+        if missing:
+            raise TypeError(f"{kernel}: missing {', '.join(missing)}")
+        self._description, self._parameters = str(kernel), kernel.parameters
+        self._places = {name: place for place, name in enumerate(kernel.parameters)}
+        self._kernel = kernel.fresh()
+        self._kept: dict[str, Any] = {}  # alive as long as the kernel refers to them
+        self.set(**arguments)
+
+    def set(self, **arguments: Any) -> None:
+        """Change arguments, by their names in the kernel's prototype.
+
+        Pointers take an `Array` of the kernel's own type of number, or None where the kernel does
+        not use them, local ones a pyopencl.LocalMemory; vectors take as many numbers as they have;
+        all numbers are converted to the kernel's own type. Raises TypeError for a name that the
+        kernel does not know or a value of the wrong kind, ValueError for an integer out of range.
+        """
+        for name, value in arguments.items():
+            parameter = self._parameters.get(name)
+            if parameter is None:
+                known = ", ".join(self._parameters)
+                raise TypeError(f"{self._description}: no argument {name}; expected {known}")
+            try:
+                bound = parameter.bound(value)
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"{self._description}, argument {name}: {error}") from None
+            self._kernel.set_arg(self._places[name], bound)
+            self._kept[name] = value
+
+    def set_arg(self, index: int, value: Any) -> None:
+        self.set(**{list(self._places)[index]: value})
+
+    def __call__(self) -> Any:
+        event = pyopencl.enqueue_nd_range_kernel(
+            self.device.queue, self._kernel, self.global_size, self.local_size
+        )
+        if self.device.profiler is not None:
+            self.device.profiler.add(self.name, event)
+        return event
+
+
+def _padded(global_size: tuple[int, ...], local_size: tuple[int, ...] | None) -> tuple[int, ...]:
+    if local_size is None:
+        return global_size
+    return tuple(-(-g // n) * n for g, n in zip(global_size, local_size, strict=True))

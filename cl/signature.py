@@ -1,0 +1,126 @@
+"""What a kernel expects: its arguments by name, read from its own prototype.
+
+The prototype is read from the source rather than asked of the driver (clGetKernelArgInfo): a
+program that comes from a binary cache has no such information.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+import pyopencl
+
+from cl.array import Array
+from cl.errors import DeviceError
+
+_SCALARS = {
+    **{"char": np.int8, "short": np.int16, "int": np.int32, "long": np.int64},
+    **{"uchar": np.uint8, "ushort": np.uint16, "uint": np.uint32, "ulong": np.uint64},
+    **{"half": np.float16, "float": np.float32, "double": np.float64},
+}
+_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+_KERNEL = re.compile(r"\b(?:__)?kernel\b[^;{}]*?\bvoid\s+(\w+)\s*\(([^()]*)\)\s*\{")
+_QUALIFIER = re.compile(r"\b(?:const|restrict|volatile)\b")
+_PARAMETER = re.compile(r"(?:(?:__)?(global|constant|local)\s+)?(\w+)(\s*\*\s*|\s+)(\w+)")
+_VECTOR = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An argument of a kernel.
+
+    type: its OpenCL type, or that of what it points to. space: "global", "constant" or "local"
+    for pointers, "" for values. dtype: of a number, None for types that are the kernel's own.
+    width: numbers of a vector, else 1.
+    """
+
+    name: str
+    type: str
+    space: str
+    dtype: np.dtype | None
+    width: int
+
+    def bound(self, value: Any) -> Any:
+        """Return `value` as pyopencl takes it. Raises TypeError or ValueError, whose text says
+        what was expected and found, for a value that the kernel would misread."""
+        if self.space == "local":
+            if not isinstance(value, pyopencl.LocalMemory):
+                raise TypeError(f"expected pyopencl.LocalMemory, got {_described(value)}")
+            return value
+        if self.space:
+            return self._buffer(value)
+        return self._number(value) if self.width == 1 else self._vector(value)
+
+    def _buffer(self, value: Any) -> Any:
+        if value is None:  # a null pointer, for what the kernel does not use
+            return None
+        if not isinstance(value, Array) or self.dtype not in (None, value.dtype):
+            expected = f"of {self.dtype}" if self.dtype else f"for {self.type}"
+            raise TypeError(f"expected an Array {expected}, got {_described(value)}")
+        if self.width != 3 and value.size % self.width:
+            raise TypeError(f"expected an Array of {self.type}, got {_described(value)}")
+        return value.buffer
+
+    def _number(self, value: Any) -> Any:
+        if self.dtype is None:
+            raise TypeError(f"the type {self.type} cannot be passed by value")
+        real = self.dtype.kind == "f"
+        if not isinstance(value, (Real if real else Integral, np.bool_)):
+            raise TypeError(f"expected a number for {self.type}, got {_described(value)}")
+        if not real:
+            limits, whole = np.iinfo(self.dtype), int(value)  # type: ignore[arg-type]
+            if not limits.min <= whole <= limits.max:
+                raise ValueError(f"expected a number for {self.type}, got {value}")
+        return self.dtype.type(value)
+
+    def _vector(self, value: Any) -> np.ndarray:
+        assert self.dtype is not None  # vectors of numbers only
+        numbers = np.asarray(value)
+        of_kind = np.can_cast(numbers.dtype, self.dtype, "same_kind")
+        if numbers.shape != (self.width,) or not of_kind:
+            raise TypeError(f"expected {self.width} numbers for {self.type}, got {value!r}")
+        stored = np.zeros(4 if self.width == 3 else self.width, self.dtype)
+        stored[: self.width] = numbers
+        return stored
+
+
+#: The parameters of kernels, by the kernels' names.
+Signatures = dict[str, tuple[Parameter, ...]]
+
+
+@cache
+def signatures(source: str, file: str) -> Signatures:
+    """Return the parameters of every kernel in `source`, in the order of its prototype.
+
+    Raises DeviceError, naming `file`, for a parameter that is more than qualifiers, a type and a
+    name: no macros, no arrays.
+    """
+    text = _COMMENT.sub("", source)
+    return {
+        name: tuple(_parameter(each, name, file) for each in inside.split(",") if each.strip())
+        for name, inside in _KERNEL.findall(text)
+    }
+
+
+def _parameter(text: str, kernel: str, file: str) -> Parameter:
+    read = _PARAMETER.fullmatch(_QUALIFIER.sub("", text).strip())
+    if read is None or bool(read[1]) != ("*" in read[3]):
+        what = " ".join(text.split())
+        raise DeviceError(f"kernel {kernel} of {file}: the argument `{what}` cannot be read")
+    space, type_, _, name = read.groups()
+    vector = _VECTOR.fullmatch(type_)
+    if vector is None or vector[1] not in _SCALARS:
+        return Parameter(name, type_, space or "", None, 1)
+    dtype = np.dtype(_SCALARS[vector[1]])
+    return Parameter(name, type_, space or "", dtype, int(vector[2] or 1))
+
+
+def _described(value: Any) -> str:
+    if isinstance(value, Array):
+        return f"one of {value.dtype} {value.shape}"
+    return f"{type(value).__name__} {value!r}"

@@ -1,0 +1,258 @@
+"""Arguments of kernels, bound by their names in the kernel's prototype."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+
+import cl
+from cl import Array, Device, DeviceError, Kernel, Launch
+from cl.program import kernel_source
+from cl.signature import signatures
+
+SOURCE = """
+typedef struct { float x; } Own;
+// __kernel void commented(int a) {}
+/* __kernel void
+   also_commented(int a) {} */
+inline int helper(int a) { return a; }
+__kernel __attribute__((reqd_work_group_size(1, 1, 1)))
+void gather(const int n, uchar flag, float scale, // the scale, of all
+            float4 shift, uint2 key, float3 axis, __global const float4 *restrict points,
+            global int *restrict counts, __constant float *table, __local int *scratch,
+            __global const Own *own, __global float *out)
+{
+    scratch[0] = counts[0] + helper(n);
+    const float4 v = points[0] * scale + shift;
+    out[0] = v.x;
+    out[1] = v.w;
+    out[2] = scratch[0];
+    out[3] = flag;
+    out[4] = key.y;
+    out[5] = axis.z;
+    out[6] = table[1];
+    out[7] = own ? own[0].x : -1.0f;
+}
+kernel void nothing() {}
+"""
+
+
+@pytest.fixture
+def gather(device: Device) -> Kernel:
+    return device.compiled(SOURCE, "gather", "source.cl")
+
+
+@pytest.fixture
+def arguments(device: Device) -> dict[str, Any]:
+    return {
+        "n": 3,
+        "flag": True,
+        "scale": 0.1,
+        "shift": (1, 2, 3, 4),
+        "key": np.array([7, 2**32 - 256], np.uint32),
+        "axis": [0.0, 0.0, 0.25],
+        "points": device.to_device(np.array([[10, 20, 30, 40]], np.float32)),
+        "counts": device.to_device(np.array([5], np.int32)),
+        "table": device.to_device(np.array([0.5, 1.5], np.float32)),
+        "scratch": pyopencl.LocalMemory(4),
+        "own": device.to_device(np.array([[8]], np.float32)),
+        "out": device.zeros(8, np.float32),
+    }
+
+
+def launch_of(device: Device, kernel: Kernel, **arguments: Any) -> Launch:
+    return device.launch(kernel, (1,), (1,), **arguments)
+
+
+def test_prototypes_are_read(gather: Kernel) -> None:
+    read = [(p.name, p.type, p.space, p.width) for p in gather.parameters.values()]
+    assert read == [
+        ("n", "int", "", 1),
+        ("flag", "uchar", "", 1),
+        ("scale", "float", "", 1),
+        ("shift", "float4", "", 4),
+        ("key", "uint2", "", 2),
+        ("axis", "float3", "", 3),
+        ("points", "float4", "global", 4),
+        ("counts", "int", "global", 1),
+        ("table", "float", "constant", 1),
+        ("scratch", "int", "local", 1),
+        ("own", "Own", "global", 1),
+        ("out", "float", "global", 1),
+    ]
+    assert set(signatures(SOURCE, "source.cl")) == {"gather", "nothing"}
+    assert str(gather) == "kernel gather of source.cl"
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_arguments_arrive_in_any_order(
+    device: Device, gather: Kernel, arguments: dict[str, Any], reverse: bool
+) -> None:
+    order = reversed(arguments) if reverse else iter(arguments)
+    launch_of(device, gather, **{name: arguments[name] for name in order})()
+    tenth = np.float32(0.1)
+    expected = [10 * tenth + 1, 40 * tenth + 4, 8, 1, 2**32 - 256, 0.25, 1.5, 8]
+    np.testing.assert_array_equal(arguments["out"].get(), np.array(expected, np.float32))
+
+
+def test_arguments_change_between_calls(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    launch = launch_of(device, gather, **arguments)
+    launch()
+    other = device.zeros(8, np.float32)
+    launch.set(out=other, shift=np.array([5.0, 0, 0, 6]), n=-2, own=None)
+    launch()
+    tenth = np.float32(0.1)
+    expected = [10 * tenth + 5, 40 * tenth + 6, 3, 1, 2**32 - 256, 0.25, 1.5, -1]
+    np.testing.assert_array_equal(other.get(), np.array(expected, np.float32))
+    assert arguments["out"].get()[0] == 10 * tenth + 1
+    launch.set()
+    launch()
+
+
+@pytest.mark.parametrize("value", [np.pi, 1 / 3, 1e-42, 3e38, float("nan"), np.float64(0.7), 5])
+def test_numbers_are_rounded_as_numpy_rounds_them(device: Device, value: float) -> None:
+    source = "__kernel void put(float x, __global float *out) { out[0] = x; }"
+    out = device.zeros(1, np.float32)
+    device.launch(device.compiled(source, "put", "put"), (1,), None, x=value, out=out)()
+    np.testing.assert_array_equal(out.get().view(np.uint32), np.float32([value]).view(np.uint32))
+
+
+def test_launches_of_one_kernel_keep_their_own_arguments(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    other = device.zeros(8, np.float32)
+    first = launch_of(device, gather, **arguments)
+    second = launch_of(device, gather, **{**arguments, "n": 10, "out": other})
+    first()
+    second()
+    assert (arguments["out"].get()[2], other.get()[2]) == (8, 15)
+
+
+def test_missing_and_unknown_names_are_refused(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    less = {name: value for name, value in arguments.items() if name not in ("scale", "out")}
+    with pytest.raises(TypeError, match=r"^kernel gather of source.cl: missing scale, out$"):
+        launch_of(device, gather, **less)
+    known = "no argument sclae; expected n, flag, scale, .*, out$"
+    with pytest.raises(TypeError, match=rf"^kernel gather of source.cl: {known}"):
+        launch_of(device, gather, **arguments, sclae=2.0)
+    launch = launch_of(device, gather, **arguments)
+    with pytest.raises(TypeError, match=known):
+        launch.set(sclae=2.0)
+    with pytest.raises(TypeError, match="multiple values"):
+        launch_of(device, gather, **arguments, **{"scale": 2.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("n", 2.0, "expected a number for int, got float 2.0"),
+        ("n", None, "expected a number for int, got NoneType None"),
+        ("n", 2**31, "expected a number for int, got 2147483648"),
+        ("flag", -1, "expected a number for uchar, got -1"),
+        ("flag", 256, "expected a number for uchar, got 256"),
+        ("scale", "1", "expected a number for float, got str '1'"),
+        ("scale", np.ones(1, np.float32), "expected a number for float"),
+        ("shift", (1, 2, 3), "expected 4 numbers for float4, got "),
+        ("shift", 1.0, "expected 4 numbers for float4, got 1.0"),
+        ("key", (1.0, 2.0), "expected 2 numbers for uint2, got "),
+        ("axis", (1, 2, 3, 4), "expected 3 numbers for float3, got "),
+        ("points", np.zeros((1, 4), np.float32), "expected an Array of float32, got ndarray "),
+        ("points", 1.0, "expected an Array of float32, got float 1.0"),
+        ("scratch", None, "expected pyopencl.LocalMemory, got NoneType None"),
+        ("own", 3, "expected an Array for Own, got int 3"),
+    ],
+)
+def test_values_of_the_wrong_kind_are_refused(
+    device: Device, gather: Kernel, arguments: dict[str, Any], name: str, value: Any, said: str
+) -> None:
+    with pytest.raises((TypeError, ValueError)) as caught:
+        launch_of(device, gather, **{**arguments, name: value})
+    assert str(caught.value).startswith(f"kernel gather of source.cl, argument {name}: {said}")
+
+
+def test_arrays_of_other_numbers_are_refused(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    launch = launch_of(device, gather, **arguments)
+    with pytest.raises(TypeError, match=r"counts: expected an Array of int32, got one of float32"):
+        launch.set(counts=device.zeros(3, np.float32))
+    with pytest.raises(TypeError, match=r"points: expected an Array of float4, .* \(2, 3\)"):
+        launch.set(points=device.zeros((2, 3), np.float32))
+    with pytest.raises(TypeError, match=r"scratch: expected pyopencl.LocalMemory, got one of"):
+        launch.set(scratch=arguments["counts"])
+
+
+def test_exact_numbers_of_other_kinds_are_taken(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    launch = launch_of(device, gather, **arguments)
+    launch.set(n=np.uint8(4), flag=np.bool_(False), scale=Fraction(1, 2), shift=np.arange(4))
+    launch()
+    found = arguments["out"].get()
+    np.testing.assert_array_equal(found[:4], [5, 23, 9, 0])
+
+
+def test_what_was_changed_is_released(
+    device: Device, gather: Kernel, arguments: dict[str, Any]
+) -> None:
+    launch = launch_of(device, gather, **arguments)
+    before: weakref.ref[Array] = weakref.ref(arguments.pop("out"))
+    gc.collect()
+    assert before() is not None
+    launch.set(out=device.zeros(8, np.float32))
+    gc.collect()
+    assert before() is None
+
+
+def test_unknown_kernels_are_refused(device: Device) -> None:
+    with pytest.raises(DeviceError, match=r"^source.cl has no kernel gathr; found: gat"):
+        device.compiled(SOURCE, "gathr", "source.cl")
+    with pytest.raises(DeviceError, match="text has no kernel k; found: none at all"):
+        device.compiled("int f(void) { return 1; }", "k", "text")
+
+
+@pytest.mark.parametrize("argument", ["LIST", "__global float out", "int *n", "float x[4]"])
+def test_prototypes_that_cannot_be_read_are_refused(argument: str) -> None:
+    with pytest.raises(DeviceError, match=r"kernel k of some.cl: the argument `.*` cannot be read"):
+        signatures(f"__kernel void k(int n, {argument}) {{}}", "some.cl")
+
+
+KERNELS = Path(cl.__file__).parent / "kernels"
+STAGES = [path.relative_to(KERNELS).with_suffix("").as_posix() for path in KERNELS.rglob("*.cl")]
+
+
+@pytest.mark.parametrize("stage", sorted(STAGES))
+def test_every_prototype_is_read(stage: str) -> None:
+    found = signatures(kernel_source(stage), stage)
+    assert len(found) == kernel_source(stage).count("\n__kernel")
+    for parameters in found.values():
+        names = [parameter.name for parameter in parameters]
+        assert names and len(set(names)) == len(names)
+
+
+def test_the_driver_reads_the_same(device: Device) -> None:
+    """Where the driver says what a kernel's arguments are called, they are the same."""
+    built: Any = pyopencl.Program(device.context, SOURCE)
+    built = built.build(options=["-cl-std=CL1.2", "-cl-kernel-arg-info"])
+    kernel = pyopencl.Kernel(built, "gather")
+    info = pyopencl.kernel_arg_info
+    try:
+        read = [
+            (kernel.get_arg_info(i, info.NAME), kernel.get_arg_info(i, info.TYPE_NAME))
+            for i in range(kernel.num_args)
+        ]
+    except pyopencl.Error:
+        pytest.skip(f"{device.name} keeps no names of arguments")
+    expected = [(p.name, p.type + "*" * bool(p.space)) for p in signatures(SOURCE, "s")["gather"]]
+    assert read == expected
