@@ -1,1 +1,117 @@
-"""The annealed particle filter: a 31-degree-of-freedom skeleton from voxel clouds."""
+"""Track a person: the annealed particle filter over voxels, a skeleton with 31 degrees of freedom.
+
+    import apf, psfs
+
+    track = apf.track(psfs.open_sequence("walk/"))
+    track.joints  # (frames, joints, 3) m in the world, Z up
+    track.save("walk.trc")
+
+`track` does what `apf track` does: finds the person, follows, and finds again whom it lost. The
+parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
+`SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
+`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `start_of` looks for the
+first pose. Angles are radians, lengths
+metres. What a user can mend raises `InputError`, `MissingFileError` or `DeviceError`, all of them
+`UserError`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from apf.api import track
+    from apf.body import BodyModel, load_body, save_body
+    from apf.filters.annealed import AnnealedParticleFilter, Estimate
+    from apf.filters.config import FilterConfig
+    from apf.filters.method import Method
+    from apf.filters.sir import SirConfig, SirParticleFilter
+    from apf.filters.swarm import ParticleSwarm, SwarmConfig
+    from apf.initialisation import Start, start_of
+    from apf.initialisation.from_joints import fit_to_joints
+    from apf.results.evaluate import Evaluation, evaluate, load_truth
+    from apf.scene import Scene
+    from apf.tracking.batch import Take, track_take
+    from apf.tracking.track import Track
+    from cl import (
+        Device,
+        DeviceError,
+        InputError,
+        MissingFileError,
+        NumpyDevice,
+        UserError,
+        select_device,
+    )
+
+__version__: str
+
+__all__ = [
+    "AnnealedParticleFilter",
+    "BodyModel",
+    "Device",
+    "DeviceError",
+    "Estimate",
+    "Evaluation",
+    "FilterConfig",
+    "InputError",
+    "Method",
+    "MissingFileError",
+    "NumpyDevice",
+    "ParticleSwarm",
+    "Scene",
+    "SirConfig",
+    "SirParticleFilter",
+    "Start",
+    "SwarmConfig",
+    "Take",
+    "Track",
+    "UserError",
+    "__version__",
+    "evaluate",
+    "fit_to_joints",
+    "load_body",
+    "load_truth",
+    "save_body",
+    "select_device",
+    "start_of",
+    "track",
+    "track_take",
+]
+
+#: Where the public names live. They are imported when they are first asked for: `import apf` alone
+#: must not wait for OpenCL, OpenCV and SciPy.
+_MODULES = {
+    "apf.api": ("track",),
+    "apf.body": ("BodyModel", "load_body", "save_body"),
+    "apf.filters.annealed": ("AnnealedParticleFilter", "Estimate"),
+    "apf.filters.config": ("FilterConfig",),
+    "apf.filters.method": ("Method",),
+    "apf.filters.sir": ("SirConfig", "SirParticleFilter"),
+    "apf.filters.swarm": ("ParticleSwarm", "SwarmConfig"),
+    "apf.initialisation": ("Start", "start_of"),
+    "apf.initialisation.from_joints": ("fit_to_joints",),
+    "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
+    "apf.scene": ("Scene",),
+    "apf.tracking.batch": ("Take", "track_take"),
+    "apf.tracking.track": ("Track",),
+    "cl": (
+        *("Device", "DeviceError", "InputError", "MissingFileError", "NumpyDevice", "UserError"),
+        "select_device",
+    ),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("psfs-apf")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_MODULE_OF[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

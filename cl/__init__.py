@@ -1,4 +1,14 @@
-"""OpenCL for this project: devices, programs, arrays, timings. Knows no cameras and no bodies."""
+"""Compute on OpenCL devices: choose one, build kernels, keep arrays there, time what runs.
+
+    import cl
+
+    device = cl.Device.best()  # or cl.select_device("cpu"), "numpy", part of a name
+    array = device.to_device(values)
+
+A `Device` is made by the caller and passed on, never global. Knows no cameras and no bodies: `psfs`
+and `apf` stand on it. What a user can mend raises `InputError`, `MissingFileError` or
+`DeviceError`, all of them `UserError`.
+"""
 
 from cl.array import Array
 from cl.device import Device, NumpyDevice, select_device

@@ -1,1 +1,97 @@
-"""Probabilistic shape from silhouette: calibrated views in, coloured voxel clouds out."""
+"""Probabilistic shape from silhouette: calibrated views in, coloured voxel clouds out.
+
+    import psfs
+
+    sequence = psfs.open_sequence("walk/")
+    for voxels in psfs.reconstruct(sequence):  # a VoxelCloud per frame
+        print(len(voxels), voxels.centres.mean(axis=0))
+
+`open_sequence` and `reconstruct` do what `psfs reconstruct` does. The parts below them keep the
+data on the device: `Reconstructor(device, rig, grid, background)` makes voxels of a `Frame`.
+Lengths are metres, the world is right-handed, Z is up. What a user can mend raises `InputError`,
+`MissingFileError` or `DeviceError`, all of them `UserError`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cl import (
+        Device,
+        DeviceError,
+        InputError,
+        MissingFileError,
+        NumpyDevice,
+        UserError,
+        select_device,
+    )
+    from psfs.api import open_sequence, reconstruct
+    from psfs.cameras.camera import Camera, CameraRig
+    from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
+    from psfs.reconstructor import Reconstructor
+    from psfs.sequence import Frame, Sequence
+    from psfs.voxels.bounding_volume import automatic_grid
+    from psfs.voxels.clouds import read_cloud, write_cloud
+    from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+__version__: str
+
+__all__ = [
+    "Camera",
+    "CameraRig",
+    "Device",
+    "DeviceError",
+    "Frame",
+    "InputError",
+    "MissingFileError",
+    "NumpyDevice",
+    "OccupancyConfig",
+    "ReconstructionConfig",
+    "Reconstructor",
+    "Sequence",
+    "SilhouetteConfig",
+    "UserError",
+    "VoxelCloud",
+    "VoxelGrid",
+    "__version__",
+    "automatic_grid",
+    "open_sequence",
+    "read_cloud",
+    "reconstruct",
+    "select_device",
+    "write_cloud",
+]
+
+#: Where the public names live. They are imported when they are first asked for: `import psfs` alone
+#: must not wait for OpenCL and OpenCV.
+_MODULES = {
+    "cl": (
+        *("Device", "DeviceError", "InputError", "MissingFileError", "NumpyDevice", "UserError"),
+        "select_device",
+    ),
+    "psfs.api": ("open_sequence", "reconstruct"),
+    "psfs.cameras.camera": ("Camera", "CameraRig"),
+    "psfs.config": ("OccupancyConfig", "ReconstructionConfig", "SilhouetteConfig"),
+    "psfs.reconstructor": ("Reconstructor",),
+    "psfs.sequence": ("Frame", "Sequence"),
+    "psfs.voxels.bounding_volume": ("automatic_grid",),
+    "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
+    "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("psfs-apf")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_MODULE_OF[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

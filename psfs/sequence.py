@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -77,6 +77,12 @@ class Sequence:
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)
         return cls(folder, layout.name, layout.read(folder, settings), settings)
+
+    def with_cameras(self, names: Collection[str]) -> Sequence:
+        """Return the same views of these cameras only. Raises InputError for unknown names."""
+        settings = replace(self.settings, cameras=tuple(names))
+        layout = recognised(self.folder, settings)
+        return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
 
     def __len__(self) -> int:
         """Frames that every view has."""

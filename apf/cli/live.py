@@ -6,14 +6,14 @@ import argparse
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from apf.api import given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.cli.first_pose import add_start_flags, check_height, first_pose, found_start
+from apf.cli.first_pose import add_start_flags, check_height, found_start
 from apf.cli.method_flags import add_method_flags, chosen_method
 from apf.cli.track import write_files
 from apf.filters.method import Method
@@ -140,7 +140,7 @@ def _replay(
     sequence = open_sequence(args)
     frames = selected_frames(args, sequence)
     selection = slice(frames.start, frames.stop, frames.step)
-    start = first_pose(sequence, frames[0], args.body, args.init, args.convention)
+    start = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
     grid = None
     if method.uses_voxels or start is None:
         grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
@@ -155,8 +155,7 @@ def _captures(
 ) -> tuple[Source, VoxelGrid | None, BodyModel, np.ndarray]:
     """Cameras, where voxels are needed the grid of --volume or one around the first pose, body and
     first pose."""
-    place = SimpleNamespace(folder=Path(args.folder))
-    start = first_pose(place, 0, args.body, args.init, args.convention)  # type: ignore[arg-type]
+    start = given_start(Path(args.folder), 0, args.body, args.init, args.convention)
     if start is None:
         raise InputError("cameras have no first pose; expected --init with a pose file or joints")
     source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)

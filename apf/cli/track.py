@@ -9,14 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import (
-    add_start_flags,
-    check_height,
-    first_pose,
-    tell_doubts,
-    template_of,
-)
+from apf.cli.first_pose import add_start_flags, check_height, tell_doubts
 from apf.cli.method_flags import add_method_flags, chosen_method
 from apf.cli.take_report import TakeLine, TakeReport
 from apf.filters.method import Method
@@ -145,13 +140,13 @@ def _tracked(
     sequence, _ = open_trusted(args, device)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
-    template, own_shape = template_of(args)
+    template, own_shape = template_of(args.body)
     take = track_take(
         device,
         sequence,
         method,
         seeds,
-        given=first_pose(sequence, frames[0], args.body, args.init, args.convention),
+        given=given_start(sequence.folder, frames[0], args.body, args.init, args.convention),
         template=template,
         keep_shape=own_shape,
         height=args.height,

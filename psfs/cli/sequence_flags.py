@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from cl import Device, InputError, NumpyDevice
+from psfs.api import consistent_cameras
 from psfs.cli.commandline import frame_range, warn
-from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.diagnostics.camera_consistency import Suspect
 from psfs.footage.settings import BACKGROUND_KINDS
 from psfs.sequence import Sequence
 
@@ -109,14 +110,12 @@ def open_trusted(
     sequence = open_sequence(args)
     if args.all_cameras or args.cameras is not None:
         return sequence, []
-    bad = suspects(sequence, device=device)
-    if not bad:
-        return sequence, []
-    for suspect in bad:
+    sequence, left_out = consistent_cameras(sequence, device)
+    if left_out:
+        args.cameras = sequence.rig.names
+    for suspect in left_out:
         warn(f"{sequence.name}: left out: {suspect}")
-    named = {suspect.camera for suspect in bad}
-    args.cameras = [name for name in sequence.rig.names if name not in named]
-    return open_sequence(args), bad
+    return sequence, left_out
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:

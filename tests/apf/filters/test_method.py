@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apf.api import given_start
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.cli.first_pose import first_pose
 from apf.filters.method import OBJECTIVES, SEARCHES, Method
 from apf.tracking.pipeline import track_sequence
 from cl import Device, InputError, NumpyDevice
@@ -26,7 +26,7 @@ TWINS = [("pso", "sp"), ("sir", "voxel")]
 def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
     """A walk, a coarse grid around the person, the body and its first pose."""
     sequence = Sequence.open(walk)
-    found = first_pose(sequence, 0, None, walk / "truth.npz", "y-up")
+    found = given_start(sequence.folder, 0, None, walk / "truth.npz", "y-up")
     assert found is not None
     joints = posed_joints(found[0], found[1][None])[0]
     grid = VoxelGrid.covering(joints.min(0) - 0.3, joints.max(0) + 0.3, 0.05)

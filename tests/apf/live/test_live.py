@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from helpers import footage
 
+from apf.api import given_start
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
 from apf.cli import main
-from apf.cli.first_pose import first_pose
 from apf.filters.annealed import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
@@ -253,7 +253,7 @@ def test_bad_captures(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def filmed(walk: Path) -> Path:
     """The folder of a walk with body.toml and start.txt, fitted once for all tests."""
-    found = first_pose(Sequence.open(walk), 0, None, walk / "truth.npz", "y-up")
+    found = given_start(walk, 0, None, walk / "truth.npz", "y-up")
     assert found is not None
     save_body(walk / "body.toml", found[0])
     write_pose(walk / "start.txt", found[1])

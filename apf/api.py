@@ -1,0 +1,121 @@
+"""What a user of the library calls first: a skeleton per frame of a sequence."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import BodyModel, load_body
+from apf.body.bodytrack import is_bodytrack, read_body
+from apf.filters.method import Method
+from apf.initialisation.from_joints import fit_to_joints, read_pose
+from apf.results.evaluate import load_truth
+from apf.results.joint_names import match_joints
+from apf.tracking.batch import track_take
+from apf.tracking.track import Track
+from cl import Device, InputError, NumpyDevice
+from psfs.api import chosen_device, trusted
+from psfs.sequence import Sequence
+
+log = logging.getLogger(__name__)
+
+#: The body that is tracked where none is named: Song et al.'s, ten cones, 31 degrees of freedom.
+DEFAULT_BODY = "song31"
+
+
+def track(
+    sequence: Sequence,
+    *,
+    device: Device | NumpyDevice | str | None = None,
+    body: BodyModel | str | Path | None = None,
+    init: np.ndarray | str | Path | None = None,
+    method: Method | None = None,
+    frames: slice | None = None,
+    height: float | None = None,
+    voxel_size: float | None = None,
+    all_cameras: bool = False,
+    progress: Callable[[str], object] | None = None,
+) -> Track:
+    """Find the person in the chosen frames of `sequence` and track them, as `apf track` does.
+
+    Looks for position, heading, size and first pose, follows frame by frame, and finds again whom
+    it lost (Song et al. 2.3).
+
+    device: where to compute, or its name as of `cl.select_device`; by default the fastest one.
+    body: a model, the name of a shipped one or a TOML file; by default the sequence's own, else
+    song31. Its size is found in the first voxels, unless it comes from a file. init: the first pose
+    instead of one found: (D,) rad and m, a text file of them, or joints (npz, TRC) that body and
+    pose are fitted to. method: the search and its settings, see `Method.of`. frames: all by
+    default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
+    all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
+    called with the name of each stage, and with "tracking" after each frame.
+
+    A KeyboardInterrupt ends the track after the last whole frame. Doubts about the start are logged
+    as warnings. Raises InputError where nobody is found or a file is not what it should be,
+    DeviceError where the device cannot be used.
+    """
+    device = chosen_device(device)
+    if not all_cameras:
+        sequence = trusted(sequence, device)
+    chosen = range(len(sequence))[frames or slice(None)]
+    if not chosen:
+        raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
+    template, keep_shape = template_of(body)
+    take = track_take(
+        device,
+        sequence,
+        method,
+        given=given_start(sequence.folder, chosen[0], body, init),
+        template=template,
+        keep_shape=keep_shape,
+        height=height,
+        voxel_size=voxel_size,
+        selection=frames,
+        progress=progress,
+    )
+    for doubt in take.start.doubts if take.start is not None else ():
+        log.warning("%s: %s", sequence.name, doubt)
+    return take.tracks[0]
+
+
+def template_of(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:
+    """Return the body to start with, and whether it, being a file, has the person's own shape."""
+    if isinstance(body, BodyModel):
+        return body, False
+    return load_body(body or DEFAULT_BODY), body is not None and Path(body).suffix == ".toml"
+
+
+def given_start(
+    folder: Path,
+    frame: int,
+    body: BodyModel | str | Path | None = None,
+    init: np.ndarray | str | Path | None = None,
+    convention: str = "y-up",
+) -> tuple[BodyModel, np.ndarray] | None:
+    """Return the body and its pose (D,) in `frame`, the first to be tracked; None if none is given.
+
+    Without `body` the sequence's own is taken, where its `folder` has one, with its own first pose.
+    body, init: as of `track`. convention: axes of a TRC. Raises InputError.
+    """
+    own = body is None and is_bodytrack(folder)
+    model = read_body(folder) if own else template_of(body)[0]
+    if init is None:
+        return (model, model.rest_pose) if own else None
+    if isinstance(init, np.ndarray):
+        return model, init
+    path = Path(init)
+    if path.suffix.lower() not in (".npz", ".trc"):
+        return model, read_pose(path, model)
+    truth = load_truth(path, convention)
+    rows = np.flatnonzero(truth.frames == frame)
+    if not rows.size:
+        raise InputError(f"{path}: no joints for frame {frame}, the first to be tracked")
+    joints = {
+        name: truth.joints[rows[0], column]
+        for name, column in match_joints(truth.joint_names).items()
+    }
+    model, pose, _ = fit_to_joints(model, joints)
+    return model, pose

@@ -1,0 +1,136 @@
+"""What `import psfs` and `import apf` give, and that the README's example runs."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import apf
+import apf.cli
+import psfs
+import psfs.cli
+from psfs.common.toml import read_toml
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = pytest.mark.parametrize("package", [psfs, apf], ids=["psfs", "apf"])
+
+
+@PACKAGES
+def test_public_names_are_there_documented_and_listed(package: ModuleType) -> None:
+    assert package.__doc__ and package.__version__ == version("psfs-apf")
+    assert set(package.__all__) <= set(dir(package))
+    for name in package.__all__:
+        value = getattr(package, name)
+        assert inspect.getdoc(value), f"{package.__name__}.{name} has no docstring"
+        if callable(value):
+            assert value.__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = package.nonsense
+
+
+def test_imports_alone_load_neither_opencl_nor_opencv() -> None:
+    code = "import sys, psfs, apf; print({'pyopencl', 'cv2', 'scipy', 'numpy'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.strip() == "set()", done.stderr
+
+
+def test_types_and_data_files_are_packaged() -> None:
+    setup = read_toml(ROOT / "pyproject.toml")["tool"]["setuptools"]
+    for package in ("cl", "psfs", "apf"):
+        assert (ROOT / package / "py.typed").is_file()
+        patterns = setup["package-data"][package]
+        assert "py.typed" in patterns
+        assert all(list((ROOT / package).glob(pattern)) for pattern in patterns)
+
+
+def test_reconstruct_gives_the_clouds_of_the_command(walk: Path, tmp_path: Path) -> None:
+    assert psfs.cli.main(["reconstruct", str(walk), "-o", str(tmp_path)]) == 0
+    clouds = list(psfs.reconstruct(psfs.open_sequence(walk)))  # all kept, none overwritten
+    assert len(clouds) == 5
+    for frame, cloud in enumerate(clouds):
+        written = psfs.read_cloud(tmp_path / "clouds" / f"frame_{frame:06d}.npz")
+        np.testing.assert_array_equal(cloud.indices, written.indices)
+        np.testing.assert_array_equal(cloud.probability, written.probability)
+        assert cloud.colour is not None and written.colour is not None
+        np.testing.assert_array_equal(cloud.colour, written.colour)
+        assert len(cloud) > 1000 and cloud.volume == written.volume
+
+
+def test_reconstruct_takes_a_volume_frames_and_no_colour(walk: Path) -> None:
+    sequence = psfs.open_sequence(walk, fps=50)
+    volume = np.array([-0.9, -0.9, 0.0]), np.array([0.9, 0.9, 1.9])
+    (cloud,) = psfs.reconstruct(
+        sequence, frames=slice(2, 3), volume=volume, voxel_size=0.05, colour=False, device="cpu"
+    )
+    assert sequence.fps == 50 and cloud.colour is None and len(cloud)
+    assert cloud.grid.voxel_size == 0.05 and cloud.grid.low.tolist() == [-0.9, -0.9, 0.0]
+
+
+def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> None:
+    truth = walk / "truth.npz"
+    command = ["track", str(walk), "-o", str(tmp_path), "--init", str(truth), "--no-overlay"]
+    assert apf.cli.main([*command, "--particles", "60", "--layers", "4"]) == 0
+    stages: list[str] = []
+    track = apf.track(
+        psfs.open_sequence(walk),
+        init=truth,
+        method=apf.Method.of(n_particles=60, n_layers=4),
+        progress=stages.append,
+    )
+    np.testing.assert_array_equal(track.poses, apf.Track.open(tmp_path).poses)
+    assert stages == ["volume", "preparing", *5 * ["tracking"]]
+    assert apf.evaluate(track, apf.load_truth(truth)).mean_error < 0.1
+    for ending in ("npz", "trc", "csv"):
+        track.save(tmp_path / "out" / f"walk.{ending}")
+        assert (tmp_path / "out" / f"walk.{ending}").stat().st_size > 1000
+
+
+def test_track_takes_a_pose_and_says_what_is_wrong(walk: Path) -> None:
+    sequence = psfs.open_sequence(walk)
+    body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
+    method = apf.Method.of(n_particles=30, n_layers=2)
+    track = apf.track(sequence, body=body, init=pose, method=method, frames=slice(0, 2))
+    assert track.frames.tolist() == [0, 1] and np.isfinite(track.joints).all()
+    with pytest.raises(ValueError, match="chooses none of the 5 frames"):
+        apf.track(sequence, body=body, init=pose, frames=slice(9, 12))
+    with pytest.raises(apf.InputError, match="expected 31 finite values"):
+        apf.track(sequence, body=body, init=pose[:-1], frames=slice(0, 2))
+    with pytest.raises(apf.DeviceError, match="nonsense"):
+        apf.track(sequence, device="nonsense")
+
+
+def test_the_parts_fit_together(walk: Path) -> None:
+    device, sequence = psfs.Device.best(), psfs.open_sequence(walk)
+    grid = psfs.automatic_grid(sequence, voxel_size=0.03, device=device)
+    body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
+    reconstructor = psfs.Reconstructor(device, sequence.rig, grid, sequence.background)
+    config = apf.FilterConfig(n_particles=40, n_layers=3)
+    scene = apf.Scene(device, sequence.rig, grid, body)
+    tracker = apf.AnnealedParticleFilter(scene, config)
+    tracker.start(pose)
+    estimates = [tracker.step(voxels) for voxels in reconstructor.stream(sequence)]
+    assert len(estimates) == 5 and isinstance(estimates[0], apf.Estimate)
+
+
+def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the folder alone: the start is found, too."""
+    (tmp_path / "walk").symlink_to(walk)
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+    assert (tmp_path / "walk.trc").stat().st_size > 1000
+
+
+def first_joints(walk: Path) -> dict[str, np.ndarray]:
+    truth = apf.load_truth(walk / "truth.npz")
+    return dict(zip(truth.joint_names, truth.joints[0], strict=True))
