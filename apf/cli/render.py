@@ -9,12 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from apf.backend import pictures_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
 from apf.image_objective.opengl import OpenGLRenderer
-from apf.image_objective.renderer import draw_hypotheses
 from apf.initialisation.from_joints import read_pose
-from apf.reference import render as twin
 from apf.scene import Scene
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
@@ -118,14 +117,7 @@ def _drawn(
     """(V, H, W, 2) uint8 part and edge of `pose` (D,); without a device by OpenGL."""
     if device is None:
         return OpenGLRenderer(body, rig, mesh).draw(pose[None])[0]
-    if isinstance(device, Device):
-        return draw_hypotheses(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
-    out = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
-    pictures = twin.draw_hypotheses(body, rig, pose[None], mesh, round_ends)
-    for view, ((parts, edges),) in enumerate(pictures):
-        height, width = parts.shape
-        out[view, :height, :width] = np.stack([parts, 255 * edges], -1)
-    return out
+    return pictures_for(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 
 def tinted(picture: np.ndarray, parts: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Scorer
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.scene import Scene
-from cl import Array, InputError, Launch, NumpyDevice
+from cl import Array, InputError, Launch
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,15 +187,6 @@ class AnnealedParticleFilter(Tracker):
             launches += self.scorer.launcher(self._particles.sets[source])
             launches += self._particles.renew(layer, self.scorer.errors, source)
         return launches
-
-
-def tracker_for(scene: Scene, *args: Any, **kwargs: Any) -> Any:
-    """The tracker of the scene's device: OpenCL's, or its twin for `--device numpy`."""
-    if isinstance(scene.device, NumpyDevice):
-        from apf.reference.annealed import NumpyAnnealedParticleFilter
-
-        return NumpyAnnealedParticleFilter(scene, *args, **kwargs)
-    return AnnealedParticleFilter(scene, *args, **kwargs)
 
 
 def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from cl import Array, Device, InputError, Launch, NumpyDevice
+from cl import Array, Device, InputError, Launch
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import listed
@@ -252,12 +252,3 @@ def canny_edges(images: np.ndarray, rig: CameraRig, config: FeatureConfig) -> np
             smooth, config.canny_low, config.canny_high, L2gradient=True
         )
     return edges
-
-
-def features_for(device: Device | NumpyDevice, *args: Any, **kwargs: Any) -> Any:
-    """`Features` of the device, or its twin for `--device numpy`."""
-    if isinstance(device, NumpyDevice):
-        from apf.reference.features import NumpyFeatures
-
-        return NumpyFeatures(device, *args, **kwargs)
-    return Features(device, *args, **kwargs)

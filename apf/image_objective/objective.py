@@ -11,7 +11,7 @@ from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh
 from apf.body.model import BodyModel
 from apf.image_objective.renderer import renderer_for, silhouette_shape
 from apf.scene import Scene
-from cl import Array, InputError, Launch, NumpyDevice
+from cl import Array, InputError, Launch
 from cl.workgroups import row_group
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_range
@@ -205,12 +205,3 @@ class ImageObjective:
             KIND=KINDS.index(self.config.kind),
             GROUP=_GROUP,
         )
-
-
-def objective_for(scene: Scene, *args: Any, **kwargs: Any) -> Any:
-    """`ImageObjective` of the scene's device, or its twin for `--device numpy`."""
-    if isinstance(scene.device, NumpyDevice):
-        from apf.reference.objective import NumpyImageObjective
-
-        return NumpyImageObjective(scene, *args, **kwargs)
-    return ImageObjective(scene, *args, **kwargs)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from apf.backend import filter_for
 from apf.body.model import BodyModel
-from apf.filters.annealed import tracker_for
 from apf.filters.config import FilterConfig
 from apf.initialisation.kept_voxels import person_points
 from apf.initialisation.pose_search import LIKELIHOOD, Hypothesis, PoseSearch, close, sideways
@@ -177,7 +177,7 @@ class _Fitting:
         scene = Scene(search.device, search.rig, search.grid, body)
         poses = np.tile(pose, (len(self._voxels), 1))
         for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
-            tracker = tracker_for(scene, self._config)
+            tracker = filter_for(scene, self._config)
             tracker.start(pose)
             for k in order:
                 self._tell()

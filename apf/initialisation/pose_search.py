@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from apf.backend import filter_for
 from apf.body.cones import overlap_errors
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
-from apf.filters.annealed import tracker_for
 from apf.filters.config import FilterConfig
 from apf.initialisation.shape_fit import (
     Cloud,
@@ -148,7 +148,7 @@ class PoseSearch:
                 limb_spread=0.0, seed=self.seed,
             )  # fmt: skip
             body = self.model.body(shape)
-            self._near = shape, tracker_for(self._scene(body), config)
+            self._near = shape, filter_for(self._scene(body), config)
         tracker = self._near[1]
         pose, error = _searched(tracker, pose, voxels)
         return Hypothesis(shape, pose, error, misfit(tracker.body, pose, cloud))
@@ -167,7 +167,7 @@ class PoseSearch:
             LIKELIHOOD, n_particles=_PARTICLES[kind], noise=1.0, noise_decay=0.75, trunk_layers=0,
             seed=self.seed,
         )  # fmt: skip
-        return tracker_for(self._scene(body), config)
+        return filter_for(self._scene(body), config)
 
     def _scene(self, body: BodyModel) -> Scene:
         return Scene(self.device, self.rig, self.grid, body)

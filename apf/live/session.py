@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from apf.backend import device_tracker, observer_for
 from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import SIGMA_FPS
-from apf.filters.method import Method, observer_of, tracker_of
+from apf.filters.method import Method
 from apf.live.budget import Governor
 from apf.live.pictures import Smaller
 from apf.live.sources import ACQUISITION, Newest, Shot, Source
@@ -116,7 +117,7 @@ class Live:
         self._errors: list[BaseException] = []
         self._free_at, self._processing_time = 0.0, 0.0
         scene = Scene(device, self._pictures.rig, grid, body)
-        self._trackers = [tracker_of(scene, method) for method in searches]
+        self._trackers = [device_tracker(scene, method) for method in searches]
         self._governor = self._prepared(budget)
         self._tracking_time = float(self._governor.costs[self._governor.place])
         self._tracker = self._chosen()
@@ -242,7 +243,7 @@ class Live:
         """What makes of a frame that which the trackers observe, and where its voxels are."""
         method, smaller, device = self._searches[0], self._pictures, self._processor
         if not method.uses_voxels:
-            features = observer_of(device, smaller, None, method)
+            features = observer_for(device, smaller, None, method)
             return lambda frame: (features(smaller(frame)), None)
         assert self._grid is not None, "voxels have a grid"
         reconstruct = Reconstructor(

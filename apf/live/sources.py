@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from apf.filters.method import Footage
+from apf.backend import Footage
 from apf.live.timeline import Span, Timeline
 from cl import InputError
 from psfs.background.gaussian import Background, clipped_moments

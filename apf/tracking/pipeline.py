@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from apf.backend import device_tracker, observer_for, shares_launches, tracker_for
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.annealed import Estimate
 from apf.filters.config import SIGMA_FPS, FilterConfig
-from apf.filters.method import Method, batches, observer_of, tracker_of
+from apf.filters.method import Method
 from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 from apf.tracking.track import Track
@@ -69,7 +70,7 @@ def track_seeds(
 ) -> list[Track]:
     """As `track_sequence`, one track for each of `seeds` from a single reconstruction."""
     step = (selection.step or 1) if selection else 1
-    observe = observer_of(device, sequence, grid, method, reconstruction)
+    observe = observer_for(device, sequence, grid, method, reconstruction)
     scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
     tracker = watched_runs(device, body, sequence.rig, grid, scaled, seeds)
     seen = observed(observe, sequence.frames(selection))
@@ -106,7 +107,7 @@ def watched_runs(
 ) -> WatchedRuns | SeparateRuns:
     """The watched trackers of `method` with each of `seeds`, as one where the method can."""
     methods = seeded(method, seeds)
-    if len(seeds) == 1 or not batches(device, method):
+    if len(seeds) == 1 or not shares_launches(device, method):
         return SeparateRuns([watched(device, body, rig, grid, of) for of in methods])
 
     scene = Scene(device, rig, grid, body)
@@ -114,7 +115,7 @@ def watched_runs(
     def watch(run: int, restart: Any) -> Watched:
         return watched(device, body, rig, grid, methods[run], restart)
 
-    return WatchedRuns(tracker_of(scene, method, seeds), len(seeds), watch)
+    return WatchedRuns(device_tracker(scene, method, seeds), len(seeds), watch)
 
 
 def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
@@ -154,7 +155,7 @@ def watched(
     wider = replace(search, noise=_WIDER * search.noise, **longer)
 
     def wide() -> Any:
-        return tracker_of(scene, replace(method, filter=wider))
+        return tracker_for(scene, replace(method, filter=wider))
 
     def everywhere(voxels: Any) -> list[np.ndarray]:
         from apf.initialisation.automatic import find_start  # which tracks, too
@@ -171,7 +172,7 @@ def watched(
             return []  # nobody is there
         return [found.pose]
 
-    tracker = tracker or tracker_of(scene, method)
+    tracker = tracker or tracker_for(scene, method)
     return Watched(tracker, wide, everywhere if method.uses_voxels else None)
 
 

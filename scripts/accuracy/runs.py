@@ -15,8 +15,9 @@ import numpy as np
 
 from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
+from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
-from apf.filters.method import OBJECTIVES, Method, batches
+from apf.filters.method import OBJECTIVES, Method
 from apf.results.evaluate import evaluate
 from apf.tracking.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
 from apf.tracking.track import Track
@@ -97,7 +98,7 @@ def tracked(
 
 def together(device: Device, setting: Setting, seeds: list[int]) -> list[list[int]]:
     """`seeds` in groups that `run` tracks at once, so as to take less time."""
-    if batches(device, method_of(setting, 0)):
+    if shares_launches(device, method_of(setting, 0)):
         return [seeds]
     return [[seed] for seed in seeds]
 

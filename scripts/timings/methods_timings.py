@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from apf.filters.method import Method, tracker_of
-from apf.image_objective.features import features_for
+from apf.backend import features_for, tracker_for
+from apf.filters.method import Method
 from apf.image_objective.objective import ObjectiveConfig
 from apf.tracking.pipeline import at_rate
 from psfs.cli.commandline import add_command
@@ -99,7 +99,7 @@ def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
     """The scene once through after a warm-up: ms per frame by the clock, and the mean error."""
     device, scene = place.device(), problem.scene
     features = features_for(device, scene.rig, scene.background, method.features)
-    tracker = tracker_of(problem.on(device), method)
+    tracker = tracker_for(problem.on(device), method)
     ms: list[float] = []
     errors: list[float] = []
     n = len(scene.frames)

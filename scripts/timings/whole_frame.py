@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from apf.backend import filter_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.filters.annealed import Estimate, tracker_for
+from apf.filters.annealed import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.scene import Scene as TrackedScene
@@ -78,7 +79,7 @@ class WholeFrame:
         scene, grid = problem.scene, grid_of(problem.shape)
         self.device, self.problem = device, problem
         self.reconstruct: Any = reconstructor_for(device, scene.rig, grid, scene.background)
-        self.tracker = tracker_for(problem.on(device), problem.config)
+        self.tracker = filter_for(problem.on(device), problem.config)
         self.tracker.start(problem.pose)
         self.setup_ms = 1e3 * (time.perf_counter() - started)
         self.parts_ms = np.zeros(3)

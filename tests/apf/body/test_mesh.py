@@ -10,9 +10,10 @@ import trimesh
 from helpers import bodies, rendered, scenes
 
 import apf.image_objective.renderer
+from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
-from apf.image_objective.objective import ImageObjective, ObjectiveConfig, objective_for
+from apf.image_objective.objective import ImageObjective, ObjectiveConfig
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 

@@ -12,9 +12,10 @@ from helpers import bodies
 from helpers.kinds import other_kind, skipped_without_room
 from helpers.worlds import World
 
+from apf.backend import filter_for
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.filters.annealed import AnnealedParticleFilter, Estimate, tracker_for
+from apf.filters.annealed import AnnealedParticleFilter, Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.reference.annealed import NumpyAnnealedParticleFilter
@@ -393,7 +394,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     world = World(device, body)
     config = FilterConfig(n_particles=5, n_layers=2, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
-    tracker = tracker_for(world.scene(chosen), config)
+    tracker = filter_for(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")
 
     def step() -> float:
@@ -559,7 +560,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     world = World(device)
     chosen = device if kind == "opencl" else NumpyDevice()
     config = FilterConfig(n_particles=5, n_layers=1, **MILD)
-    tracker = tracker_for(world.scene(chosen), config)
+    tracker = filter_for(world.scene(chosen), config)
     assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
     for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
         with pytest.raises(InputError, match="expected 31 finite values"):

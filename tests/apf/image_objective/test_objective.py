@@ -10,9 +10,10 @@ import pytest
 from helpers import bodies, rendered, scenes
 from helpers.shared import shared_data
 
+from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import CONE_FLOATS
-from apf.image_objective.objective import KINDS, ImageObjective, ObjectiveConfig, objective_for
+from apf.image_objective.objective import KINDS, ImageObjective, ObjectiveConfig
 from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.objective import objective_values

@@ -1,0 +1,193 @@
+"""Trackers, scorers, features and pictures on either device: kernels on OpenCL, twins on NumPy.
+
+The only module beside tests and benchmarks that imports `apf.reference`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from apf.body.mesh import BodyMesh
+from apf.filters.annealed import AnnealedParticleFilter, Tracker
+from apf.filters.config import FilterConfig
+from apf.filters.method import Method
+from apf.filters.sir import SirParticleFilter
+from apf.filters.swarm import ParticleSwarm
+from apf.image_objective.features import FeatureConfig, Features
+from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.renderer import draw_hypotheses
+from apf.likelihood.voxel import VoxelLikelihood
+from apf.reference import render
+from apf.reference.annealed import NumpyAnnealedParticleFilter
+from apf.reference.base import NumpyTracker, NumpyVoxelLikelihood
+from apf.reference.features import NumpyFeatures
+from apf.reference.objective import NumpyImageObjective
+from apf.reference.sir import NumpySirParticleFilter
+from apf.reference.swarm import NumpyParticleSwarm
+from apf.scene import Scene
+from cl import Device, NumpyDevice
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+from psfs.config import ReconstructionConfig
+from psfs.reconstructor import Voxels, reconstructor_for
+from psfs.reference.reconstructor import NumpyVoxels
+from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid
+
+AnyTracker: TypeAlias = Tracker | NumpyTracker
+AnyObjective: TypeAlias = ImageObjective | NumpyImageObjective
+AnyFeatures: TypeAlias = Features | NumpyFeatures
+DeviceScorer: TypeAlias = VoxelLikelihood | ImageObjective
+NumpyScorer: TypeAlias = NumpyVoxelLikelihood | NumpyImageObjective
+#: What a tracker observes of a frame.
+Observation: TypeAlias = Voxels | NumpyVoxels | AnyFeatures
+
+
+class Footage(Protocol):
+    """As much of a `psfs.sequence.Sequence` as says what its frames are."""
+
+    @property
+    def rig(self) -> CameraRig: ...
+
+    @property
+    def background(self) -> Background | None: ...
+
+    @property
+    def has_images(self) -> bool: ...
+
+
+def filter_for(
+    scene: Scene, config: FilterConfig
+) -> AnnealedParticleFilter | NumpyAnnealedParticleFilter:
+    """Return the annealed particle filter over voxels for the scene's device."""
+    if isinstance(scene.device, NumpyDevice):
+        return NumpyAnnealedParticleFilter(scene, config)
+    return AnnealedParticleFilter(scene, config)
+
+
+def tracker_for(scene: Scene, method: Method) -> AnyTracker:
+    """Return the tracker of `method` for the scene's device."""
+    if isinstance(scene.device, NumpyDevice):
+        return _numpy_tracker(scene, method)
+    return device_tracker(scene, method)
+
+
+def device_tracker(scene: Scene, method: Method, seeds: Sequence[int] | None = None) -> Tracker:
+    """Return the tracker of `method` on OpenCL; only the voxels' needs the scene's grid.
+
+    seeds: of the runs that it makes at once, where `shares_launches` says that it can; one run with
+    the method's own seed by default. Raises DeviceError on a NumpyDevice.
+    """
+    assert seeds is None or shares_launches(scene.device, method), "several runs for one"
+    scorer = device_scorer(scene, method, len(seeds or [0]))
+    if method.search == "pso":
+        return ParticleSwarm(scene, scorer, method.filter, method.swarm)
+    if method.search == "sir":
+        return SirParticleFilter(scene, scorer, method.filter, method.sir)
+    return AnnealedParticleFilter(scene, method.filter, scorer=scorer, seeds=seeds)
+
+
+def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
+    """Return whether one tracker of `method` can make several runs at once."""
+    fits = method.search == "apf" and method.uses_voxels and not method.filter.remembers
+    return fits and isinstance(device, Device)
+
+
+def device_scorer(scene: Scene, method: Method, n_runs: int = 1) -> DeviceScorer:
+    """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
+    if method.uses_voxels:
+        return VoxelLikelihood(scene, method.filter, n_runs)
+    return ImageObjective(scene, method.filter.n_particles, method.image)
+
+
+def numpy_scorer(scene: Scene, method: Method) -> NumpyScorer:
+    """Return what the tracker of `method` searches with on NumPy."""
+    if method.uses_voxels:
+        return NumpyVoxelLikelihood(scene, method.filter)
+    return NumpyImageObjective(scene, method.filter.n_particles, method.image)
+
+
+def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
+    scorer = numpy_scorer(scene, method)
+    if method.search == "pso":
+        return NumpyParticleSwarm(scene, scorer, method.filter, method.swarm)
+    if method.search == "sir":
+        return NumpySirParticleFilter(scene, scorer, method.filter, method.sir)
+    return NumpyAnnealedParticleFilter(scene, method.filter, scorer=scorer)
+
+
+def objective_for(
+    scene: Scene,
+    n_hypotheses: int,
+    config: ObjectiveConfig | None = None,
+    mesh: BodyMesh | None = None,
+) -> AnyObjective:
+    """Return the image objective for the scene's device, see `ImageObjective`."""
+    if isinstance(scene.device, NumpyDevice):
+        return NumpyImageObjective(scene, n_hypotheses, config, mesh)
+    return ImageObjective(scene, n_hypotheses, config, mesh)
+
+
+def features_for(
+    device: Device | NumpyDevice,
+    rig: CameraRig,
+    background: Background | None,
+    config: FeatureConfig | None = None,
+) -> AnyFeatures:
+    """Return what makes image features of frames on `device`, see `Features`."""
+    if isinstance(device, NumpyDevice):
+        return NumpyFeatures(device, rig, background, config)
+    return Features(device, rig, background, config)
+
+
+def observer_for(
+    device: Device | NumpyDevice,
+    footage: Footage,
+    grid: VoxelGrid | None,
+    method: Method,
+    reconstruction: ReconstructionConfig | None = None,
+) -> Callable[[Frame], Observation]:
+    """Return what makes of a frame that which the tracker of `method` observes.
+
+    Voxels in `grid`, or image features. Footage without pictures has only the silhouettes' outlines
+    for edges.
+    """
+    if method.uses_voxels:
+        assert grid is not None, "voxels have a grid"
+        return reconstructor_for(
+            device, footage.rig, grid, footage.background, reconstruction, sparse=True
+        )
+    config = method.features
+    if not footage.has_images:
+        config = replace(config, edges="outline")
+    features = features_for(device, footage.rig, footage.background, config)
+
+    def observe(frame: Frame) -> AnyFeatures:
+        features(frame)
+        return features
+
+    return observe
+
+
+def pictures_for(
+    scene: Scene, poses: np.ndarray, mesh: BodyMesh | None = None, round_ends: bool = False
+) -> np.ndarray:
+    """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8 on the scene's device.
+
+    The number of the part seen, from 1 (0 is background), and 255 on edges. mesh: drawn instead of
+    the body's cones. round_ends: of the cones' trapezoids.
+    """
+    if not isinstance(scene.device, NumpyDevice):
+        return draw_hypotheses(scene, poses, mesh, round_ends)
+    rig = scene.rig
+    out = np.zeros((len(poses), len(rig), rig.height, rig.width, 2), np.uint8)
+    by_camera = render.draw_hypotheses(scene.body, rig, poses, mesh, round_ends)
+    for view, pictures in enumerate(by_camera):
+        for pose, (parts, edges) in enumerate(pictures):
+            height, width = parts.shape
+            out[pose, view, :height, :width] = np.stack([parts, 255 * edges], -1)
+    return out
