@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test install clean
+.PHONY: demo test docs install clean
 
 demo: install
 	$(BIN)/apf demo -o demo
@@ -14,6 +14,10 @@ test: install
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n auto
 
+docs: install
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	$(BIN)/pdoc --output-directory build/docs cl psfs apf
+
 install: $(VENV)/.installed
 
 $(VENV)/.installed: pyproject.toml
@@ -23,4 +27,4 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo
+	rm -rf $(VENV) demo build
