@@ -60,21 +60,31 @@ class Adaptation:
         )
         size = (blocks, parts * -(-rows // PERIOD), len(rig))
         defines |= {"LOOKED_AT": size[0] * size[1], "GROUP": _GROUP}
-        phase = np.int32(0)
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
         shape = (len(rig), size[0] * size[1], 2)
         changes = device.empty(shape, np.float32, "the views' change of light")
-        arrays = (pictures, evidence, marks, sizes, phase, planes, drift, changes)
+        light = {"drift": drift, "changes": changes}
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
         view_drift = device.kernel("reconstruction/adaptation", "view_drift", **defines)
-        self._adapt = device.launch(adapt, size, row_group(device, blocks), *arrays)
+        self._adapt = device.launch(
+            adapt,
+            size,
+            row_group(device, blocks),
+            images=pictures,
+            evidence=evidence,
+            marks=marks,
+            sizes=sizes,
+            phase=0,
+            background=planes,
+            **light,
+        )
         groups = (_GROUP * len(rig),)
-        self._view_drift = device.launch(view_drift, groups, (_GROUP,), changes, drift)
+        self._view_drift = device.launch(view_drift, groups, (_GROUP,), **light)
         self._frames = 0
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
-        self._adapt.set_arg(4, np.int32(self._frames % PERIOD))
+        self._adapt.set(phase=self._frames % PERIOD)
         self._adapt()
         self._view_drift()
         self._frames += 1

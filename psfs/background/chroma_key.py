@@ -172,4 +172,5 @@ def key_launch(
     )
     size = (rig.width, rig.height, len(rig))
     group = row_group(device, rig.width)
-    return device.launch(kernel, size, group, pictures, keys, screen, ratios)
+    arrays = {"images": pictures, "keys": keys, "screen": screen, "ratios": ratios}
+    return device.launch(kernel, size, group, **arrays)

@@ -101,29 +101,37 @@ class Foreground:
         defines = self._defines(voxels)
 
         def launch(
-            name: str, size: tuple[int, ...], local: tuple[int, ...], *args: Array
+            name: str, size: tuple[int, ...], local: tuple[int, ...], **arguments: Array
         ) -> Launch:
-            return device.launch(
-                device.kernel("reconstruction/appearance", name, **defines), size, local, *args
-            )
+            kernel = device.kernel("reconstruction/appearance", name, **defines)
+            return device.launch(kernel, size, local, **arguments)
 
-        surface = (self._geometry, voxels.surface, voxels.count)
-        seen = (self.marks, self._odds, voxels.count, self._pictures, self._evidence)
+        seen = {"n_surface": voxels.count, "marks": self.marks}
+        histogram = {"counts": self._counts, "memory": self._memory}
         self._launches = [
             launch(
                 "mark",
                 (16384 if device.is_gpu else 512, views),
                 (64, 1),
-                *(self._cameras, self._extents, *surface, self.marks),
+                **seen,
+                cameras=self._cameras,
+                extents=self._extents,
+                geometry=self._geometry,
+                indices=voxels.surface,
             ),
             launch(
                 "observe",
                 (columns, rows, views),
                 row_group(device, columns),
-                *(*seen, self.place, self._counts),
+                **seen,
+                odds=self._odds,
+                images=self._pictures,
+                evidence=self._evidence,
+                place=self.place,
+                counts=self._counts,
             ),
-            launch("fade", (n_bins + 1,), (64,), self._counts, self._memory),
-            launch("colour_table", (n_bins + 1,), (64,), self._memory, self.colours, self._counts),
+            launch("fade", (n_bins + 1,), (64,), **histogram),
+            launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.colours),
         ]
 
     def _defines(self, voxels: Voxels) -> dict[str, int | float]:

@@ -55,8 +55,11 @@ class Silhouette:
         if background is None:
             self.input = device.empty(shape, np.uint8, "the masks")
             table = device.to_device(self._config.mask_counts(np.arange(256)), "the evidence table")
-            maps = (self.input, self._sizes, table, self.evidence)
-            self._launches = [self._launch("mask_silhouette", (rig.width, rig.height), *maps)]
+            mapped = {"masks": self.input, "table": table, "evidence": self.evidence}
+            size = (rig.width, rig.height)
+            self._launches = [
+                self._launch("silhouette", "mask_silhouette", size, sizes=self._sizes, **mapped)
+            ]
         else:
             self.input = device.empty((*shape, 3), np.uint8, "the pictures")
             self._launches = self._from_pictures(background)
@@ -76,19 +79,20 @@ class Silhouette:
         device, rig, config = self._device, self.rig, self._config
         bordered = (len(rig), rig.height + 2, rig.width + 2)
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
-        mixed: tuple[Array, ...] = ()
+        scene: dict[str, Array] = {}
         if isinstance(background, ChromaKey):
             before = [key_launch(device, rig, background, config, self.input, ratios)]
         else:
-            before, mixed = self._before_scene(background, ratios)
+            before, scene = self._before_scene(background, ratios)
         table = device.to_device(config.ratio_counts(), "the evidence table")
-        outputs = (ratios, self._sizes, table, self.evidence)
-        launches = [*before, self._launch("silhouette", self._packs(), *outputs)]
-        return [*launches, *self._rims(mixed, ratios, outputs)] if mixed else launches
+        mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
+        mapped["evidence"] = self.evidence
+        launches = [*before, self._launch("silhouette", "silhouette", self._packs(), **mapped)]
+        return [*launches, *self._rims(scene, mapped)] if scene else launches
 
     def _before_scene(
         self, background: Background, ratios: Array
-    ) -> tuple[list[Launch], tuple[Array, ...]]:
+    ) -> tuple[list[Launch], dict[str, Array]]:
         """Pictures to log ratios of scene over foreground; and what the scene looks like, the
         person's colours and his place, which ratios of mixed pixels are told from."""
         device, rig, config = self._device, self.rig, self._config
@@ -104,33 +108,41 @@ class Silhouette:
                 device, rig, self.input, self.evidence, colours, place, config
             )
             if config.adapt:
-                seen = (self.input, self.evidence, self.foreground.marks, self._sizes)
-                self.adaptation = Adaptation(device, rig, config, *seen, planes)
-        on_floor = (cameras, floor, self.input, planes, light)
-        inputs = (self.input, planes, self._sizes, colours, place, light, ratios)
+                frame = (self.input, self.evidence, self.foreground.marks, self._sizes)
+                self.adaptation = Adaptation(device, rig, config, *frame, planes)
+        seen = {"images": self.input, "background": planes, "light": light}
+        known = {"colours": colours, "place": place}
         launches = [
             self._launch(
                 "floor_light",
+                "floor_light",
                 (columns + 2, rows + 2),
-                *on_floor,
-                stage="floor_light",
+                cameras=cameras,
+                points=floor,
+                **seen,
             ),
-            self._launch("log_ratio", self._packs(), *inputs),
+            self._launch(
+                "silhouette",
+                "log_ratio",
+                self._packs(),
+                **seen,
+                **known,
+                sizes=self._sizes,
+                ratios=ratios,
+            ),
         ]
-        return launches, (planes, colours, place)
+        return launches, {"images": self.input, "background": planes, **known}
 
-    def _rims(
-        self, mixed: tuple[Array, ...], ratios: Array, outputs: tuple[Array, ...]
-    ) -> list[Launch]:
+    def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
         """New ratios for the pixels of the rim, and the evidence around them once more."""
         rows, _ = cells(self.rig)
         columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
         shape = (len(self.rig), rows + 2, columns + 2)
         changed = self._device.zeros(shape, np.uint8, "the rim's blocks")
-        inputs = (self.input, *mixed, self.evidence, ratios, changed)
+        size, both = (columns, rows), {"changed": changed, "evidence": self.evidence}
         return [
-            self._launch("rim", (columns, rows), *inputs),
-            self._launch("silhouette_again", (columns, rows), changed, *outputs),
+            self._launch("silhouette", "rim", size, **scene, **both, ratios=mapped["ratios"]),
+            self._launch("silhouette", "silhouette_again", size, **{**mapped, **both}),
         ]
 
     def _packs(self) -> tuple[int, int]:
@@ -164,17 +176,14 @@ class Silhouette:
         }
 
     def _launch(
-        self,
-        name: str,
-        size: tuple[int, int],
-        *args: Array,
-        stage: str = "silhouette",
+        self, stage: str, name: str, size: tuple[int, int], /, **arguments: Array
     ) -> Launch:
         device, defines = self._device, self._defines()
         if stage == "silhouette":
             defines["PACK"] = pixel_pack(device, self.rig.width)
         kernel = device.kernel(f"reconstruction/{stage}", name, **defines)
-        return device.launch(kernel, (*size, len(self.rig)), row_group(device, size[0]), *args)
+        group = row_group(device, size[0])
+        return device.launch(kernel, (*size, len(self.rig)), group, **arguments)
 
 
 def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:

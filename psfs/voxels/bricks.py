@@ -66,10 +66,21 @@ class Bricks:
             ),
             (columns * rows * lanes, views),
             (lanes, 1),
-            evidence,
-            self.tiles,
-            self.n_active,
+            evidence=evidence,
+            tiles=self.tiles,
+            n_active=self.n_active,
         )
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """What all occupancy kernels read beside the evidence, by the kernels' names."""
+        return {
+            "cameras": self.cameras,
+            "reach": self.reach,
+            "tiles": self.tiles,
+            "table": self.table,
+            "geometry": self.geometry,
+        }
 
     def place(self, grid: VoxelGrid) -> None:
         """Move to a grid of the same shape."""

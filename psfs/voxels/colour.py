@@ -40,19 +40,28 @@ class SurfaceColour:
             device.kernel("reconstruction/colour", name, **defines, TOLERANCE=TOLERANCE)
             for name in ("nearest_depth", "surface_colour")
         ]
-        voxels = (self._geometry, surface.indices, surface.count)
+        voxels = {
+            "cameras": cameras,
+            "geometry": self._geometry,
+            "indices": surface.indices,
+            "n_surface": surface.count,
+            "depths": self._depths,
+        }
         self._splat = device.launch(
             kernels[0],
             (16384 if device.is_gpu else 512, views),
             (64, 1),
-            *(cameras, device.to_device(extents, "the footprints"), *voxels, self._depths),
+            **voxels,
+            extents=device.to_device(extents, "the footprints"),
         )
-        images = device.empty(1, np.uint8, "no picture")
         self._colour = device.launch(
             kernels[1],
             (32768 if device.is_gpu else 512,),
             (64,),
-            *(cameras, *voxels, self._depths, images, evidence, self.colours),
+            **voxels,
+            images=None,  # every frame's own
+            evidence=evidence,
+            colours=self.colours,
         )
 
     def __call__(self, grid: VoxelGrid, images: Array) -> Array:
@@ -60,7 +69,7 @@ class SurfaceColour:
         if grid is not self._grid:
             self._grid = grid
             self._geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
-        self._colour.set_arg(5, images)
+        self._colour.set(images=images)
         self._depths.fill(_FAR)
         self._splat()
         self._colour()

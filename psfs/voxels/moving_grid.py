@@ -29,7 +29,9 @@ class MeanPlace:
             ),
             (lanes,),
             (lanes,),
-            *(indices, count, self._mean),
+            indices=indices,
+            n_surface=count,
+            mean=self._mean,
         )
 
     def __call__(self) -> np.ndarray | None:

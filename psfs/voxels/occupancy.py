@@ -34,8 +34,9 @@ class Occupancy:
             device.kernel("reconstruction/occupancy", "occupancy", **bricks.defines, **lanes),
             (along[2] * group, along[1], along[0]),
             (group, 1, 1),
-            *(bricks.cameras, bricks.reach, bricks.tiles, bricks.evidence),
-            *(bricks.table, bricks.geometry, self.probability),
+            **bricks.inputs,
+            evidence=bricks.evidence,
+            probability=self.probability,
         )
 
     def __call__(self) -> Array:

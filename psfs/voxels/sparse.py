@@ -45,21 +45,23 @@ class SparseSurface:
         self._defines = {**bricks.defines, **lanes, "CAPACITY": self.capacity}
         find, group = int(self._defines["FIND_LANES"]), int(lanes["LANES"])
         coarse = [-(-n // c) for n, c in zip(along, COARSE_BRICK, strict=True)]
-        inputs = (bricks.cameras, bricks.reach, bricks.tiles)
-        table = (bricks.table, bricks.geometry)
+        inputs = bricks.inputs | {"bricks": self._listed, "n_active": self.n_active}
         self._find = device.launch(
             device.kernel("reconstruction/occupancy", "find_bricks", **self._defines),
             (coarse[2] * find, coarse[1], coarse[0]),
             (find, 1, 1),
-            *(*inputs, *table, self.slots, self._listed, self.n_active),
+            **inputs,
+            slots=self.slots,
         )
         groups = min(n_bricks, 16 * device.info.compute_units if device.is_gpu else 64)
         self._launch = device.launch(
             device.kernel("reconstruction/occupancy", "sparse_occupancy", **self._defines),
             (groups * group,),
             (group,),
-            *(*inputs, bricks.evidence, *table),
-            *(self._listed, self.n_active, self._pool, self._bits),
+            **inputs,
+            evidence=bricks.evidence,
+            pool=self._pool,
+            bits=self._bits,
         )
 
     def __call__(self) -> None:
@@ -75,9 +77,16 @@ class SparseSurface:
         self.check_room()
         device = self._bricks.device
         out = device.empty(max(count, 1), np.float32, "the surface's probability")
-        arrays = (self._pool, self.slots, self.list.indices, self.list.count, out)
-        kernel = device.kernel("reconstruction/occupancy", "sparse_gather", **self._defines)
-        device.launch(kernel, (4096,), (64,), *arrays)()
+        device.launch(
+            device.kernel("reconstruction/occupancy", "sparse_gather", **self._defines),
+            (4096,),
+            (64,),
+            pool=self._pool,
+            slots=self.slots,
+            indices=self.list.indices,
+            n_surface=self.list.count,
+            out=out,
+        )()
         return out.get(count)
 
     @property
@@ -87,9 +96,14 @@ class SparseSurface:
         self.check_room()
         device, (nx, ny, nz) = self._bricks.device, self._bricks.shape
         probability = device.empty((nx, ny, nz), np.float32, "the whole grid's probability")
-        kernel = device.kernel("reconstruction/occupancy", "spread", **self._defines)
-        arrays = (self._pool, self.slots, probability)
-        device.launch(kernel, (nz, ny, nx), row_group(device, nz), *arrays)()
+        device.launch(
+            device.kernel("reconstruction/occupancy", "spread", **self._defines),
+            (nz, ny, nx),
+            row_group(device, nz),
+            pool=self._pool,
+            slots=self.slots,
+            probability=probability,
+        )()
         return probability
 
     def check_room(self) -> None:

@@ -35,18 +35,18 @@ class SurfaceList:
         defines["CAPACITY"] = self.capacity
         starts = device.empty(nx * ny, np.int32, "the rows of the grid")
         totals = device.empty((nx, 2), np.int32, "the slabs of the grid")
-        counts = (self.count, self.occupied, self._found)
+        rows = {"bits": bits, "starts": starts, "totals": totals}
+        listed = {"n_surface": self.count, "n_occupied": self.occupied, "found": self._found}
+        listed["indices"] = self.indices
         self._launches = [
             device.launch(
                 device.kernel("reconstruction/surface", name, THRESHOLD=0.0, **defines),
                 (nx * lanes,),
                 (lanes,),
-                *arrays,
+                **rows,
+                **written,
             )
-            for name, arrays in (
-                ("count_slabs", (bits, starts, totals)),
-                ("list_surface", (bits, starts, totals, *counts, self.indices)),
-            )
+            for name, written in (("count_slabs", {}), ("list_surface", listed))
         ]
 
     def __call__(self) -> None:
@@ -87,8 +87,10 @@ class Surface:
             for name in ("smooth", "threshold", "gather")
         )
         self._launches = [
-            device.launch(smooth, (nz, ny, nx), row, padded, self.probability),
-            device.launch(threshold_, (nx * ny * words,), word, self.probability, bits),
+            device.launch(smooth, (nz, ny, nx), row, padded=padded, probability=self.probability),
+            device.launch(
+                threshold_, (nx * ny * words,), word, probability=self.probability, bits=bits
+            ),
         ]
 
     def __call__(self) -> None:
@@ -99,6 +101,13 @@ class Surface:
     def surface_probability(self, count: int) -> np.ndarray:
         """(count,) float32 probabilities of the surface voxels, downloaded."""
         out = self._device.empty(max(count, 1), np.float32, "the surface's probability")
-        arrays = (self.probability, self.list.indices, self.list.count, out)
-        self._device.launch(self._gather, (4096,), (64,), *arrays)()
+        self._device.launch(
+            self._gather,
+            (4096,),
+            (64,),
+            probability=self.probability,
+            indices=self.list.indices,
+            n_surface=self.list.count,
+            gathered=out,
+        )()
         return out.get(count)
