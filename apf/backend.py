@@ -30,13 +30,14 @@ from apf.reference.sir import NumpySirParticleFilter
 from apf.reference.swarm import NumpyParticleSwarm
 from apf.scene import Scene
 from cl import Device, NumpyDevice
+from psfs.backend import reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig
-from psfs.reconstructor import Voxels, reconstructor_for
-from psfs.reference.reconstructor import NumpyVoxels
 from psfs.sequence import Frame
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 AnyTracker: TypeAlias = Tracker | NumpyTracker
 AnyObjective: TypeAlias = ImageObjective | NumpyImageObjective
@@ -44,7 +45,7 @@ AnyFeatures: TypeAlias = Features | NumpyFeatures
 DeviceScorer: TypeAlias = VoxelLikelihood | ImageObjective
 NumpyScorer: TypeAlias = NumpyVoxelLikelihood | NumpyImageObjective
 #: What a tracker observes of a frame.
-Observation: TypeAlias = Voxels | NumpyVoxels | AnyFeatures
+Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures
 
 
 class Footage(Protocol):

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
     from psfs.reconstructor import Reconstructor
     from psfs.sequence import Frame, Sequence
-    from psfs.voxels.bounding_volume import automatic_grid
+    from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
     from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -77,7 +77,7 @@ _MODULES = {
     "psfs.config": ("OccupancyConfig", "ReconstructionConfig", "SilhouetteConfig"),
     "psfs.reconstructor": ("Reconstructor",),
     "psfs.sequence": ("Frame", "Sequence"),
-    "psfs.voxels.bounding_volume": ("automatic_grid",),
+    "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
     "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
 }

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from cl import Device, NumpyDevice, select_device
+from psfs.backend import reconstructor_for
 from psfs.config import ReconstructionConfig
 from psfs.diagnostics.camera_consistency import Suspect, suspects
-from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import automatic_grid, default_voxel_size
+from psfs.volume import automatic_grid
+from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 

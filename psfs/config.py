@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cl import InputError
+from psfs.cameras.rig_geometry import enough_cameras
 from psfs.common.ranges import check_range
 
 
@@ -185,7 +186,7 @@ class OccupancyConfig:
     def seeing_cameras(self, n_cameras: int) -> int:
         if self.min_cameras is not None:
             return self.min_cameras
-        return min(n_cameras, max(3, (n_cameras + 1) // 2))
+        return enough_cameras(n_cameras, 0.5, 3)
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).

@@ -3,88 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cl import Array, Device, InputError, NumpyDevice
+from cl import Device, InputError
 from cl.staging import Uploads
+from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig
+from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.bricks import Bricks
-from psfs.voxels.colour import SurfaceColour
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import Follower
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
-
-if TYPE_CHECKING:
-    from psfs.background.gaussian import Background
-    from psfs.reference.reconstructor import NumpyReconstructor
-    from psfs.sequence import Frame
-
-
-class Voxels:
-    """The voxels of the latest frame, on the device; overwritten by the next frame.
-
-    surface: (capacity,) int32 flat indices, of which the first `count[0]` are valid, ascending.
-    count, occupied: (1,) int32.
-    """
-
-    def __init__(
-        self, grid: VoxelGrid, silhouette: Silhouette, surface: Surface | SparseSurface
-    ) -> None:
-        self.grid = grid
-        self.frame: Frame | None = None
-        self.surface: Array = surface.list.indices
-        self.count: Array = surface.list.count
-        self.occupied: Array = surface.list.occupied
-        self._surface, self._silhouette = surface, silhouette
-        self._colour: SurfaceColour | None = None
-        self._images: Array | None = None
-
-    @property
-    def probability(self) -> Array:
-        """(nx, ny, nz) float32, smoothed. In sparse mode it is made when it is asked for."""
-        return self._surface.probability
-
-    def colours(self) -> Array:
-        """Enqueue the surface's colours: (capacity, 4) uint8, RGB and how many cameras see it.
-
-        Raises InputError if the frame has no pictures.
-        """
-        if self.frame is None or self.frame.images is None:
-            raise InputError("the frame has no pictures to colour its voxels with; expected images")
-        if self._colour is None:
-            rig, evidence = self._silhouette.rig, self._silhouette.evidence
-            self._colour = SurfaceColour(
-                evidence.device, rig, self.grid, self._surface.list, evidence
-            )
-        return self._colour(self.grid, self._pictures(self.frame.images))
-
-    def _pictures(self, images: np.ndarray) -> Array:
-        """The frame's pictures on the device, where silhouettes may be made of masks."""
-        if self._silhouette.background is not None:
-            return self._silhouette.input
-        if self._images is None:
-            self._images = self.count.device.empty(images.shape, np.uint8, "the pictures")
-        self._images.set(images)
-        return self._images
-
-    def cloud(self, colour: bool = False) -> VoxelCloud:
-        """Download the surface voxels (waits for the device), with `colour` in RGB.
-
-        Raises InputError if there was no room for all of them, or no picture to colour them.
-        """
-        count = int(self.count.get()[0])
-        self._surface.list.check_room()
-        volume = int(self.occupied.get()[0]) * self.grid.voxel_size**3
-        probability = self._surface.surface_probability(count)
-        rgb = self.colours().get(count)[:, :3] if colour else None
-        return VoxelCloud(self.grid, self.surface.get(count), probability, rgb, volume)
 
 
 class Reconstructor:
@@ -202,29 +138,3 @@ class Reconstructor:
             if frame is not None:
                 self.prepare(frame)
             yield voxels
-
-
-def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
-    """The frame's pictures, or its masks if there is no background. Raises InputError if absent."""
-    pictures = frame.masks if background is None else frame.images
-    if pictures is None:
-        kind = "masks" if background is None else "pictures"
-        raise InputError(f"frame {frame.index} has no {kind}, which its silhouettes are made of")
-    return pictures
-
-
-def reconstructor_for(
-    device: Device | NumpyDevice,
-    rig: CameraRig,
-    grid: VoxelGrid,
-    background: Background | None,
-    config: ReconstructionConfig | None = None,
-    *,
-    sparse: bool = False,
-) -> Reconstructor | NumpyReconstructor:
-    """The reconstructor of the chosen device: OpenCL, or the NumPy twin, which knows no modes."""
-    if isinstance(device, NumpyDevice):
-        from psfs.reference.reconstructor import NumpyReconstructor
-
-        return NumpyReconstructor(device, rig, grid, background, config)
-    return Reconstructor(device, rig, grid, background, config, sparse=sparse)

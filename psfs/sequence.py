@@ -43,6 +43,17 @@ class Frame:
     masks: np.ndarray | None
 
 
+def frame_input(frame: Frame, background: Background | None) -> np.ndarray:
+    """Return what silhouettes are made of: the frame's pictures (V, H, W, 3), or its masks
+    (V, H, W) if there is no background. Raises InputError if the frame has none.
+    """
+    pictures = frame.masks if background is None else frame.images
+    if pictures is None:
+        kind = "masks" if background is None else "pictures"
+        raise InputError(f"frame {frame.index} has no {kind}, which its silhouettes are made of")
+    return pictures
+
+
 class Sequence:
     """Synchronised views with their rig (metres, Z up), background and frame rate.
 

@@ -36,7 +36,8 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.common.files import write_json
-from psfs.voxels.bounding_volume import automatic_grid, default_voxel_size
+from psfs.volume import automatic_grid
+from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.grid import VoxelGrid
 
 #: The voxels' mean tells where the body has moved to: less noise than `apf track` needs.

@@ -15,7 +15,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_range
 from psfs.config import SilhouetteConfig
-from psfs.reconstructor import frame_input
+from psfs.sequence import frame_input
 from psfs.silhouettes.silhouette import Silhouette
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.reconstructor import Voxels
-from psfs.reference.reconstructor import NumpyVoxels
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 
 class StoredVoxels:
@@ -26,13 +26,11 @@ class StoredVoxels:
         return self._cloud
 
 
-def stored(
-    device: Device | NumpyDevice, voxels: Voxels | NumpyVoxels
-) -> StoredVoxels | NumpyVoxels:
+def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredVoxels | HostVoxels:
     """What remains of `voxels` when their reconstructor goes on to the next frame."""
     if isinstance(device, NumpyDevice):
-        assert isinstance(voxels, NumpyVoxels)
-        return NumpyVoxels(voxels.grid, voxels.probability, voxels.surface, voxels.occupied)
+        assert isinstance(voxels, HostVoxels)
+        return HostVoxels(voxels.grid, voxels.probability, voxels.surface, voxels.occupied)
     return StoredVoxels(device, voxels.cloud())
 
 

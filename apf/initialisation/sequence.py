@@ -11,8 +11,8 @@ from apf.initialisation.automatic import Start, find_start
 from apf.initialisation.kept_voxels import stored
 from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
+from psfs.backend import reconstructor_for
 from psfs.config import ReconstructionConfig
-from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 

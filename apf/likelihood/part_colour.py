@@ -11,7 +11,7 @@ from apf.body.posing import body_defines
 from apf.filters.config import FilterConfig
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
-from psfs.reconstructor import Voxels
+from psfs.voxels.device_voxels import Voxels
 
 _GROUP = 128
 #: Grey levels added to R + G + B of a colour: below it the noise of dark pixels would count.

@@ -15,7 +15,7 @@ from apf.likelihood.silhouette_recall import Coverage
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
-from psfs.reconstructor import Voxels
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 

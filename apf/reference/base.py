@@ -20,8 +20,8 @@ from apf.reference.noise import normals
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from apf.scene import Scene
 from cl import InputError, NumpyDevice
-from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection
+from psfs.voxels.host_voxels import HostVoxels
 
 
 class NumpyVoxelLikelihood:
@@ -50,7 +50,7 @@ class NumpyVoxelLikelihood:
             scale, rate = config.surface_scale, config.colour_rate
             self.parts = learnt(self.parts, self.points, self._colours, cones, scale, rate)
 
-    def observe(self, voxels: NumpyVoxels) -> None:
+    def observe(self, voxels: HostVoxels) -> None:
         """Take the voxels of a frame. Raises InputError if a term lacks pictures."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)

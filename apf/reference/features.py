@@ -12,9 +12,9 @@ from apf.image_objective.features import CELL, FILLED, FeatureConfig, canny_edge
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
-from psfs.reconstructor import frame_input
 from psfs.reference.reprojection import boundary
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
+from psfs.sequence import frame_input
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background

@@ -30,7 +30,7 @@ from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice, UserError
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import automatic_grid
+from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 
 log = logging.getLogger(__name__)

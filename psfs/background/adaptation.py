@@ -7,9 +7,8 @@ import numpy as np
 from cl import Array, Device
 from cl.workgroups import pixel_pack, row_group
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
 from psfs.config import SilhouetteConfig
-from psfs.silhouettes.appearance import REACH
-from psfs.silhouettes.floor_shadow import CELL, cells
 
 #: Every pixel is looked at once in so many frames, a part of the picture in each.
 PERIOD = 8
@@ -46,11 +45,12 @@ class Adaptation:
         (rows, columns), pack = cells(rig), pixel_pack(device, rig.width)
         blocks = -(-rig.width // max(CELL, pack))
         mean_rate, variance_rate = rates(config)
+        reach = (marks.shape[1] - rows) // 2
         # A GPU needs more work-items to hide that they wait for memory.
         parts = CELL if device.is_gpu else 1
         defines: dict[str, int | float] = dict(
             **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
-            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": REACH},
+            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": reach},
             **{"PARTS": parts, "PACK": pack},
             **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
             **{"VIEWS": len(rig), "ENOUGH": ENOUGH},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ from cl import Array, Device, InputError, Launch
 from cl.workgroups import row_group
 from psfs.background.gaussian import STD_FLOOR, Background
 from psfs.cameras.camera import CameraRig
+from psfs.common.colours import chromaticity, parse_colour
 from psfs.config import SilhouetteConfig
 from psfs.footage.media import Media
 
@@ -57,26 +57,6 @@ class ChromaKey(Background):
         return packed.astype(np.float32)
 
 
-def chromaticity(pixels: np.ndarray) -> np.ndarray:
-    """(..., 2) of colours (..., 3) BGR: (r - g) / sqrt 2 and (r + g - 2 b) / sqrt 6 of shares r,
-    g, b of the brightness. 0 is grey, the direction is the hue and the length the saturation;
-    light and shadow leave it as it is.
-    """
-    b, g, r = np.moveaxis(pixels.astype(np.float64), -1, 0)
-    total = b + g + r + 1
-    return np.stack([(r - g) / np.sqrt(2), (r + g - 2 * b) / np.sqrt(6)], -1) / total[..., None]
-
-
-def parse_colour(text: str) -> np.ndarray:
-    """(3,) float BGR of `#rrggbb`. Raises InputError."""
-    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
-        raise InputError(f"key = {text!r}; expected a colour #rrggbb, such as #00b140")
-    colour = np.array([int(text[i : i + 2], 16) for i in (5, 3, 1)], np.float64)
-    if np.linalg.norm(chromaticity(colour)) < SATURATED:
-        raise InputError(f"key = {text!r} is nearly grey; expected the colour of a screen")
-    return colour
-
-
 def key_from_media(
     rig: CameraRig, media: Sequence[Media], empty: bool, colour: str | None = None
 ) -> ChromaKey:
@@ -86,7 +66,7 @@ def key_from_media(
     `empty`: the pictures show the screen and nobody; then what is not screen has no say in the
     silhouettes. Raises InputError for a camera that sees no screen.
     """
-    stated = None if colour is None else chromaticity(parse_colour(colour))
+    stated = None if colour is None else _stated(colour)
     shape = (len(rig), rig.height, rig.width)
     screen = np.zeros(shape, np.uint8)
     means, keys, spreads, lights = [], [], [], []
@@ -102,6 +82,14 @@ def key_from_media(
     mean = np.broadcast_to(np.array(means, np.float32)[:, None, None], (*shape, 3))
     std = np.broadcast_to(np.float32(STD_FLOOR), (*shape, 3))
     return ChromaKey(mean, std, np.array(keys), np.array(spreads), np.array(lights), screen)
+
+
+def _stated(colour: str) -> np.ndarray:
+    """Return the chromaticity (2,) of `#rrggbb`. Raises InputError for what is nearly grey."""
+    stated = chromaticity(parse_colour(colour))
+    if np.linalg.norm(stated) < SATURATED:
+        raise InputError(f"key = {colour!r} is nearly grey; expected the colour of a screen")
+    return stated
 
 
 def _screen_of(

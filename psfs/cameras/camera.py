@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.cameras.distortion import distorted, largest_radius2
 
 #: Floats per camera in `CameraRig.packed()`; the same number stands in `camera.h`.
 CAMERA_FLOATS = 32
@@ -81,16 +82,9 @@ class Camera:
 
     @cached_property
     def max_radius2(self) -> float:
-        """Largest squared normalised radius at which the distortion is still one to one.
-
-        Beyond it the polynomial turns back and would project points far outside the view into
-        the image; such points count as unseen.
-        """
-        k1, k2, _, _, k3 = self.distortion
-        r = np.linspace(0.0, 10.0, 100_001)
-        slope = 1 + 3 * k1 * r**2 + 5 * k2 * r**4 + 7 * k3 * r**6
-        turning = np.flatnonzero(slope <= 0)
-        return float(r[turning[0]] ** 2) if turning.size else float("inf")
+        """Largest squared normalised radius that has an image, see `largest_radius2`; points
+        beyond it count as unseen."""
+        return largest_radius2(self.distortion)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (..., 2) and depths (...) m of world points (..., 3).
@@ -105,12 +99,8 @@ class Camera:
             x, y = camera[..., 0] / depth, camera[..., 1] / depth
             r2 = x * x + y * y
             seen = (depth > 1e-6) & (r2 < self.max_radius2)
-            k1, k2, p1, p2, k3 = self.distortion
             if self.distortion.any():
-                radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-                xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-                yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-                x, y = xd, yd
+                x, y = distorted(self.distortion, x, y)
             u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
             v = self.K[1, 1] * y + self.K[1, 2]
         pixels = np.where(seen[..., None], np.stack([u, v], -1), -1e6)

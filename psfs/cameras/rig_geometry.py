@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
@@ -10,29 +12,51 @@ from psfs.cameras.camera import CameraRig
 _COARSE, _FINE = 21, 41
 
 
+def axis_projectors(rig: CameraRig) -> np.ndarray:
+    """Return I - d d^T (V, 3, 3) of every camera, d its viewing direction: what is left of a
+    vector across the optical axis."""
+    axes = np.stack([camera.R[2] for camera in rig])
+    return np.eye(3) - axes[:, :, None] * axes[:, None, :]
+
+
 def axes_meet(rig: CameraRig) -> np.ndarray:
-    """(3,) m: the point with the least sum of squared distances to the optical axes.
+    """Return the point (3,) m with the least sum of squared distances to the optical axes.
 
     Solves sum_v (I - d d^T) (x - c) = 0, d the viewing direction, c the centre of camera v; for
     one camera, or parallel ones, the least-norm correction to the mean camera centre.
     """
     middle = rig.centres.mean(axis=0)
     A, b = np.zeros((3, 3)), np.zeros(3)
-    for camera in rig:
-        direction = camera.R[2]
-        across = np.eye(3) - np.outer(direction, direction)
+    for camera, across in zip(rig, axis_projectors(rig), strict=True):
         A += across
         b += across @ (camera.centre - middle)
     return middle + np.linalg.lstsq(A, b, rcond=1e-6)[0]
 
 
+def axes_meet_ahead(rig: CameraRig) -> np.ndarray:
+    """Return the same point (3,) m, but for a weak pull that keeps it in front of the cameras
+    where their axes are parallel and meet nowhere."""
+    axes, projectors = np.stack([camera.R[2] for camera in rig]), axis_projectors(rig)
+    distance = float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean()) or 3.0
+    ahead = (rig.centres + distance * axes).mean(0)
+    pull = 1e-3 * np.eye(3)  # small beside the projectors, whose eigenvalues are 0 and 1
+    moments = (projectors @ rig.centres[:, :, None]).sum(0)[:, 0]
+    return np.linalg.solve(projectors.sum(0) + pull, moments + pull @ ahead)
+
+
+def enough_cameras(n_cameras: int, share: float, least: int = 1) -> int:
+    """Return how many of `n_cameras` make up `share`, rounded up: `least` of them or more, and
+    all if there are fewer."""
+    return min(n_cameras, max(least, math.ceil(share * n_cameras)))
+
+
 def views_needed(rig: CameraRig) -> int:
-    """How many cameras must see a place for it to be worth reconstructing: three quarters."""
-    return max(1, -(-3 * len(rig) // 4))
+    """Return how many cameras must see a point worth reconstructing: three quarters."""
+    return enough_cameras(len(rig), 0.75)
 
 
 def seen_points(rig: CameraRig, needed: int) -> np.ndarray:
-    """(N, 3) m: points of a coarse regular lattice that `needed` cameras see.
+    """Return the points (N, 3) m of a coarse regular lattice that `needed` cameras see.
 
     The lattice is centred where the axes meet and reaches as far as the farthest camera.
     """
@@ -42,7 +66,7 @@ def seen_points(rig: CameraRig, needed: int) -> np.ndarray:
 
 
 def seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Low and high corner (3,) m of what `needed` cameras see, or None if there is nothing."""
+    """Return the low and high corner (3,) m of what `needed` cameras see; None for nothing."""
     points = seen_points(rig, needed)
     if not len(points):
         return None

@@ -13,6 +13,7 @@ from cl import InputError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
+from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
 from psfs.mesh.marching_cubes import FORMATS, SMOOTHING, Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
@@ -123,8 +124,7 @@ def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str,
     for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
         ours = np.zeros_like(shown)
         ours[: camera.size[1], : camera.size[0]] = scene.silhouette(camera)
-        union = (ours | shown).sum()
-        scores.append((ours & shown).sum() / union if union else np.nan)
+        scores.append(iou(ours, shown))
     return {"watertight": mesh.is_watertight, "volume_m3": mesh.volume, "iou": np.array(scores)}
 
 

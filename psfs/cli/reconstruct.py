@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice, select_device
+from psfs.backend import reconstructor_for
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
@@ -24,14 +25,9 @@ from psfs.config import ReconstructionConfig
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output import runs
 from psfs.output.preview import preview
-from psfs.reconstructor import reconstructor_for
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import (
-    automatic_grid,
-    expected_person,
-    finest_pixel,
-    foreground_box,
-)
+from psfs.volume import automatic_grid, expected_person, foreground_box
+from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 

@@ -11,17 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.cameras.camera import CameraRig
+from psfs.backend import evidence_for
 from psfs.cameras.footprints import footprints
-from psfs.cameras.rig_geometry import seen_box
+from psfs.cameras.rig_geometry import enough_cameras, seen_box
+from psfs.common.regions import iou
 from psfs.config import OccupancyConfig, SilhouetteConfig
-from psfs.reconstructor import frame_input
-from psfs.reference.reconstructor import frame_evidence
-from psfs.reference.reprojection import voxel_silhouette
-from psfs.reference.surface import surface_voxels
 from psfs.sequence import Sequence
-from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
 
 #: A camera is named when its IoU is below this share of the others' median.
 LOW_SHARE = 0.7
@@ -31,6 +28,8 @@ AGREEING = 0.2
 _VOXELS = 250_000
 #: Silhouettes that fill more of the picture are no person.
 _FULL = 0.5
+#: Share of the cameras that must see the room where the coarse shapes are looked for.
+_SHARE = 0.5
 #: Lags tried, frames, and by how much the IoU must rise for one to be believed.
 _LAGS, _RISE = (-20, -15, -10, -5, 5, 10, 15, 20), 0.1
 
@@ -94,10 +93,8 @@ class _Judge:
         last = len(sequence) - 1
         picks = np.linspace(0.1 * last, 0.9 * last, samples).round().astype(int)
         self.frames = [int(i) for i in np.unique(picks)]
-        self._silhouette = (
-            Silhouette(device, self.rig, sequence.background, config)
-            if isinstance(device, Device)
-            else None
+        self._evidence_of = evidence_for(
+            device or NumpyDevice(), self.rig, sequence.background, config
         )
         self._evidence = {i: self._read(i) for i in self.frames}
         self._take(_coarse_grid(sequence))
@@ -129,10 +126,7 @@ class _Judge:
         return _grid_of(centres.min(0) - margin, centres.max(0) + margin)
 
     def _read(self, index: int) -> np.ndarray:
-        frame, background = self.sequence.read(index), self.sequence.background
-        if self._silhouette is not None:
-            return self._silhouette(frame_input(frame, background)).get()
-        return frame_evidence(frame, self.rig, background, self.config)
+        return self._evidence_of(self.sequence.read(index))
 
     def scores(self, views: list[int]) -> np.ndarray:
         """(len(views),) mean IoU of each camera's silhouette with the shape of the others."""
@@ -166,16 +160,14 @@ class _Judge:
         others[1, voxels] -= 1
         needed = OccupancyConfig().seeing_cameras(n_views - 1)
         occupied = (others[0] > 0) & (others[1] >= needed)
-        return surface_voxels(occupied.reshape(self.grid.shape))
+        return surface_indices(occupied.reshape(self.grid.shape))
 
     def _iou(self, view: int, shape: np.ndarray, evidence: np.ndarray) -> float:
         """NaN where neither shows anything."""
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        shown = evidence[view] > 0
-        union = (expected | shown).sum()
-        return float((expected & shown).sum() / union) if union else np.nan
+        return iou(expected, evidence[view] > 0)
 
     def reason(self, view: int, others: list[int]) -> str:
         """Why camera `view` may disagree with the shape that `others` see."""
@@ -211,7 +203,7 @@ class _Judge:
 
 
 def _coarse_grid(sequence: Sequence) -> VoxelGrid:
-    volume = sequence.volume or seen_box(sequence.rig, _needed(sequence.rig))
+    volume = sequence.volume or seen_box(sequence.rig, enough_cameras(len(sequence.rig), _SHARE))
     if volume is None:
         volume = seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
     return _grid_of(*(np.asarray(corner, np.float64) for corner in volume))
@@ -219,7 +211,3 @@ def _coarse_grid(sequence: Sequence) -> VoxelGrid:
 
 def _grid_of(low: np.ndarray, high: np.ndarray) -> VoxelGrid:
     return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
-
-
-def _needed(rig: CameraRig) -> int:
-    return max(1, (len(rig) + 1) // 2)

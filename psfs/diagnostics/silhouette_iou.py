@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
+from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
+from psfs.common.regions import iou, large_parts
 from psfs.output.runs import Run
-from psfs.reconstructor import reconstructor_for
-from psfs.reference.reprojection import voxel_silhouette
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.host_voxels import voxel_silhouette
 
 #: Parts of a silhouette smaller than this share of its largest part are speckle.
 SPECKLE_SHARE = 0.02
@@ -53,21 +54,14 @@ class Checker:
         scores = []
         for view, camera in enumerate(self.rig):
             voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
-            union = (voxels | shown[view]).sum()
-            scores.append((voxels & shown[view]).sum() / union if union else np.nan)
+            scores.append(iou(voxels, shown[view]))
         return np.array(scores)
 
 
 def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
     """`silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
-    smooth = cv2.medianBlur(silhouette.astype(np.uint8), 5)
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
-    areas = np.asarray(facts)[:, cv2.CC_STAT_AREA].copy()
-    areas[0] = 0  # the background
-    kept = areas >= max(1.0, share * areas.max())
-    remaining: np.ndarray = kept[np.asarray(labels)]
-    return remaining
+    return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
 
 
 def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:

@@ -12,11 +12,11 @@ from skimage.measure import marching_cubes
 from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
+from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
 from psfs.config import OccupancyConfig
 from psfs.output.runs import Run
-from psfs.reconstructor import Reconstructor, reconstructor_for
-from psfs.reference.reconstructor import NumpyReconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import DEBRIS_SHARE
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -115,7 +115,7 @@ class Mesher:
             probability = probability.get()
         return probability[:nx, :ny, :nz]
 
-    def _placed(self, box: VoxelGrid) -> Reconstructor | NumpyReconstructor:
+    def _placed(self, box: VoxelGrid) -> AnyReconstructor:
         """A reconstructor of a grid that begins with `box`. One that has the room is used again,
         for a grid of another shape means other kernels."""
         room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape

@@ -11,10 +11,10 @@ from scipy import ndimage
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
-from psfs.reference.reprojection import voxel_silhouette
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsened
 from psfs.voxels.grid import VoxelCloud
+from psfs.voxels.host_voxels import voxel_silhouette
 
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))

@@ -8,10 +8,10 @@ from scipy import ndimage
 from psfs.background.adaptation import ENOUGH, NEAREST, PERIOD, rates
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL
 from psfs.config import SilhouetteConfig
 from psfs.reference.silhouette import _of_pixels, in_pictures
 from psfs.silhouettes.appearance import REACH
-from psfs.silhouettes.floor_shadow import CELL
 
 
 class NumpyAdaptation:

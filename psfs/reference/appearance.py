@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import footprints
 from psfs.config import SilhouetteConfig
 from psfs.silhouettes.appearance import (
@@ -18,7 +19,6 @@ from psfs.silhouettes.appearance import (
     most_samples,
     place_odds,
 )
-from psfs.silhouettes.floor_shadow import CELL, cells
 from psfs.voxels.grid import VoxelGrid
 
 

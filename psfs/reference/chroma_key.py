@@ -11,8 +11,8 @@ from psfs.background.chroma_key import (
     LIGHT_WIDTH,
     NOISE,
     ChromaKey,
-    chromaticity,
 )
+from psfs.common.colours import chromaticity
 from psfs.config import SilhouetteConfig
 
 

@@ -4,53 +4,28 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
+from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstructor import frame_input
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
+from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
-from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
-
-if TYPE_CHECKING:
-    from psfs.background.gaussian import Background
-    from psfs.sequence import Frame
+from psfs.voxels.grid import VoxelGrid, check_size
+from psfs.voxels.host_voxels import HostVoxels
 
 #: Peak of the float64 computation, measured.
 _BYTES_PER_VOXEL = 220
-
-
-@dataclass(frozen=True, eq=False)
-class NumpyVoxels:
-    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices."""
-
-    grid: VoxelGrid
-    probability: np.ndarray
-    surface: np.ndarray
-    occupied: int
-    colours: Callable[[], np.ndarray] | None = None
-
-    def cloud(self, colour: bool = False) -> VoxelCloud:
-        """The surface voxels, with `colour` in RGB. Raises InputError if there is no picture."""
-        if colour and self.colours is None:
-            raise InputError("the frame has no pictures to colour its voxels with; expected images")
-        rgb = self.colours()[:, :3] if colour and self.colours else None
-        probability = self.probability.ravel()[self.surface].astype(np.float32)
-        volume = self.occupied * self.grid.voxel_size**3
-        return VoxelCloud(self.grid, self.surface, probability, rgb, volume)
 
 
 class NumpyReconstructor:
@@ -88,7 +63,7 @@ class NumpyReconstructor:
         """(V, H, W) int8: the silhouettes that the latest frame was carved with."""
         return self._latest
 
-    def __call__(self, frame: Frame) -> NumpyVoxels:
+    def __call__(self, frame: Frame) -> HostVoxels:
         before, self._before = self._before, frame.index
         new = before is None or not follows(before, frame.index)
         if self.foreground is None:
@@ -112,7 +87,7 @@ class NumpyReconstructor:
         config = self.config.silhouette
         return frame_evidence(frame, self.rig, self.background, config, self.foreground)
 
-    def _carved(self, frame: Frame, evidence: np.ndarray) -> NumpyVoxels:
+    def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
         config, step = self.config.occupancy, self.config.silhouette.step
         probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
@@ -121,7 +96,7 @@ class NumpyReconstructor:
         colours = None
         if frame.images is not None:
             colours = partial(surface_colour, self.rig, self.grid, surface, frame.images, evidence)
-        return NumpyVoxels(self.grid, probability, surface, int(occupied.sum()), colours)
+        return HostVoxels(self.grid, probability, surface, int(occupied.sum()), colours)
 
 
 def physical_memory() -> int:

@@ -8,22 +8,20 @@ from scipy import ndimage
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints, pixel_boxes
-from psfs.reference.reconstructor import NumpyVoxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 from psfs.voxels.reprojection import edge_reach, proximity_table
 
 
-def voxel_silhouette(
+def splat(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
-    """Silhouette `shape` bool of voxels with `centres` (N, 3); see `footprints`."""
-    _, low, high, _ = pixel_boxes(camera, centres, footprint)
-    (x0, y0), (x1, y1) = low.T, high.T
-    # Corners of the boxes; summed along both axes they count the boxes over every pixel.
-    corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
-    for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
-        np.add.at(corners, (rows, columns), sign)
-    covered: np.ndarray = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    """Return the silhouette `shape` bool of voxels with `centres` (N, 3): the union of the boxes
+    of pixels that they cover; see `footprints`."""
+    _, low, end, _ = pixel_boxes(camera, centres, footprint)
+    covered = np.zeros(shape, bool)
+    for x0, y0, x1, y1 in np.unique(np.column_stack([low, end]), axis=0):
+        covered[y0:y1, x0:x1] = True
     return covered
 
 
@@ -62,13 +60,13 @@ class NumpyReprojection:
         self.rig = rig if scale == 1.0 else rig.scaled(scale)
         self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
 
-    def __call__(self, voxels: NumpyVoxels) -> np.ndarray:
+    def __call__(self, voxels: HostVoxels) -> np.ndarray:
         shape = (self.rig.height, self.rig.width)
         centres = voxels.grid.centres(voxels.surface)
         maps = np.zeros((len(self.rig), *shape, 2), np.uint8)
         extents = footprints(self.rig, voxels.grid.voxel_size)
         for view, camera in enumerate(self.rig):
-            silhouette = voxel_silhouette(camera, centres, extents[view], shape)
+            silhouette = splat(camera, centres, extents[view], shape)
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
             maps[view, ..., 1] = edge_proximity(edge, self.sigma, self.radius)

@@ -9,10 +9,11 @@ from scipy import ndimage
 
 from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL
 from psfs.config import SilhouetteConfig
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.floor_shadow import CELL, floor_points
+from psfs.silhouettes.floor_shadow import floor_points
 from psfs.silhouettes.silhouette import FLOOR_LEFT, FULLY_LIT
 
 if TYPE_CHECKING:

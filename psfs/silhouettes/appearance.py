@@ -5,19 +5,16 @@ Song et al. 2.2.1: the uniform foreground of eq. (2) is for the first frame only
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from cl import Array, Device, Launch
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import footprints
 from psfs.config import SilhouetteConfig
-from psfs.silhouettes.floor_shadow import CELL, cells
-
-if TYPE_CHECKING:
-    from psfs.reconstructor import Voxels
 
 #: Colour bins per channel of the histogram.
 BINS = 32
@@ -35,6 +32,33 @@ MIN_SURFACE = 64
 REACH = 2
 #: A frame so many after the one before is too late for what was learnt of the person's place.
 MAX_GAP = 3
+
+
+class Grid(Protocol):
+    """As much of a `VoxelGrid` as the foreground is learnt with."""
+
+    @property
+    def origin(self) -> np.ndarray: ...
+
+    @property
+    def voxel_size(self) -> float: ...
+
+    @property
+    def shape(self) -> tuple[int, int, int]: ...
+
+
+class SurfaceVoxels(Protocol):
+    """Surface voxels on the device: `surface` (capacity,) int32 flat indices into the grid, of
+    which the first `count[0]` are valid."""
+
+    @property
+    def grid(self) -> Grid: ...
+
+    @property
+    def surface(self) -> Array: ...
+
+    @property
+    def count(self) -> Array: ...
 
 
 class Foreground:
@@ -72,11 +96,11 @@ class Foreground:
         self.marks = device.zeros(marked, np.uint8, "the person's place")
         self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
         self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
-        self._voxels: Voxels | None = None
+        self._voxels: SurfaceVoxels | None = None
         self._position: tuple[float, ...] = ()
         self._launches: list[Launch] = []
 
-    def learn(self, voxels: Voxels) -> None:
+    def learn(self, voxels: SurfaceVoxels) -> None:
         """Enqueue learning from the voxels made of the pictures on the device."""
         if voxels is not self._voxels:
             self._attach(voxels)
@@ -94,7 +118,7 @@ class Foreground:
         """Nothing is known of where the person stands in the next frame; colours are kept."""
         self.place.fill(0)
 
-    def _attach(self, voxels: Voxels) -> None:
+    def _attach(self, voxels: SurfaceVoxels) -> None:
         self._voxels, device = voxels, self._device
         n_bins = BINS**3
         views, rows, columns = self.place.shape
@@ -134,7 +158,7 @@ class Foreground:
             launch("colour_table", (n_bins + 1,), (64,), **histogram, table=self.colours),
         ]
 
-    def _defines(self, voxels: Voxels) -> dict[str, int | float]:
+    def _defines(self, voxels: SurfaceVoxels) -> dict[str, int | float]:
         config, (_, rows, columns) = self._config, self.place.shape
         _, ny, nz = voxels.grid.shape
         return {

@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
 from psfs.cameras.rig_geometry import axes_meet
-
-#: Edge of the cells, px, for which the floor's light and the person's place are told.
-CELL = 4
-
-
-def cells(rig: CameraRig) -> tuple[int, int]:
-    """Rows and columns of cells that cover the largest picture."""
-    return -(-rig.height // CELL), -(-rig.width // CELL)
 
 
 def floor_points(rig: CameraRig, height: float) -> np.ndarray:

@@ -11,9 +11,10 @@ from cl.workgroups import pixel_pack, row_group
 from psfs.background.adaptation import Adaptation
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
 from psfs.config import SilhouetteConfig
 from psfs.silhouettes.appearance import BINS, Foreground
-from psfs.silhouettes.floor_shadow import CELL, cells, floor_points
+from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background

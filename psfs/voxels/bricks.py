@@ -8,6 +8,7 @@ import numpy as np
 from cl import Array, Device
 from cl.program import Define
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.distortion import distorted, distortion_jacobian
 from psfs.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
@@ -111,7 +112,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
     the derivatives hold; largest radius that has an image."""
     largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
     u, v = _polar(min(largest, 20.0))
-    x, y = _distorted(camera, u, v)
+    x, y = distorted(camera.distortion, u, v)
     px = camera.K[0, 0] * x + camera.K[0, 1] * y + camera.K[0, 2]
     py = camera.K[1, 1] * y + camera.K[1, 2]
     width, height = camera.size
@@ -123,7 +124,9 @@ def lens_reach(camera: Camera) -> np.ndarray:
     if rings.size and rings.max() == len(step) - 1:
         picture = largest
     outer = 1.3 * picture
-    slopes = np.abs(_slopes(camera, *_polar(min(outer, 1e3)))).max((2, 3)) * 1.02
+    slopes = (
+        np.abs(distortion_jacobian(camera.distortion, *_polar(min(outer, 1e3)))).max((2, 3)) * 1.02
+    )
     fx, fy, skew = camera.K[0, 0], camera.K[1, 1], abs(camera.K[0, 1])
     by_x = fx * slopes[0] + skew * slopes[1]
     return np.array([*by_x, *(fy * slopes[1]), picture, outer, largest, 0.0])
@@ -134,26 +137,3 @@ def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:
     turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     r = np.tan(np.linspace(0, np.arctan(radius), 400))
     return r * np.cos(turn), r * np.sin(turn)
-
-
-def _distorted(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    k1, k2, p1, p2, k3 = camera.distortion
-    r2 = u * u + v * v
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
-    return x, v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
-
-
-def _slopes(camera: Camera, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(2, 2, ...) derivatives of the distorted (x, y) by (u, v)."""
-    k1, k2, p1, p2, k3 = camera.distortion
-    r2 = u * u + v * v
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-    mixed = 2 * u * v * slope + 2 * p1 * u + 2 * p2 * v
-    return np.array(
-        [
-            [radial + 2 * u * u * slope + 2 * p1 * v + 6 * p2 * u, mixed],
-            [mixed, radial + 2 * v * v * slope + 6 * p1 * v + 2 * p2 * u],
-        ]
-    )

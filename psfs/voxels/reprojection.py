@@ -8,7 +8,7 @@ from cl import Array, Device, InputError
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import footprints
-from psfs.reconstructor import Voxels
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 
 #: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px, as

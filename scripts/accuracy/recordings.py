@@ -21,7 +21,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.files import written_whole
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import automatic_grid
+from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 

@@ -20,7 +20,7 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.scene import Scene as TrackedScene
 from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
-from psfs.reconstructor import reconstructor_for
+from psfs.backend import reconstructor_for
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
 from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scene, there_and_back

@@ -11,9 +11,10 @@ from apf.scene import Scene
 from cl import Device, NumpyDevice
 from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import Reconstructor, Voxels
-from psfs.reference.reconstructor import NumpyVoxels
+from psfs.reconstructor import Reconstructor
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 SONG = bodies.named("song31")
 
@@ -38,13 +39,13 @@ class World:
             pose[self.body.dof_names.index(name)] += speed * frame
         return pose
 
-    def twin(self, frame: int) -> NumpyVoxels:
+    def twin(self, frame: int) -> HostVoxels:
         cones = posed_cones(self.body, self.pose(frame)[None])[0]
         inside = distances(self.grid.centres(), cones).min(1) < 0
         shell = inside & (
             distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
         )
-        return NumpyVoxels(
+        return HostVoxels(
             self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0
         )
 

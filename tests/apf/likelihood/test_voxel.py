@@ -26,10 +26,10 @@ from apf.reference.likelihood import (
 from apf.scene import Scene
 from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.reference.surface import surface_voxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 
 NO_POINTS = np.empty((0, 3))
 
@@ -197,7 +197,7 @@ def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     truth = body.rest_pose
     inside = distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
     occupied = inside.reshape(grid.shape)
-    voxels = NumpyVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
+    voxels = HostVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
     maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)
     points = sampled_surface(voxels.cloud().centres, config.n_points)
     steps = np.random.default_rng(0).normal(0, 1, (30, body.n_dof)) * body.sigma

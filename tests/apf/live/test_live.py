@@ -32,7 +32,8 @@ from apf.synthetic.scene import SceneConfig, make_rig
 from apf.tracking.track import Track
 from cl import Device, InputError
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import automatic_grid, finest_pixel
+from psfs.volume import automatic_grid
+from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.grid import VoxelGrid
 
 STAGES = (ACQUISITION, "processing", "tracking")

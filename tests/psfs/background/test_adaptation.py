@@ -11,11 +11,11 @@ from helpers import scenes
 from cl import Device, InputError
 from psfs.background.adaptation import PERIOD, Adaptation
 from psfs.background.gaussian import Background
+from psfs.cameras.cells import cells
 from psfs.config import ReconstructionConfig, SilhouetteConfig
 from psfs.reconstructor import Reconstructor
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.silhouettes.appearance import REACH
-from psfs.silhouettes.floor_shadow import cells
 from psfs.silhouettes.silhouette import background_planes
 
 CONFIG = SilhouetteConfig(adapt=0.1)

@@ -10,9 +10,10 @@ import pytest
 from helpers import footage, scenes
 
 from cl import Device, InputError
-from psfs.background.chroma_key import ChromaKey, chromaticity, key_from_media, parse_colour
+from psfs.background.chroma_key import ChromaKey, key_from_media
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
+from psfs.common.colours import chromaticity, parse_colour
 from psfs.config import SilhouetteConfig
 from psfs.footage.media import open_media
 from psfs.reconstructor import Reconstructor

@@ -9,9 +9,9 @@ from scipy import ndimage
 
 from cl import Device, NumpyDevice
 from psfs.reconstructor import Reconstructor
-from psfs.reference.reconstructor import NumpyVoxels
 from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
 from psfs.voxels.reprojection import Reprojection, edge_reach
 
 
@@ -19,7 +19,7 @@ def both(device: Device, rig, grid, masks, **options):
     voxels = Reconstructor(device, rig, grid, None)(scenes.frame(masks=masks))
     maps = Reprojection(device, rig, grid, **options)(voxels).get()
     surface = voxels.cloud().indices
-    twin = NumpyVoxels(grid, voxels.probability.get(), surface, 0)
+    twin = HostVoxels(grid, voxels.probability.get(), surface, 0)
     return maps, NumpyReprojection(NumpyDevice(), rig, grid, **options)(twin)
 
 

@@ -10,9 +10,10 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, InputError, NumpyDevice
+from psfs.backend import reconstructor_for
 from psfs.cameras.camera import CameraRig
 from psfs.config import OccupancyConfig, ReconstructionConfig
-from psfs.reconstructor import Reconstructor, reconstructor_for
+from psfs.reconstructor import Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks, lens_reach

@@ -13,7 +13,8 @@ from helpers.shared import shared_data
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, Sequence
-from psfs.voxels.bounding_volume import automatic_grid, reachable_box
+from psfs.volume import automatic_grid
+from psfs.voxels.bounding_volume import reachable_box
 from psfs.voxels.grid import VoxelGrid
 
 

@@ -1,0 +1,41 @@
+"""Sets of pixels or voxels: how far two agree, and their connected parts."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the intersection over union of two bool arrays of one shape; NaN if both are empty."""
+    union = (a | b).sum()
+    return float((a & b).sum() / union) if union else float("nan")
+
+
+def large_parts(occupied: np.ndarray, share: float) -> np.ndarray:
+    """Return `occupied` (any shape, bool) without small parts.
+
+    A part is connected by edges and corners; it stays with at least `share` of the largest part's
+    elements.
+    """
+    labels, _ = _labelled(occupied)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0  # what is not occupied
+    kept = sizes >= np.maximum(1, share * sizes.max())
+    remaining: np.ndarray = kept[labels]
+    return remaining
+
+
+def largest_part_box(occupied: np.ndarray) -> np.ndarray | None:
+    """Return the first and last + 1 index (2, n) of the largest part, or None if all is empty."""
+    labels, count = _labelled(occupied)
+    if not count:
+        return None
+    largest = int(np.bincount(labels.ravel())[1:].argmax())
+    part = ndimage.find_objects(labels)[largest]
+    return np.array([[s.start for s in part], [s.stop for s in part]])
+
+
+def _labelled(occupied: np.ndarray) -> tuple[np.ndarray, int]:
+    labels, count = ndimage.label(occupied, np.ones((3,) * occupied.ndim))
+    return np.asarray(labels), int(count)

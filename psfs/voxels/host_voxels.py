@@ -1,0 +1,59 @@
+"""The voxels of one frame on the host, and what production computes of voxels there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cl import InputError
+from psfs.cameras.camera import Camera
+from psfs.cameras.footprints import pixel_boxes
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+
+@dataclass(frozen=True, eq=False)
+class HostVoxels:
+    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices."""
+
+    grid: VoxelGrid
+    probability: np.ndarray
+    surface: np.ndarray
+    occupied: int
+    colours: Callable[[], np.ndarray] | None = None
+
+    def cloud(self, colour: bool = False) -> VoxelCloud:
+        """The surface voxels, with `colour` in RGB. Raises InputError if there is no picture."""
+        if colour and self.colours is None:
+            raise InputError("the frame has no pictures to colour its voxels with; expected images")
+        rgb = self.colours()[:, :3] if colour and self.colours else None
+        probability = self.probability.ravel()[self.surface].astype(np.float32)
+        volume = self.occupied * self.grid.voxel_size**3
+        return VoxelCloud(self.grid, self.surface, probability, rgb, volume)
+
+
+def surface_indices(occupied: np.ndarray) -> np.ndarray:
+    """Return the flat indices (N,) int32, ascending, of the occupied voxels (nx, ny, nz) bool that
+    have an empty 6-neighbour. What lies outside the grid counts as empty.
+    """
+    inner = ndimage.binary_erosion(occupied)
+    return np.flatnonzero(occupied & ~inner).astype(np.int32)
+
+
+def voxel_silhouette(
+    camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
+    """Return the silhouette (H, W) bool of voxels with `centres` (N, 3) m in a picture of `shape`.
+
+    footprint: (2,) px m, see `psfs.cameras.footprints.footprints`.
+    """
+    _, low, high, _ = pixel_boxes(camera, centres, footprint)
+    (x0, y0), (x1, y1) = low.T, high.T
+    # Corners of the boxes; summed along both axes they count the boxes over every pixel.
+    corners = np.zeros((shape[0] + 1, shape[1] + 1), int)
+    for rows, columns, sign in ((y0, x0, 1), (y1, x1, 1), (y0, x1, -1), (y1, x0, -1)):
+        np.add.at(corners, (rows, columns), sign)
+    covered: np.ndarray = corners.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    return covered
