@@ -17,8 +17,9 @@ from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
-from apf.image_objective.features import FeatureConfig, Features
-from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.config import FeatureConfig, ObjectiveConfig
+from apf.image_objective.features import Features
+from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference import render

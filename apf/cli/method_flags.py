@@ -11,8 +11,13 @@ from apf.filters.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weig
 from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
 from apf.filters.sir import SirConfig
 from apf.filters.swarm import SwarmConfig
-from apf.image_objective.features import EDGE_KINDS, PROXIMITIES, FeatureConfig
-from apf.image_objective.objective import ObjectiveConfig
+from apf.image_objective.config import (
+    EDGE_KINDS,
+    PROXIMITIES,
+    FeatureConfig,
+    ObjectiveConfig,
+    ProximityConfig,
+)
 from cl import InputError
 
 #: Settings of the search that have a flag of their own.
@@ -31,7 +36,7 @@ _WEIGHTS = {
     "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14); or w2, Rymut"),
     "silhouette_weight": ("--silhouette-weight", "of the silhouettes, eq. (15); or w1, Rymut"),
 }
-#: Settings of the other parts of a method, by its field.
+#: Settings of the other parts of a method, by its field; proximity is part of the features.
 _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
     "swarm": (
         SwarmConfig,
@@ -49,7 +54,12 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
         FeatureConfig,
         {
             "edges": ("--edges", f"image objectives: {', '.join(EDGE_KINDS)}"),
-            "proximity": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
+        },
+    ),
+    "proximity": (
+        ProximityConfig,
+        {
+            "function": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
             "farthest": ("--edge-reach", "image objectives: px of 640 at which it is 0"),
         },
     ),
@@ -116,4 +126,5 @@ def chosen_method(args: argparse.Namespace) -> Method:
     method = Method.of(args.method, args.objective, **settings)
     image = replace(method.image, **given(_WEIGHTS)) if images else method.image
     parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}
+    parts["features"] = replace(parts["features"], proximity=parts.pop("proximity"))
     return replace(method, image=image, **parts)

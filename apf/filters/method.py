@@ -8,14 +8,13 @@ from typing import Any
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig
 from apf.filters.swarm import SwarmConfig
-from apf.image_objective.features import FeatureConfig
-from apf.image_objective.objective import KINDS, ObjectiveConfig
+from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
 from cl import InputError
 from psfs.cameras.names import listed
 
 SEARCHES = ("apf", "pso", "sir")
 #: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
-OBJECTIVES = ("voxel", *KINDS)
+OBJECTIVES = ("voxel", *OBJECTIVE_KINDS)
 
 #: What a search changes in the defaults of FilterConfig.
 SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
+from apf.image_objective.config import FeatureConfig
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
 from psfs.config import SilhouetteConfig
 from psfs.sequence import frame_input
 from psfs.silhouettes.silhouette import Silhouette
@@ -22,90 +20,9 @@ if TYPE_CHECKING:
     from psfs.background.gaussian import Background
     from psfs.sequence import Frame
 
-#: Where edges come from: the pictures' gradient, OpenCV's Canny, or the silhouette's outline
-#: where there are no pictures.
-EDGE_KINDS = ("sobel", "canny", "outline")
-#: How the distance to the nearest edge becomes proximity, Rymut 2016 eq. (4.26)-(4.28).
-PROXIMITIES = ("impulse", "proportional", "exponential")
-
-#: A cell of so many pixels square counts for the region if this many of them are silhouette.
-CELL, FILLED = 8, 16
-#: The width of pictures that the pixels of a FeatureConfig are stated for.
-STATED_WIDTH = 640
 _GROUP = 128
 #: Pixels of a row that one work-item of the costly kernels makes.
 _STRIP = 8
-
-
-@dataclass(frozen=True)
-class FeatureConfig:
-    """Parameters of the image features; lengths in pixels of pictures 640 wide.
-
-    edges: one of EDGE_KINDS. threshold: least magnitude of Sobel's gradient of the grey picture
-    (a step of h grey levels has 4 h, blurred about 3 h). canny_low, canny_high: Canny's two. The
-    edges within `dilation` of the silhouette count. margin: of the region around the silhouette.
-
-    proximity: one of PROXIMITIES, of the distance d to the nearest edge: 1 up to `nearest`, 0 from
-    `farthest` on, between them 1 - span (d - nearest) / (farthest - nearest) (proportional) or
-    1 - span + span exp(-decay (d - nearest)) (exponential); impulse: 1 on the edge, else 0.
-    Rymut's eq. (4.28) has d_max for d_min in its first case, and a growing exponential.
-    """
-
-    edges: str = "sobel"
-    threshold: float = 60.0
-    canny_low: float = 40.0
-    canny_high: float = 100.0
-    dilation: float = 3.0
-    margin: float = 10.0
-    proximity: str = "exponential"
-    nearest: float = 0.0
-    farthest: float = 20.0
-    span: float = 1.0
-    decay: float = 0.25
-
-    def __post_init__(self) -> None:
-        for name, known in (("edges", EDGE_KINDS), ("proximity", PROXIMITIES)):
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} is {getattr(self, name)!r}; expected {listed(known)}")
-        check_range("the edge threshold", self.threshold, 0, 1500)
-        if not 0 < self.canny_low <= self.canny_high:
-            raise InputError(
-                f"Canny's thresholds are {self.canny_low} and {self.canny_high}; "
-                "expected 0 < low <= high"
-            )
-        check_range("dilation", self.dilation, 0, 100, ends=True)
-        check_range("margin", self.margin, 0, ends=True)
-        if not (0 <= self.nearest < self.farthest <= 1000 and 0 < self.span <= 1 < 1 + self.decay):
-            raise InputError(
-                f"proximity from {self.nearest} to {self.farthest} px, span {self.span}, decay "
-                f"{self.decay}; expected 0 <= nearest < farthest <= 1000, span in (0, 1], decay > 0"
-            )
-
-    def pixels(self, length: float, rig: CameraRig) -> int:
-        """A length stated for pictures 640 wide in whole pixels of the rig's."""
-        return round(length * rig.width / STATED_WIDTH)
-
-    @property
-    def threshold2(self) -> int:
-        """Least squared magnitude in the kernel's whole numbers, 16 times Sobel's."""
-        return math.ceil((16 * self.threshold) ** 2)
-
-    def proximity_table(self, rig: CameraRig) -> np.ndarray:
-        """(reach^2 + 2,) uint8: 255 proximity by squared distance, px^2; the last entry is 0."""
-        unit = rig.width / STATED_WIDTH
-        reach = 0 if self.proximity == "impulse" else math.ceil(self.farthest * unit)
-        distance = np.sqrt(np.arange(reach**2 + 2)) / unit
-        beyond = distance - self.nearest
-        if self.proximity == "impulse":
-            values = np.where(distance == 0, 1.0, 0.0)
-        elif self.proximity == "proportional":
-            values = 1 - self.span * beyond / (self.farthest - self.nearest)
-        else:
-            values = 1 - self.span + self.span * np.exp(-self.decay * np.maximum(beyond, 0))
-        if self.proximity != "impulse":
-            values = np.where(beyond <= 0, 1.0, np.where(distance >= self.farthest, 0.0, values))
-        values[-1] = 0.0
-        return np.rint(255 * values).astype(np.uint8)
 
 
 class Features:
@@ -175,7 +92,7 @@ class Features:
 
     def _distance_launches(self) -> list[Launch]:
         evidence = self._where[0]
-        table = self.config.proximity_table(self.rig)
+        table = self.config.proximity.table(self.rig)
         return distance_launches(self.device, evidence, self._edges, self.roi, table, self.maps)
 
     def _launch(self, name: str, more_rows: int, *arrays: Array) -> Launch:
@@ -189,10 +106,15 @@ class Features:
         return self.device.kernel(
             "image/features",
             name,
-            **{"WIDTH": rig.width, "HEIGHT": rig.height, "GROUP": _GROUP},
-            **{"PITCH": rig.width + _STRIP, "THRESHOLD2": config.threshold2},
-            **{"CELL": CELL, "FILLED": FILLED, "MARGIN": config.pixels(config.margin, rig)},
-            **{"DILATION": config.pixels(config.dilation, rig)},
+            WIDTH=rig.width,
+            HEIGHT=rig.height,
+            GROUP=_GROUP,
+            PITCH=rig.width + _STRIP,
+            THRESHOLD2=config.squared_threshold,
+            CELL=config.cell,
+            FILLED=config.cell_pixels,
+            MARGIN=config.pixels(config.margin, rig),
+            DILATION=config.pixels(config.dilation, rig),
         )
 
 

@@ -2,96 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh
-from apf.body.model import BodyModel
+from apf.body.mesh import BodyMesh
+from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.renderer import renderer_for, silhouette_shape
 from apf.scene import Scene
-from cl import Array, InputError, Launch
+from cl import Array, Launch
 from cl.workgroups import row_group
-from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
 
-#: Rymut 2016 eq. (4.46)-(4.50): weighted sum, smoothed product, per-camera averages of either,
-#: and the product over cameras.
-KINDS = ("ws", "sp", "aows", "aosp", "posp")
 _GROUP = 256
-
-
-@dataclass(frozen=True)
-class ObjectiveConfig:
-    """What an image objective is made of.
-
-    kind: one of KINDS. silhouette_weight, edge_weight: w1 and w2 of Rymut 2016 eq. (4.46)-(4.50),
-    factors that add up to 1 for the weighted kinds, exponents for the others. balance: beta of
-    eq. (4.41), share of the image's silhouette against the model's. labels: segment of each of the
-    shape's parts (the body's cones), from 1 on, for silhouettes segmented alike (eq. 4.43); none
-    for plain ones. label_weights: of the segments, equal by default; divided by their sum.
-    vertices_per_part: shape model, table 6.5: 4 draws cones as trapezoids, more as frusta.
-    round_ends: of the trapezoids, as the cones have in the voxels' likelihood; Rymut's have none.
-    """
-
-    kind: str = "sp"
-    silhouette_weight: float = 0.5
-    edge_weight: float = 0.5
-    balance: float = 0.5
-    labels: tuple[int, ...] = ()
-    label_weights: tuple[float, ...] = ()
-    vertices_per_part: int = 4
-    round_ends: bool = False
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise InputError(f"the objective is {self.kind!r}; expected {listed(KINDS)}")
-        w1, w2 = self.silhouette_weight, self.edge_weight
-        if not (w1 >= 0 and w2 >= 0 and 0 < w1 + w2 < np.inf):
-            raise InputError(f"the objective's weights are {w1} and {w2}; expected numbers from 0")
-        if self.kind in ("ws", "aows") and abs(w1 + w2 - 1) > 1e-6:
-            raise InputError(f"the weights of {self.kind} are {w1} and {w2}; expected a sum of 1")
-        check_range("the balance", self.balance, 0, 1, ends=True)
-        known = (4, *FRUSTUM_VERTICES)
-        if self.vertices_per_part not in known:
-            raise InputError(
-                f"{self.vertices_per_part} vertices per part; expected {listed(map(str, known))}"
-            )
-        self._check_labels()
-
-    def _check_labels(self) -> None:
-        known = set(range(1, self.n_labels + 1))
-        if self.labels and set(self.labels) != known:
-            raise InputError(f"the labels are {self.labels}; expected all of 1 to {self.n_labels}")
-        weights = self.label_weights
-        if weights and (
-            len(weights) != self.n_labels or not min(weights) >= 0 or not 0 < sum(weights) < np.inf
-        ):
-            raise InputError(
-                f"the labels' weights are {weights}; expected {self.n_labels} numbers from 0"
-            )
-
-    @property
-    def n_labels(self) -> int:
-        return max(self.labels, default=1)
-
-    @property
-    def shares(self) -> np.ndarray:
-        """(n_labels,) weights of the labels with sum 1."""
-        weights = np.array(self.label_weights or (1.0,) * self.n_labels)
-        return weights / weights.sum()
-
-    def part_labels(self, n_parts: int) -> np.ndarray:
-        """(P,) int32 label of each part, from 0. Raises InputError for another number of parts."""
-        labels = self.labels or (1,) * n_parts
-        if len(labels) != n_parts:
-            raise InputError(f"{len(labels)} labels for {n_parts} parts; expected one for each")
-        return np.array(labels, np.int32) - 1
-
-    def mesh(self, body: BodyModel) -> BodyMesh | None:
-        """The shape of `body`; None stands for the flat model."""
-        return cone_mesh(body, self.vertices_per_part) if self.vertices_per_part > 4 else None
 
 
 class FeatureMaps(Protocol):
@@ -202,6 +124,6 @@ class ImageObjective:
             name,
             WIDTH=self.rig.width,
             N_LABELS=self.config.n_labels,
-            KIND=KINDS.index(self.config.kind),
+            KIND=OBJECTIVE_KINDS.index(self.config.kind),
             GROUP=_GROUP,
         )

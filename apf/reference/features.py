@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from apf.image_objective.features import CELL, FILLED, FeatureConfig, canny_edges, edge_pictures
+from apf.image_objective.config import FeatureConfig
+from apf.image_objective.features import canny_edges, edge_pictures
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
@@ -25,21 +26,22 @@ _DERIVATIVE = np.array([-1, -2, 0, 2, 1]) / 4
 _SMOOTHING = np.array([1, 4, 6, 4, 1]) / 4
 
 
-def region(silhouette: np.ndarray, margin: int) -> np.ndarray:
-    """(4,) x0, y0, x1, y1 of a silhouette (h, w) bool, the ends excluded, 0 where there is none.
+def region(silhouette: np.ndarray, margin: int, cell: int, cell_pixels: int) -> np.ndarray:
+    """Return (4,) x0, y0, x1, y1 of a silhouette (h, w) bool, the ends excluded, 0 where there is
+    none.
 
-    Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of CELL px
-    square with at least FILLED px of silhouette count, so that no speck does.
+    Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of `cell` px
+    square with at least `cell_pixels` of silhouette count, so that no speck does.
     """
     height, width = silhouette.shape
     rows, columns = np.nonzero(silhouette)
-    counts = np.zeros((-(-height // CELL), -(-width // CELL)), int)
-    np.add.at(counts, (rows // CELL, columns // CELL), 1)
-    y, x = np.nonzero(counts >= FILLED)
+    counts = np.zeros((-(-height // cell), -(-width // cell)), int)
+    np.add.at(counts, (rows // cell, columns // cell), 1)
+    y, x = np.nonzero(counts >= cell_pixels)
     if not y.size:
         return np.zeros(4, np.int32)
-    low = np.array([x.min(), y.min()]) * CELL
-    high = np.minimum((np.array([x.max(), y.max()]) + 1) * CELL, (width, height))
+    low = np.array([x.min(), y.min()]) * cell
+    high = np.minimum((np.array([x.max(), y.max()]) + 1) * cell, (width, height))
     return np.concatenate(
         [np.maximum(low - margin, 0), np.minimum(high + margin, (width, height))]
     ).astype(np.int32)
@@ -53,7 +55,7 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
     border = cv2.BORDER_REPLICATE
     gx = cv2.sepFilter2D(grey, cv2.CV_64F, _DERIVATIVE, _SMOOTHING, borderType=border)
     gy = cv2.sepFilter2D(grey, cv2.CV_64F, _SMOOTHING, _DERIVATIVE, borderType=border)
-    edges: np.ndarray = gx**2 + gy**2 >= config.threshold2 / 16**2
+    edges: np.ndarray = gx**2 + gy**2 >= config.squared_threshold / 16**2
     return edges
 
 
@@ -85,11 +87,12 @@ class NumpyFeatures:
     def __call__(self, frame: Frame) -> np.ndarray:
         silhouettes = self._silhouettes(frame)
         edges = self._edges(frame, silhouettes)
-        table = self.config.proximity_table(self.rig)
+        table = self.config.proximity.table(self.rig)
         margin = self.config.pixels(self.config.margin, self.rig)
         self.maps = np.zeros_like(self.maps)
         for view, (width, height) in enumerate(camera.size for camera in self.rig):
-            self.roi[view] = region(silhouettes[view, :height, :width], margin)
+            silhouette = silhouettes[view, :height, :width]
+            self.roi[view] = region(silhouette, margin, self.config.cell, self.config.cell_pixels)
             x0, y0, x1, y1 = self.roi[view]
             inside = (view, slice(y0, y1), slice(x0, x1))
             if x1 > x0:

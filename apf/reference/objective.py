@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.image_objective.objective import FeatureMaps, ObjectiveConfig
+from apf.image_objective.config import ObjectiveConfig
+from apf.image_objective.objective import FeatureMaps
 from apf.reference.render import Picture, draw_hypotheses
 from apf.scene import Scene
 

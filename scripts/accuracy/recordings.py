@@ -12,7 +12,8 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.formats.trc import JointSeries
-from apf.image_objective.features import FeatureConfig, Features
+from apf.image_objective.config import FeatureConfig
+from apf.image_objective.features import Features
 from apf.initialisation.from_joints import fit_to_joints
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints

@@ -19,7 +19,7 @@ import numpy as np
 
 from apf.backend import features_for, tracker_for
 from apf.filters.method import Method
-from apf.image_objective.objective import ObjectiveConfig
+from apf.image_objective.config import ObjectiveConfig
 from apf.tracking.pipeline import at_rate
 from psfs.cli.commandline import add_command
 from timings.bench_scene import FPS, playing

@@ -17,8 +17,9 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
+from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.features import Features
-from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.objective import ImageObjective
 from apf.image_objective.opengl import OpenGLRenderer
 from apf.reference.objective import count_pixels, objective_values
 from apf.reference.render import Picture, draw_cones

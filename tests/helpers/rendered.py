@@ -10,7 +10,8 @@ from scipy import ndimage
 
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
-from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.config import ObjectiveConfig
+from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses, whole_pictures
 from apf.reference import render
 from apf.scene import Scene

@@ -14,7 +14,8 @@ from helpers import footage
 from helpers.shared import ROOT
 
 from apf.formats.trc import JointSeries
-from apf.image_objective.features import FeatureConfig, Features
+from apf.image_objective.config import FeatureConfig
+from apf.image_objective.features import Features
 from apf.synthetic.scene import SceneConfig, make_rig
 from cl import Device, InputError
 from psfs.sequence import Sequence

@@ -13,7 +13,8 @@ import apf.image_objective.renderer
 from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
-from apf.image_objective.objective import ImageObjective, ObjectiveConfig
+from apf.image_objective.config import ObjectiveConfig
+from apf.image_objective.objective import ImageObjective
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 

@@ -14,7 +14,7 @@ from apf.backend import tracker_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.filters.method import Method
-from apf.image_objective.features import FeatureConfig
+from apf.image_objective.config import ProximityConfig
 from apf.image_objective.renderer import cone_edges
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.features import proximity, region
@@ -80,7 +80,7 @@ class Film:
 
     def features(self, pose: np.ndarray) -> SimpleNamespace:
         cones = posed_cones(self.body, pose[None])[0]
-        table = FeatureConfig(farthest=40, decay=0.1).proximity_table(self.rig)
+        table = ProximityConfig(farthest=40, decay=0.1).table(self.rig)
         maps = np.zeros((len(self.rig), self.rig.height, self.rig.width, 2), np.uint8)
         roi = np.zeros((len(self.rig), 4), np.int32)
         for view, camera in enumerate(self.rig):
@@ -88,7 +88,7 @@ class Film:
             height, width = parts.shape
             maps[view, :height, :width, 0] = np.where(parts > 0, 255, 0)
             maps[view, :height, :width, 1] = proximity(edges, table)
-            roi[view] = region(parts > 0, 4)
+            roi[view] = region(parts > 0, 4, 8, 16)
         on_device = (self.device.to_device(array) for array in (maps, roi))
         return SimpleNamespace(**dict(zip(("maps", "roi"), on_device, strict=True)))
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from helpers import scenes
 
-from apf.image_objective.features import FeatureConfig, Features, distance_launches
+from apf.image_objective.config import FeatureConfig, ProximityConfig
+from apf.image_objective.features import Features, distance_launches
 from apf.reference.features import NumpyFeatures, proximity, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
 
 #: Pictures as narrow as the tests' would shrink all lengths to a pixel.
-WIDE = {"dilation": 20, "margin": 40, "farthest": 90, "decay": 0.05}
+WIDE = {"dilation": 20, "margin": 40}
+FAR = ProximityConfig(farthest=90, decay=0.05)
 
 
 def pictures(rig, masks: np.ndarray, seed: int = 0) -> np.ndarray:
@@ -43,7 +47,7 @@ def test_masks_and_twin_agree_exactly(device: Device, views: int, edges, proximi
     rig = scenes.ring(views)
     masks = scenes.masks_of(rig)
     frame = scenes.frame(images=pictures(rig, masks), masks=masks)
-    config = FeatureConfig(edges=edges, proximity=proximity, **WIDE)
+    config = FeatureConfig(edges=edges, proximity=replace(FAR, function=proximity), **WIDE)
     maps, roi, expected, expected_roi = both(device, rig, None, frame, config)
     assert (expected[..., 1] == 255).any() and (expected[..., 0] == 0).any()
     np.testing.assert_array_equal(roi, expected_roi)
@@ -55,7 +59,7 @@ def test_background_and_twin_agree(device: Device) -> None:
     masks = scenes.masks_of(rig)
     frame = scenes.frame(images=pictures(rig, masks))
     maps, roi, expected, expected_roi = both(
-        device, rig, plate(rig), frame, FeatureConfig(edges="sobel", **WIDE)
+        device, rig, plate(rig), frame, FeatureConfig(edges="sobel", proximity=FAR, **WIDE)
     )
     assert np.abs(roi - expected_roi).max() <= 8  # a cell may have one pixel more
     assert (maps[..., 0] != expected[..., 0]).mean() < 1e-3
@@ -79,10 +83,10 @@ def test_region_has_a_margin_and_no_specks() -> None:
     silhouette = np.zeros((100, 120), bool)
     silhouette[33:61, 42:70] = True
     silhouette[5:8, 100:103] = True  # nine pixels are a speck
-    assert region(silhouette, 10).tolist() == [30, 22, 82, 74]  # in cells of 8 px
-    assert region(silhouette, 50).tolist() == [0, 0, 120, 100]
+    assert region(silhouette, 10, 8, 16).tolist() == [30, 22, 82, 74]  # in cells of 8 px
+    assert region(silhouette, 50, 8, 16).tolist() == [0, 0, 120, 100]
     silhouette[33:61, 42:70] = False
-    assert region(silhouette, 10).tolist() == [0, 0, 0, 0]
+    assert region(silhouette, 10, 8, 16).tolist() == [0, 0, 0, 0]
 
 
 def test_sobel_as_opencv_has_it() -> None:
@@ -124,30 +128,33 @@ def test_proximity_tables() -> None:
     d = np.array([0, 10, 55, 99, 100])
 
     def values(**settings: object) -> np.ndarray:
-        config = FeatureConfig(nearest=10, farthest=100, **settings)  # type: ignore[arg-type]
-        return config.proximity_table(rig)[d**2] / 255
+        config = ProximityConfig(nearest=10, farthest=100, **settings)  # type: ignore[arg-type]
+        return config.table(rig)[d**2] / 255
 
     np.testing.assert_allclose(
-        values(proximity="proportional", span=0.25), [1, 1, 0.875, 0.7525, 0], atol=0.003
+        values(function="proportional", span=0.25), [1, 1, 0.875, 0.7525, 0], atol=0.003
     )
     expected = [1, 1, 0.5 + 0.5 * np.exp(-4.5), 0.5 + 0.5 * np.exp(-8.9), 0]
     np.testing.assert_allclose(
-        values(proximity="exponential", span=0.5, decay=0.1), expected, atol=0.003
+        values(function="exponential", span=0.5, decay=0.1), expected, atol=0.003
     )
-    assert FeatureConfig(proximity="impulse").proximity_table(rig).tolist() == [255, 0]
+    assert ProximityConfig("impulse").table(rig).tolist() == [255, 0]
 
 
 def test_bad_settings_and_frames(device: Device) -> None:
     for wrong in (
         {"edges": "laplace"},
-        {"proximity": "linear"},
         {"threshold": 0},
         {"canny_low": 50, "canny_high": 20},
-        {"nearest": 30},
         {"dilation": -1},
+        {"cell": 0},
+        {"cell": 2, "cell_pixels": 5},
     ):
         with pytest.raises(InputError, match="expected"):
             FeatureConfig(**wrong)  # type: ignore[arg-type]
+    for odd in ({"function": "linear"}, {"nearest": 30}):
+        with pytest.raises(InputError, match="expected"):
+            ProximityConfig(**odd)  # type: ignore[arg-type]
     rig = scenes.ring(1)
     with pytest.raises(InputError, match="frame 0 has no pictures"):
         Features(device, rig, None)(scenes.frame(masks=scenes.masks_of(rig)))

@@ -13,7 +13,8 @@ from helpers.shared import shared_data
 from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import CONE_FLOATS
-from apf.image_objective.objective import KINDS, ImageObjective, ObjectiveConfig
+from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
+from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
 from apf.reference.objective import objective_values
@@ -138,7 +139,7 @@ def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None
 
 
 @pytest.mark.parametrize(
-    ("kind", "n_labels"), [*((kind, 1) for kind in KINDS), ("ws", 4), ("posp", 4)]
+    ("kind", "n_labels"), [*((kind, 1) for kind in OBJECTIVE_KINDS), ("ws", 4), ("posp", 4)]
 )
 def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> None:
     body, rig = load_body("song31"), scenes.ring(3 if n_labels == 1 else 1, (161, 123))
@@ -163,7 +164,7 @@ def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> Non
 def test_nothing_seen_is_the_worst() -> None:
     """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
     counts, areas = np.zeros((2, 1, 4)), np.zeros((2, 1))
-    for kind in KINDS:
+    for kind in OBJECTIVE_KINDS:
         config = ObjectiveConfig(kind)
         assert objective_values(counts, areas, config) == 0
         assert objective_values(counts, areas + 5, config) == 0
@@ -174,7 +175,8 @@ def test_the_five_functions_by_hand() -> None:
     counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
     areas = np.array([[10], [6]], float)
     values = {
-        kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0] for kind in KINDS
+        kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0]
+        for kind in OBJECTIVE_KINDS
     }
     first, second = 11 / 16, 6 / 12
     assert values["ws"] == pytest.approx(0.6 * first + 0.4 * second)
