@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from apf.api import track
     from apf.body import BodyModel, load_body, save_body
-    from apf.filters.annealed import AnnealedParticleFilter, Estimate
+    from apf.filters.annealed import AnnealedParticleFilter
+    from apf.filters.base import Estimate, Tracker
     from apf.filters.config import FilterConfig
     from apf.filters.method import Method
     from apf.filters.sir import SirConfig, SirParticleFilter
@@ -67,6 +68,7 @@ __all__ = [
     "SwarmConfig",
     "Take",
     "Track",
+    "Tracker",
     "UserError",
     "__version__",
     "evaluate",
@@ -85,7 +87,8 @@ __all__ = [
 _MODULES = {
     "apf.api": ("track",),
     "apf.body": ("BodyModel", "load_body", "save_body"),
-    "apf.filters.annealed": ("AnnealedParticleFilter", "Estimate"),
+    "apf.filters.annealed": ("AnnealedParticleFilter",),
+    "apf.filters.base": ("Estimate", "Tracker"),
     "apf.filters.config": ("FilterConfig",),
     "apf.filters.method": ("Method",),
     "apf.filters.sir": ("SirConfig", "SirParticleFilter"),

@@ -1,4 +1,4 @@
-"""Trackers, scorers, features and pictures on either device: kernels on OpenCL, twins on NumPy.
+"""Trackers, likelihoods, features and pictures on either device: kernels on OpenCL, twins on NumPy.
 
 The only module beside tests and benchmarks that imports `apf.reference`.
 """
@@ -12,7 +12,8 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.filters.annealed import AnnealedParticleFilter, Tracker
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.sir import SirParticleFilter
@@ -21,11 +22,13 @@ from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
+from apf.likelihood.base import Likelihood
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference import render
 from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.base import NumpyTracker, NumpyVoxelLikelihood
+from apf.reference.base import NumpyTracker
 from apf.reference.features import NumpyFeatures
+from apf.reference.likelihood import NumpyLikelihood, NumpyVoxelLikelihood
 from apf.reference.objective import NumpyImageObjective
 from apf.reference.sir import NumpySirParticleFilter
 from apf.reference.swarm import NumpyParticleSwarm
@@ -40,11 +43,8 @@ from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
-AnyTracker: TypeAlias = Tracker | NumpyTracker
 AnyObjective: TypeAlias = ImageObjective | NumpyImageObjective
 AnyFeatures: TypeAlias = Features | NumpyFeatures
-DeviceScorer: TypeAlias = VoxelLikelihood | ImageObjective
-NumpyScorer: TypeAlias = NumpyVoxelLikelihood | NumpyImageObjective
 #: What a tracker observes of a frame.
 Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures
 
@@ -71,26 +71,28 @@ def filter_for(
     return AnnealedParticleFilter(scene, config)
 
 
-def tracker_for(scene: Scene, method: Method) -> AnyTracker:
+def tracker_for(scene: Scene, method: Method) -> Tracker:
     """Return the tracker of `method` for the scene's device."""
     if isinstance(scene.device, NumpyDevice):
         return _numpy_tracker(scene, method)
     return device_tracker(scene, method)
 
 
-def device_tracker(scene: Scene, method: Method, seeds: Sequence[int] | None = None) -> Tracker:
+def device_tracker(
+    scene: Scene, method: Method, seeds: Sequence[int] | None = None
+) -> DeviceTracker:
     """Return the tracker of `method` on OpenCL; only the voxels' needs the scene's grid.
 
     seeds: of the runs that it makes at once, where `shares_launches` says that it can; one run with
     the method's own seed by default. Raises DeviceError on a NumpyDevice.
     """
     assert seeds is None or shares_launches(scene.device, method), "several runs for one"
-    scorer = device_scorer(scene, method, len(seeds or [0]))
+    likelihood = device_likelihood(scene, method, len(seeds or [0]))
     if method.search == "pso":
-        return ParticleSwarm(scene, scorer, method.filter, method.swarm)
+        return ParticleSwarm(scene, likelihood, method.filter, method.swarm)
     if method.search == "sir":
-        return SirParticleFilter(scene, scorer, method.filter, method.sir)
-    return AnnealedParticleFilter(scene, method.filter, scorer=scorer, seeds=seeds)
+        return SirParticleFilter(scene, likelihood, method.filter, method.sir)
+    return AnnealedParticleFilter(scene, method.filter, likelihood=likelihood, seeds=seeds)
 
 
 def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
@@ -99,14 +101,14 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     return fits and isinstance(device, Device)
 
 
-def device_scorer(scene: Scene, method: Method, n_runs: int = 1) -> DeviceScorer:
+def device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelihood:
     """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
     if method.uses_voxels:
         return VoxelLikelihood(scene, method.filter, n_runs)
     return ImageObjective(scene, method.filter.n_particles, method.image)
 
 
-def numpy_scorer(scene: Scene, method: Method) -> NumpyScorer:
+def numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return what the tracker of `method` searches with on NumPy."""
     if method.uses_voxels:
         return NumpyVoxelLikelihood(scene, method.filter)
@@ -114,12 +116,12 @@ def numpy_scorer(scene: Scene, method: Method) -> NumpyScorer:
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
-    scorer = numpy_scorer(scene, method)
+    likelihood = numpy_likelihood(scene, method)
     if method.search == "pso":
-        return NumpyParticleSwarm(scene, scorer, method.filter, method.swarm)
+        return NumpyParticleSwarm(scene, likelihood, method.filter, method.swarm)
     if method.search == "sir":
-        return NumpySirParticleFilter(scene, scorer, method.filter, method.sir)
-    return NumpyAnnealedParticleFilter(scene, method.filter, scorer=scorer)
+        return NumpySirParticleFilter(scene, likelihood, method.filter, method.sir)
+    return NumpyAnnealedParticleFilter(scene, method.filter, likelihood=likelihood)
 
 
 def objective_for(

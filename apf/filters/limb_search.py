@@ -1,4 +1,4 @@
-"""What the estimate might be besides the particles' mean: the mean with one limb elsewhere."""
+"""The search for limbs elsewhere than the particles' mean has them (kernels: limb_search.cl)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import seed_words
 from apf.filters.refinement import Refinement
+from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch
 
 _GROUP = 64
@@ -27,17 +28,17 @@ def n_near(n: int) -> int:
     return (n + 1) // 2
 
 
-class Alternatives:
-    """Settles a frame: refines the particles' mean and, for every limb, the best of many poses
-    that differ from the mean in that limb, and the best of many that have it anywhere within its
-    limits; the one of these that scores best is the estimate. Does nothing with a scorer that has
-    no surface points, see `Scorer`.
+class LimbSearch:
+    """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
+    poses that differ from the mean in that limb, and the best of many that have it anywhere within
+    its limits; the one of these that scores best is the estimate. Does nothing with a likelihood
+    that has no surface points.
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
     wrong in the rest of the body. Twin: reference/limb_search.py, kernels: limb_search.cl.
 
-    Of R runs with a seed each, by default that of the config, every one is settled by itself.
+    Each of R runs, with a seed each, by default that of the config, is searched by itself.
     `shift` is the device array (R, D) of how far the estimates moved from the means; `information`
     (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
     """
@@ -46,13 +47,13 @@ class Alternatives:
         self,
         device: Device,
         body: BodyModel,
-        scorer: Any,
+        likelihood: Likelihood,
         config: FilterConfig,
         seeds: Sequence[int] | None = None,
     ) -> None:
         self.device = device
         self.config = config
-        self.scorer = scorer
+        self.likelihood = likelihood
         self.n_dof = n = body.n_dof
         limbs = limb_masks(body)
         self._n_limbs = len(limbs) if config.looks_for_limbs else 0
@@ -74,24 +75,26 @@ class Alternatives:
         self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
 
     def launcher(self, frame: Array, result: Array) -> list[Launch]:
-        """The launches that settle a frame: they move the means in `result`, its first R D values.
+        """Return the launches that search: they move the means in `result`, its first R D values.
 
         frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
         """
-        scorer, candidates = self.scorer, self._candidates
-        if self.config.refine_steps == 0 or not hasattr(scorer, "points"):
+        likelihood, candidates = self.likelihood, self._candidates
+        if self.config.refine_steps == 0 or likelihood.points is None:
             return []
         if self._n_limbs:
             launches = [
                 self._propose(frame, result, self._poses),
-                *scorer.rescoring_launcher(self._poses, scorer.errors, self.config.point_turns),
+                *likelihood.rescoring_launcher(
+                    self._poses, likelihood.errors, self.config.point_turns
+                ),
                 self._choose(),
             ]
         else:
             launches = [self._propose(frame, result, candidates)]
-        launches += self._refinement.launcher(scorer.points, candidates)
+        launches += self._refinement.launcher(likelihood.points, candidates)
         if self._n_limbs:
-            launches += scorer.rescoring_launcher(candidates, self._errors)
+            launches += likelihood.rescoring_launcher(candidates, self._errors)
         return [*launches, self._accept(result)]
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
@@ -121,7 +124,7 @@ class Alternatives:
             (_GROUP, 1),
             np.int32(self.config.n_particles),
             np.int32(n_near(self.config.n_particles)),
-            self.scorer.errors,
+            self.likelihood.errors,
             self._poses,
             self._candidates,
         )

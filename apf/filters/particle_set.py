@@ -187,7 +187,7 @@ class ParticleSet:
             self.result,
         )
 
-    def settle(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
+    def end_frame(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
         """End the frame: the next one's particles move by `shift` (R, D) and the motion. `report`
         (n,) gets all that the host reads: `result`, `information` (R, ..) and `misfit` (R,)."""
         return self.device.launch(

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apf.filters.annealed import Tracker
+from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
-from apf.likelihood.base import Scorer
+from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import InputError, Launch
 from psfs.common.ranges import check_range
@@ -33,18 +33,19 @@ class SirConfig:
         return self.sigma_z**-2 if self.sigma_z > 0 else 0.0
 
 
-class SirParticleFilter(Tracker):
-    """Propagates by N(x, Sigma), weighs by exp(-(1 - f)^2 / sigma_z^2), resamples; see `Tracker`.
+class SirParticleFilter(DeviceTracker):
+    """Propagates by N(x, Sigma), weighs by exp(-(1 - f)^2 / sigma_z^2), resamples.
 
-    One layer: the errors of the scorer, squared, stand for (1 - f)^2. config: n_particles, noise,
-    velocity, seed, first_survival, and what refines an estimate; n_layers must be 1. The pose is
-    the weighted mean. Twin: reference/sir.py. Raises InputError for another number of layers.
+    One layer: the errors of the likelihood, squared, stand for (1 - f)^2. config: n_particles,
+    noise, velocity, seed, first_survival, and what refines an estimate; n_layers must be 1. The
+    pose is the weighted mean. Twin: reference/sir.py. Raises InputError for another number of
+    layers.
     """
 
     def __init__(
         self,
         scene: Scene,
-        scorer: Scorer,
+        likelihood: Likelihood,
         config: FilterConfig,
         sir: SirConfig | None = None,
     ) -> None:
@@ -52,7 +53,7 @@ class SirParticleFilter(Tracker):
         self.sir = sir or SirConfig()
         device = scene.opencl
         self._squared = device.empty((config.n_particles,), np.float32, "the errors")
-        super().__init__(scene, scorer, ParticleSet(device, scene.body, config), config)
+        super().__init__(scene, likelihood, ParticleSet(device, scene.body, config), config)
 
     def _search(self, source: int) -> list[Launch]:
         particles, n = self._particles, self.config.n_particles
@@ -61,12 +62,12 @@ class SirParticleFilter(Tracker):
             (n,),
             None,
             np.int32(n),
-            self.scorer.errors,
+            self.likelihood.errors,
             self._squared,
         )
         return [
             particles.diffuse(0, source),
-            *self.scorer.launcher(particles.sets[1 - source]),
+            *self.likelihood.launcher(particles.sets[1 - source]),
             squared,
             particles.anneal(0, self._squared, self.sir.beta),
             particles.estimate(1 - source),

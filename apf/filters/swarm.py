@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.filters.annealed import Tracker
+from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
-from apf.likelihood.base import Scorer
+from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Device, InputError, Kernel, Launch
 
@@ -99,8 +99,8 @@ class Swarm(ParticleSet):
         return self.device.kernel("tracking/swarm", name, GROUP=_GROUP, N_DOF=self.n_dof)
 
 
-class ParticleSwarm(Tracker):
-    """Searches each frame by a synchronous swarm with one global best; see `Tracker`.
+class ParticleSwarm(DeviceTracker):
+    """Searches each frame by a synchronous swarm with one global best; see `DeviceTracker`.
 
     config: n_particles, n_layers as the number of iterations (each scores all particles once),
     noise, velocity, seed, and what refines an estimate. An estimate's pose is the global best, its
@@ -111,18 +111,18 @@ class ParticleSwarm(Tracker):
     def __init__(
         self,
         scene: Scene,
-        scorer: Scorer,
+        likelihood: Likelihood,
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
         config = replace(config, trunk_layers=0)  # particles scatter once a frame, all of the body
         self._swarm = Swarm(scene.opencl, scene.body, config, swarm or SwarmConfig())
-        super().__init__(scene, scorer, self._swarm, config)
+        super().__init__(scene, likelihood, self._swarm, config)
 
     def _search(self, source: int) -> list[Launch]:
         swarm, launches = self._swarm, []
         for iteration in range(self.config.n_layers):
             launches.append(swarm.move(iteration) if iteration else swarm.scatter())
-            launches += self.scorer.launcher(swarm.sets[0])
-            launches.append(swarm.remember(iteration, self.scorer.errors))
+            launches += self.likelihood.launcher(swarm.sets[0])
+            launches.append(swarm.remember(iteration, self.likelihood.errors))
         return launches

@@ -9,6 +9,7 @@ import numpy as np
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.renderer import renderer_for, silhouette_shape
+from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import row_group
@@ -28,8 +29,8 @@ class FeatureMaps(Protocol):
     roi: Any
 
 
-class ImageObjective:
-    """A `Scorer` of poses of a scene's body by the silhouettes and edges that its cameras see.
+class ImageObjective(Likelihood):
+    """Scores poses of a scene's body by the silhouettes and edges that its cameras see.
 
     mesh: what is drawn, by default what `config` makes of the body's cones.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect

@@ -1,29 +1,50 @@
-"""What a tracker searches with."""
+"""What a filter searches with: the base of likelihoods and objectives."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from cl import Array, Launch
 
 
-class Scorer(Protocol):
+class Likelihood:
     """Scores poses against what was observed; all on the device, without waiting.
 
-    errors: (N,) float32, -log weight at exponent 1 of each pose: smaller is better. A scorer that
-    has `points`, (K, 4) float32 surface points with a fourth value of 0 where there is none, and
-    `rescoring_launcher` has the tracker's estimate refined on them (see `VoxelLikelihood`). One
-    that has `misfit`, (R,) float32, R the tracker's runs, and `misfit_launcher(poses)`, which fills
-    it for the first R of `poses` (.., D), says in absolute terms how badly they fit (see there,
-    too). One that has `learner(pose)`, launches, and `forget()` is told every frame's estimate and
-    every start; it serves a single run.
+    A subclass has `errors`, `observe` and `launcher`. The rest is optional: what a likelihood does
+    not override does nothing, and the filter does without it.
+
+    errors: (N,) float32, -log weight at exponent 1 of each pose; smaller is better.
+    points: (K, 4) float32 surface points, m, that estimates are refined on; the fourth value is 0
+    where there is none. None: estimates stay the particles' mean.
+    misfits: (R,) float32 of R runs, which `misfit_launcher` fills. None: not known.
     """
 
-    @property
-    def errors(self) -> Array: ...
+    errors: Array
+    points: Array | None = None
+    misfits: Array | None = None
 
     def observe(self, observation: Any) -> None:
         """Enqueue the preparation of a frame."""
+        raise NotImplementedError
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """The launches that score `poses` (N, D) float32 into `errors`, arguments set."""
+        """Return the launches that score `poses` (N, D) float32 into `errors`."""
+        raise NotImplementedError
+
+    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
+        """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same: every
+        `stride`-th of `points`. Needed by the limb search alone, which needs `points`, too."""
+        raise NotImplementedError
+
+    def misfit_launcher(self, poses: Array) -> list[Launch]:
+        """Return the launches that put into `misfits` how badly the first R of `poses` (.., D) fit,
+        in absolute terms."""
+        return []
+
+    def learning_launcher(self, pose: Array) -> list[Launch]:
+        """Return the launches that learn from a frame whose estimate is the first of `pose`
+        (.., D)."""
+        return []
+
+    def forget(self) -> None:
+        """Forget what was learnt: a new track begins."""

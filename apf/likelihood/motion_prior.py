@@ -47,7 +47,7 @@ class Smoothness:
             )
         ]
 
-    def learner(self, pose: Array) -> list[Launch]:
+    def learning_launcher(self, pose: Array) -> list[Launch]:
         """The launches that take the first of `pose` (.., D) for the frame's."""
         return [
             self.device.launch(

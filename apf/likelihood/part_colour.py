@@ -112,7 +112,7 @@ class LimbColours:
             )
         ]
 
-    def learner(self, pose: Array) -> list[Launch]:
+    def learning_launcher(self, pose: Array) -> list[Launch]:
         """The launches that learn from the frame, of which the first of `pose` (.., D) is right."""
         group = self._pack["GROUP"]
         return [

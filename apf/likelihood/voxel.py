@@ -9,6 +9,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.posing import body_defines, pack_body
 from apf.filters.config import FilterConfig
+from apf.likelihood.base import Likelihood
 from apf.likelihood.motion_prior import Smoothness
 from apf.likelihood.part_colour import LimbColours
 from apf.likelihood.silhouette_recall import Coverage
@@ -46,14 +47,17 @@ def sample_rows(sampling: np.ndarray) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4)
 
 
-class VoxelLikelihood:
-    """A `Scorer` of poses of a scene's body by its voxels: by their reprojection into the
+class VoxelLikelihood(Likelihood):
+    """Scores poses of a scene's body by its voxels: by their reprojection into the
     cameras, and by the surface voxels themselves.
 
     `errors` is Song et al. eq. (16) with the sign put right, and more terms (see `FilterConfig`).
-    Those of `n_runs` trackings have room in it and, one each, in `misfit`. Raises InputError for
+    Those of `n_runs` trackings have room in it and, one each, in `misfits`. Raises InputError for
     several with terms that depend on the track so far.
     """
+
+    points: Array
+    misfits: Array
 
     def __init__(self, scene: Scene, config: FilterConfig, n_runs: int = 1) -> None:
         if n_runs > 1 and config.remembers:
@@ -79,7 +83,7 @@ class VoxelLikelihood:
         self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((n_runs * config.n_particles,), np.float32, "the errors")
-        self.misfit = device.zeros((n_runs,), np.float32)
+        self.misfits = device.zeros((n_runs,), np.float32)
         self._coverage: Coverage | None = None
         if config.settling_two_sided > 0:
             self._coverage = Coverage(scene, self._cameras, self.points)
@@ -96,10 +100,12 @@ class VoxelLikelihood:
             if term is not None:
                 term.forget()
 
-    def learner(self, pose: Array) -> list[Launch]:
+    def learning_launcher(self, pose: Array) -> list[Launch]:
         """The launches that end a frame: its estimate is the first of `pose` (.., D)."""
         terms = (self._colours, self._smoothness)
-        return [launch for term in terms if term is not None for launch in term.learner(pose)]
+        return [
+            launch for term in terms if term is not None for launch in term.learning_launcher(pose)
+        ]
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
@@ -151,11 +157,11 @@ class VoxelLikelihood:
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """The launches that put into `misfit` (R,) float32 how badly the first R of `poses` (.., D)
-        fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share of the
-        surface voxels that it leaves unexplained."""
+        """Return the launches that put into `misfits` (R,) float32 how badly the first R of `poses`
+        (.., D) fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share
+        of the surface voxels that it leaves unexplained."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        return [self._launch(self.misfit.size, poses, (0, 1), weights, 0.0, self.misfit)]
+        return [self._launch(self.misfits.size, poses, (0, 1), weights, 0.0, self.misfits)]
 
     def _launch(
         self,

@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.backend import device_tracker, observer_for
 from apf.body.model import BodyModel
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
 from apf.live.budget import Governor

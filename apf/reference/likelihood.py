@@ -1,16 +1,26 @@
-"""Errors of particles against the voxels. Twin of likelihood.cl."""
+"""Errors of particles against the voxels. Twin of apf/likelihood and likelihood.cl."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from apf.body.cones import distances, outlines, overlap_errors
+from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
+from apf.likelihood.voxel import cone_sampling
+from apf.reference.motion_prior import expectation, jump_errors
+from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from apf.reference.silhouette_recall import uncovered_errors
+from apf.scene import Scene
+from cl import InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.reference.reprojection import NumpyReprojection
+from psfs.voxels.host_voxels import HostVoxels
 
 
 def image_errors(
@@ -107,3 +117,110 @@ def total_errors(
     if config.two_sided_weight > 0:
         mean = mean + config.two_sided_weight * uncovered_errors(rig, cones, points)
     return len(rig) * mean
+
+
+class NumpyLikelihood:
+    """What a NumPy tracker searches with, as `apf.likelihood.base.Likelihood`: a subclass has
+    `observe(observation)` and, called with poses (N, D), returns their errors (N,).
+
+    points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
+    of the launchers that a device's tracker makes is meant.
+    """
+
+    points: np.ndarray | None = None
+    turn: int = 0
+
+    def observe(self, observation: Any) -> None:
+        """Take an observation."""
+        raise NotImplementedError
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D)."""
+        raise NotImplementedError
+
+    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
+        raise NotImplementedError
+
+    def misfit(self, pose: np.ndarray) -> float:
+        """Return how badly a pose (D,) fits, in absolute terms; NaN where that is not known."""
+        return float("nan")
+
+    def learn(self, pose: np.ndarray) -> None:
+        """Learn from a frame whose estimate is `pose` (D,)."""
+
+    def forget(self) -> None:
+        """Forget what was learnt: a new track begins."""
+
+
+class NumpyVoxelLikelihood(NumpyLikelihood):
+    """The same as `VoxelLikelihood`, in float64: `observe(voxels)`, then `likelihood(poses)`,
+    which looks at share number `turn` of the surface samples."""
+
+    def __init__(self, scene: Scene, config: FilterConfig) -> None:
+        self.body, self.rig, self.config = scene.body, scene.rig, config
+        self._reprojection = NumpyReprojection(NumpyDevice(), scene.rig, scene.voxel_grid)
+        self._sampling = cone_sampling(scene.body, config.sample_spacing)
+        self.points: np.ndarray = np.empty((0, 3))
+        self._colours = np.empty((0, 3))
+        self.forget()
+
+    def forget(self) -> None:
+        """A new track begins: no colour is known, no pose expected."""
+        self.parts = np.zeros((len(self.body.cones), 3))
+        self.motion = np.full((self.body.n_dof, 2), np.nan)
+
+    def learn(self, pose: np.ndarray) -> None:
+        """End a frame whose estimate is `pose` (D,)."""
+        config = self.config
+        self.motion = expectation(self.motion, pose, config.velocity)
+        if config.colour_weight > 0:
+            cones = posed_cones(self.body, pose[None])[0]
+            scale, rate = config.surface_scale, config.colour_rate
+            self.parts = learnt(self.parts, self.points, self._colours, cones, scale, rate)
+
+    def observe(self, voxels: HostVoxels) -> None:
+        """Take the voxels of a frame. Raises InputError if a term lacks pictures."""
+        self._maps = self._reprojection(voxels)
+        self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
+        if self.config.colour_weight > 0:
+            if voxels.colours is None:
+                raise InputError(
+                    "the likelihood's term colour: the frame has no pictures to colour its voxels "
+                    "with; expected images"
+                )
+            colours = sampled_surface(voxels.colours(), self.config.n_points)
+            self._colours = chromaticities(colours)
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Errors (N,) of poses (N, D)."""
+        return self._errors(poses, self.turn, self.config.point_turns, self.config)
+
+    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+        """Errors (N,) of poses (N, D) by every `stride`-th surface sample."""
+        settling = replace(self.config, two_sided_weight=self.config.settling_two_sided)
+        return self._errors(poses, 0, stride, settling)
+
+    def _errors(self, poses: np.ndarray, turn: int, turns: int, config: FilterConfig) -> np.ndarray:
+        body, rig = self.body, self.rig
+        cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
+        errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
+        errors = errors + len(rig) * config.posture_weight * posture_errors(body, poses)
+        if config.colour_weight > 0:
+            samples = share(self._colours, turn, turns)
+            found = colour_errors(seen, samples, self.parts, cones, config.colour_scale)
+            errors = errors + len(rig) * config.colour_weight * found
+        if config.smoothness_weight > 0:
+            found = jump_errors(body, poses, self.motion[:, 1], config)
+            errors = errors + len(rig) * config.smoothness_weight * found
+        return errors
+
+    def misfit(self, pose: np.ndarray) -> float:
+        """See `VoxelLikelihood.misfit_launcher`, of a pose (D,)."""
+        config = replace(
+            self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
+            overlap_weight=0.0, two_sided_weight=0.0,
+        )  # fmt: skip
+        cones = posed_cones(self.body, pose[None])
+        errors = total_errors(self.rig, cones, self._maps, self.points, self._sampling, (), config)
+        return float(errors[0]) / len(self.rig)

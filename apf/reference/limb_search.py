@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from apf.body.limbs import limb_masks
@@ -11,11 +9,12 @@ from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import limb_ranges, n_near
 from apf.reference.annealing import reflected
+from apf.reference.likelihood import NumpyLikelihood
 from apf.reference.noise import normals, uniforms
 from apf.reference.refinement import refined
 
 
-def proposals(
+def propose(
     body: BodyModel, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1 (first)
@@ -36,25 +35,23 @@ def proposals(
     return poses, which + len(limbs) * far
 
 
-def settled(
-    body: BodyModel, scorer: Any, mean: np.ndarray, config: FilterConfig, frame: int
+def searched(
+    body: BodyModel, likelihood: NumpyLikelihood, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The estimate (D,), and the matrix of its last linear system (see `refined`).
-
-    scorer: `scorer.rescore(poses, stride)` gives errors (N,) by every `stride`-th of its `points`.
-    """
+    """The estimate (D,), and the matrix of its last linear system (see `refined`)."""
+    assert likelihood.points is not None
     candidates = [mean]
     n_limbs = len(limb_masks(body)) if config.looks_for_limbs else 0
     if n_limbs:
-        poses, which = proposals(body, mean, config, frame)
-        errors = scorer.rescore(poses, config.point_turns)
+        poses, which = propose(body, mean, config, frame)
+        errors = likelihood.rescore(poses, config.point_turns)
         for kind in range(2 * n_limbs):
             tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
-    found = [refined(body, pose, scorer.points, config) for pose in candidates]
+    found = [refined(body, pose, likelihood.points, config) for pose in candidates]
     best = 0
     if n_limbs:
-        errors = scorer.rescore(np.stack([pose for pose, _ in found]), 1)
+        errors = likelihood.rescore(np.stack([pose for pose, _ in found]), 1)
         margins = np.repeat([config.limb_margin, config.limb_far_margin], n_limbs)
         gains = errors[0] * (1 - margins) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())

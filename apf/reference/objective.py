@@ -9,6 +9,7 @@ import numpy as np
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import FeatureMaps
+from apf.reference.likelihood import NumpyLikelihood
 from apf.reference.render import Picture, draw_hypotheses
 from apf.scene import Scene
 
@@ -65,7 +66,7 @@ def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
     return np.where(whole > 0, part / np.maximum(whole, 1), 0.0)
 
 
-class NumpyImageObjective:
+class NumpyImageObjective(NumpyLikelihood):
     """The same as `ImageObjective`, in float64: `observe(features)`, then `objective(poses)`."""
 
     def __init__(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, check_layers
 from apf.reference.annealing import (
@@ -18,33 +16,34 @@ from apf.reference.annealing import (
     systematic_parents,
 )
 from apf.reference.base import NumpyTracker
+from apf.reference.likelihood import NumpyLikelihood
 from apf.reference.noise import uniform
 from apf.scene import Scene
 
 
 class NumpySirParticleFilter(NumpyTracker):
-    """Rymut 2016 algorithms 1 and 2; same signature as SirParticleFilter, with a twin as scorer."""
+    """Rymut 2016 algorithms 1 and 2; same signature as SirParticleFilter."""
 
     def __init__(
         self,
         scene: Scene,
-        scorer: Any,
+        likelihood: NumpyLikelihood,
         config: FilterConfig,
         sir: SirConfig | None = None,
     ) -> None:
         check_layers(config)
-        super().__init__(scene, scorer, config)
+        super().__init__(scene, likelihood, config)
         self.sir = sir or SirConfig()
 
     def _search(self) -> Estimate:
         config, body = self.config, self.body
         poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
-        self._take_turn(self._frame % 2)
-        squared = self.scorer(poses) ** 2
+        self.likelihood.turn = self._frame % 2
+        squared = self.likelihood(poses) ** 2
         beta = self.sir.beta or annealing_exponent(squared, config.survival_rates[0])
         weights = normalised_weights(squared, beta)
         mean, deviation = moments(poses, weights)
         self._poses = poses
         self._parents = systematic_parents(weights, uniform(config.seed, self._frame, 0))
         size = effective_size(squared, beta)
-        return Estimate(mean, deviation, *np.array([[size], [beta], [squared.min()]]))
+        return Estimate(self.body, mean, deviation, *np.array([[size], [beta], [squared.min()]]))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.swarm import SwarmConfig
 from apf.reference.annealing import diffuse
 from apf.reference.base import NumpyTracker
+from apf.reference.likelihood import NumpyLikelihood
 from apf.reference.noise import philox4x32, uniform01
 from apf.scene import Scene
 
@@ -26,16 +26,16 @@ def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int])
 
 
 class NumpyParticleSwarm(NumpyTracker):
-    """Rymut 2016 eq. (2.27)-(2.31); same signature as ParticleSwarm, with a twin as scorer."""
+    """Rymut 2016 eq. (2.27)-(2.31); same signature as ParticleSwarm, with a twin as likelihood."""
 
     def __init__(
         self,
         scene: Scene,
-        scorer: Any,
+        likelihood: NumpyLikelihood,
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        super().__init__(scene, scorer, replace(config, trunk_layers=0))
+        super().__init__(scene, likelihood, replace(config, trunk_layers=0))
         self.swarm = swarm or SwarmConfig()
 
     def _search(self) -> Estimate:
@@ -53,8 +53,8 @@ class NumpyParticleSwarm(NumpyTracker):
                 velocities += swarm.cognitive * r1 * (bests - poses)
                 velocities += swarm.social * r2 * (bests[best] - poses)
                 poses, velocities = stopped_at_limits(body, poses + velocities, velocities)
-            self._take_turn(iteration + self._frame % 2 * config.n_layers)
-            errors = self.scorer(poses)
+            self.likelihood.turn = iteration + self._frame % 2 * config.n_layers
+            errors = self.likelihood(poses)
             better = errors < best_errors
             bests[better], best_errors[better] = poses[better], errors[better]
             best = int(np.argmin(best_errors))
@@ -62,7 +62,7 @@ class NumpyParticleSwarm(NumpyTracker):
         self._poses, self._parents = bests, np.full(len(poses), best)
         improved, beta, least_error = np.array(history).T
         deviation = np.sqrt(np.mean((bests - bests[best]) ** 2, axis=0))
-        return Estimate(bests[best], deviation, improved, beta, least_error)
+        return Estimate(self.body, bests[best], deviation, improved, beta, least_error)
 
 
 def stopped_at_limits(

@@ -13,7 +13,7 @@ import numpy as np
 from apf.backend import device_tracker, observer_for, shares_launches, tracker_for
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.config import SIGMA_FPS, FilterConfig
 from apf.filters.method import Method
 from apf.scene import Scene

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from cl import InputError
 
 #: How a frame's estimate was come by.

@@ -15,7 +15,7 @@ import numpy as np
 
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.base import NumpyVoxelLikelihood
+from apf.reference.likelihood import NumpyVoxelLikelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor
@@ -75,10 +75,10 @@ def by_twin(problem: Problem) -> dict[str, Any]:
     """Scoring by the NumPy twin."""
     scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
     reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
-    scorer = NumpyVoxelLikelihood(problem.on(device), problem.config)
-    scorer.observe(reconstruct(scene.frames[0]))
+    likelihood = NumpyVoxelLikelihood(problem.on(device), problem.config)
+    likelihood.observe(reconstruct(scene.frames[0]))
     poses = spread(problem, _SCORED_BY_TWIN)
-    scoring = timed(lambda: scorer(poses), 3, warm_up=0)
+    scoring = timed(lambda: likelihood(poses), 3, warm_up=0)
     return {"scored": _SCORED_BY_TWIN, "scoring": scoring}
 
 
@@ -108,9 +108,9 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
     device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
     config = replace(problem.config, n_particles=n)
-    scorer = VoxelLikelihood(problem.on(device), config)
-    scorer.observe(reconstruct(scene.frames[0]))
-    launches = scorer.launcher(device.to_device(spread(problem, n)))
+    likelihood = VoxelLikelihood(problem.on(device), config)
+    likelihood.observe(reconstruct(scene.frames[0]))
+    launches = likelihood.launcher(device.to_device(spread(problem, n)))
 
     def score() -> None:
         for launch in launches:

@@ -14,7 +14,7 @@ import numpy as np
 from apf.backend import filter_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.scene import Scene as TrackedScene

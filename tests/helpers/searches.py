@@ -1,4 +1,4 @@
-"""A scorer whose minimum is known, for the tests of the searches."""
+"""A likelihood whose minimum is known, for the tests of the searches."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from apf.body.model import BodyModel
+from apf.likelihood.base import Likelihood
+from apf.reference.likelihood import NumpyLikelihood
 from cl import Array, Device
 
 
-class Distance:
+class Distance(Likelihood, NumpyLikelihood):
     """Errors that are the distance of poses from the observed one, in sigmas; on the host, between
     a device's commands, or called as a twin."""
 

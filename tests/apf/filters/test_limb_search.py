@@ -1,4 +1,4 @@
-"""Limbs looked for elsewhere before an estimate is settled: kernels against the twin, and use."""
+"""The search for limbs: kernels against the twin, and use."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
-from apf.filters.limb_search import Alternatives
-from apf.reference.likelihood import share
-from apf.reference.limb_search import proposals, settled
+from apf.filters.limb_search import LimbSearch
+from apf.likelihood.base import Likelihood
+from apf.reference.likelihood import NumpyLikelihood, share
+from apf.reference.limb_search import propose, searched
 from cl import Array, Device, Launch
 
 CONFIG = FilterConfig(n_particles=150, n_points=400, refine_steps=5, limb_spread=12.0)
 
 
-class Nearness:
-    """Scores by the surface points alone, on the host: what alternatives need of a likelihood,
+class Nearness(Likelihood):
+    """Scores by the surface points alone, on the host: what a limb search needs of a likelihood,
     for the kernels (launches that copy) and for the twin."""
 
     def __init__(self, device: Device, body: BodyModel, points: np.ndarray) -> None:
@@ -41,11 +42,14 @@ class Nearness:
         return [lambda: errors.set(self.rescore(poses.get(), stride).astype(np.float32))]
 
 
-class Twin:
-    """The part of `Nearness` that the twin sees."""
+class NumpyNearness(NumpyLikelihood):
+    """The same for the twin."""
 
     def __init__(self, nearness: Nearness) -> None:
-        self.points, self.rescore = nearness.host_points, nearness.rescore
+        self.points, self._nearness = nearness.host_points, nearness
+
+    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+        return self._nearness.rescore(poses, stride)
 
 
 def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
@@ -59,16 +63,16 @@ def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
     return cones[:, :3] + t * (cones[:, 4:7] - cones[:, :3]) + radius * circle
 
 
-def settle(
-    device: Device, body: BodyModel, scorer: Any, mean: np.ndarray, config: FilterConfig
+def search_limbs(
+    device: Device, body: BodyModel, likelihood: Any, mean: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pose, shift and information by the kernels."""
-    alternatives = Alternatives(device, body, scorer, config)
+    search = LimbSearch(device, body, likelihood, config)
     frame = device.to_device(np.array([7], np.uint32))
     result = device.to_device(mean.astype(np.float32))
-    for launch in alternatives.launcher(frame, result):
+    for launch in search.launcher(frame, result):
         launch()
-    return result.get(), alternatives.shift.get()[0], alternatives.information.get()[0]
+    return result.get(), search.shift.get()[0], search.information.get()[0]
 
 
 def raised(body: BodyModel) -> np.ndarray:
@@ -81,7 +85,7 @@ def raised(body: BodyModel) -> np.ndarray:
 def test_proposals_move_one_limb_within_limits() -> None:
     body = load_body("song31")
     mean = bodies.random_poses(body, 1)[0]
-    poses, which = proposals(body, mean, CONFIG, 3)
+    poses, which = propose(body, mean, CONFIG, 3)
     np.testing.assert_array_equal(poses[0], mean)
     assert np.all((poses >= body.lower) & (poses <= body.upper))
     limbs = limb_masks(body)
@@ -102,11 +106,11 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
         CONFIG, n_particles=n_particles, refine_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]
-    scorer = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
-    scorer.errors = device.zeros((n_particles,), np.float32)
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+    likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
-    found, shift, information = settle(device, body, scorer, mean, config)
-    expected, matrix = settled(body, Twin(scorer), mean, config, 7)
+    found, shift, information = search_limbs(device, body, likelihood, mean, config)
+    expected, matrix = searched(body, NumpyNearness(likelihood), mean, config, 7)
     np.testing.assert_allclose(found, expected, atol=5e-4)
     np.testing.assert_allclose(shift, found - mean, atol=1e-5)
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
@@ -118,12 +122,12 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
     pose, wrist = raised(body), body.joint_names.index("l_wrist")
-    scorer = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
 
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
         for frame in range(n_frames):
-            found = settle(device, body, scorer, found, replace(config, seed=frame))[0]
+            found = search_limbs(device, body, likelihood, found, replace(config, seed=frame))[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
@@ -136,35 +140,37 @@ def test_a_lost_arm_is_found(device: Device) -> None:
 def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
     """With margins that no limb can win, the mean is refined as if alone."""
     body = load_body("song31")
-    scorer = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
     hopeless = replace(CONFIG, limb_margin=1.0, limb_far_margin=1.0)
-    stays = settle(device, body, scorer, body.rest_pose, hopeless)[0]
-    alone = settle(device, body, scorer, body.rest_pose, replace(CONFIG, limb_spread=0.0))[0]
+    stays = search_limbs(device, body, likelihood, body.rest_pose, hopeless)[0]
+    alone = search_limbs(
+        device, body, likelihood, body.rest_pose, replace(CONFIG, limb_spread=0.0)
+    )[0]
     np.testing.assert_allclose(stays, alone, atol=1e-6)
 
 
-def test_a_scorer_without_surface_settles_nothing(device: Device) -> None:
-    launches: list[Launch] = Alternatives(device, load_body("song31"), object(), CONFIG).launcher(
+def test_without_surface_points_nothing_is_searched(device: Device) -> None:
+    launches: list[Launch] = LimbSearch(device, load_body("song31"), Likelihood(), CONFIG).launcher(
         device.zeros((1,), np.uint32), device.zeros((31,), np.float32)
     )
     assert launches == []
 
 
-def test_runs_are_settled_each_by_itself(device: Device) -> None:
+def test_runs_are_searched_each_by_itself(device: Device) -> None:
     """Bit by bit as alone, from means, frames and seeds of their own."""
     body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
     config = replace(CONFIG, n_particles=37, refine_steps=2, last_survival=0.4)
-    scorer = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
     means = bodies.random_poses(body, 3).astype(np.float32)
 
     def of(rows: list[int]) -> list[np.ndarray]:
-        scorer.errors = device.zeros((len(rows) * config.n_particles,), np.float32)
+        likelihood.errors = device.zeros((len(rows) * config.n_particles,), np.float32)
         chosen = [seeds[row] for row in rows]
-        alternatives = Alternatives(device, body, scorer, config, chosen)
+        search = LimbSearch(device, body, likelihood, config, chosen)
         result = device.to_device(means[rows])
-        for launch in alternatives.launcher(device.to_device(frames[rows]), result):
+        for launch in search.launcher(device.to_device(frames[rows]), result):
             launch()
-        return [array.get() for array in (result, alternatives.shift, alternatives.information)]
+        return [array.get() for array in (result, search.shift, search.information)]
 
     together = of([0, 1, 2])
     for row in range(3):

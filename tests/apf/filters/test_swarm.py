@@ -40,11 +40,11 @@ def scene_on(device: Device | NumpyDevice, body: BodyModel = SONG) -> Scene:
 
 def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
     kind, twin, _ = SEARCHES[search]
-    scorer = Distance(device, SONG, config.n_particles)
+    likelihood = Distance(device, SONG, config.n_particles)
     chosen = NumpyDevice() if device is None else device
-    tracker = (twin if device is None else kind)(scene_on(chosen), scorer, config, *more)
+    tracker = (twin if device is None else kind)(scene_on(chosen), likelihood, config, *more)
     tracker.start(SONG.rest_pose)
-    return [tracker.step(target) for target in moving(frames)], scorer
+    return [tracker.step(target) for target in moving(frames)], likelihood
 
 
 def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
@@ -69,8 +69,8 @@ def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict)
 @pytest.mark.parametrize("search", SEARCHES)
 def test_every_frame_scores_as_often_as_it_says(device: Device, search: str) -> None:
     config = config_of(search)
-    found, scorer = run(search, device, config, 3)
-    assert scorer.calls == 3 * config.n_layers
+    found, likelihood = run(search, device, config, 3)
+    assert likelihood.calls == 3 * config.n_layers
     for estimate in found:
         assert estimate.ess.shape == estimate.least_error.shape == (config.n_layers,)
         assert all(np.isfinite(getattr(estimate, field)).all() for field in FIELDS)
@@ -114,8 +114,8 @@ def test_started_again_it_forgets(device: Device, search: str) -> None:
 def test_limits_hold(device: Device, search: str) -> None:
     """A pose beyond the limits draws the particles to them, and not beyond."""
     config = config_of(search, n_layers=8 if search == "pso" else 1)
-    scorer = Distance(device, SONG, 65)
-    tracker = SEARCHES[search][0](scene_on(device), scorer, config)
+    likelihood = Distance(device, SONG, 65)
+    tracker = SEARCHES[search][0](scene_on(device), likelihood, config)
     tracker.start(SONG.rest_pose)
     far = SONG.rest_pose.copy()
     knee = SONG.dof_names.index("l_calf.ry")

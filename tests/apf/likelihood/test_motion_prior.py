@@ -44,7 +44,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
     term = Smoothness(device, body, CONFIG)
     errors, on_device = device.zeros((n,), np.float32), device.to_device(poses)
     motion = np.full((body.n_dof, 2), np.nan)
-    score, learn = term.launcher(on_device, 0.25, errors), term.learner(on_device)
+    score, learn = term.launcher(on_device, 0.25, errors), term.learning_launcher(on_device)
     for frame in range(4):
         errors.fill(3.0)
         for launch in score:
@@ -86,7 +86,7 @@ def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: De
         jump, stay = here.errors()
         assert jump < stay  # in the first frame nothing is expected
         last = device.to_device(poses[1:].astype(np.float32))
-        for launch in here.likelihood.learner(last):
+        for launch in here.likelihood.learning_launcher(last):
             launch()
         jump, stay = here.errors()
         assert (stay < jump) == obeyed
@@ -108,11 +108,11 @@ def test_trackers_tell_the_term_their_estimates(device: Device) -> None:
         found, expected = tracker.step(world.voxels(frame)), twin.step(world.twin(frame))
         assert np.all(np.abs(found.pose - expected.pose) <= 0.7 * SONG.sigma)
         np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
-        motion = tracker.scorer._smoothness.motion.get()
+        motion = tracker.likelihood._smoothness.motion.get()
         np.testing.assert_allclose(motion[:, 0], found.pose, atol=1e-6)
-        np.testing.assert_allclose(twin.scorer.motion[:, 0], expected.pose)
+        np.testing.assert_allclose(twin.likelihood.motion[:, 0], expected.pose)
     tracker.start(world.pose(0))
-    assert np.isnan(tracker.scorer._smoothness.motion.get()).all()
+    assert np.isnan(tracker.likelihood._smoothness.motion.get()).all()
 
 
 def test_it_is_off_by_default_and_chosen_by_name() -> None:

@@ -19,8 +19,7 @@ from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.base import NumpyVoxelLikelihood
-from apf.reference.likelihood import sampled_surface, share, surface_errors
+from apf.reference.likelihood import NumpyVoxelLikelihood, sampled_surface, share, surface_errors
 from apf.reference.part_colour import chromaticities, colour_errors, learnt
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -148,7 +147,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
             assert np.mean(np.abs(found - expected) < 1e-4) > 0.8
             assert found.any() == (frame > 0) or n_voxels < 900  # nothing is known at first
         moved = np.roll(setup.poses, -frame, axis=0)
-        for launch in setup.likelihood.learner(device.to_device(moved)):
+        for launch in setup.likelihood.learning_launcher(device.to_device(moved)):
             launch()
         parts = learnt(parts, points, samples, cones[frame], config.surface_scale, RATE)
         colours_known = setup.likelihood._colours
@@ -175,10 +174,10 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
         samples = sampled_surface(chromaticities(colours), 400)
         cones = posed_cones(SONG, pose[None])[0]
         parts = learnt(parts, points, samples, cones, config.surface_scale, RATE)
-        found = tracker.scorer._colours.parts.get()
+        found = tracker.likelihood._colours.parts.get()
         np.testing.assert_allclose(found[:, :3], parts, atol=0.02)
     tracker.start(world.pose(0))
-    assert not tracker.scorer._colours.parts.get().any()
+    assert not tracker.likelihood._colours.parts.get().any()
 
 
 def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
@@ -236,4 +235,4 @@ def test_it_is_off_by_default_and_chosen_by_name(device: Device) -> None:
     off = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), FilterConfig(n_particles=37))
     off.observe(voxels)
     body: BodyModel = SONG
-    assert off.learner(device.zeros((1, body.n_dof), np.float32)) == []
+    assert off.learning_launcher(device.zeros((1, body.n_dof), np.float32)) == []

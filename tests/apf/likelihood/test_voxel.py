@@ -366,7 +366,7 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
         / len(rig)
         for term in ("silhouette", "surface")
     )
-    assert setup.likelihood.misfit.get()[0] == pytest.approx(expected, rel=2e-3)
+    assert setup.likelihood.misfits.get()[0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_overlap_kernel_agrees_where_parts_meet(device: Device) -> None:

@@ -16,7 +16,7 @@ from apf.api import given_start
 from apf.body import load_body, save_body
 from apf.body.kinematics import posed_joints
 from apf.cli import main
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.initialisation.from_joints import read_pose, write_pose

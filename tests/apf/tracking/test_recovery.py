@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import bodies, scenes
 
 import apf.initialisation.automatic
 from apf.body import load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.filters.annealed import Estimate
+from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation.kept_voxels import StoredVoxels
 from apf.tracking.pipeline import track_of, track_voxels, watched
@@ -28,6 +28,8 @@ from apf.tracking.recovery import (
 )
 from cl import Device, InputError
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+STICK = bodies.named("stick")
 
 
 @dataclass
@@ -48,7 +50,9 @@ class OnALine:
             self.at = person
         misfit = min(2.0, 0.2 + abs(person - self.at))
         ones = np.ones(self.n_layers)
-        return Estimate(np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit)
+        return Estimate(
+            STICK, np.array([self.at]), 0.1 * np.ones(1), ones, ones, ones, misfit=misfit
+        )
 
 
 def on_a_line(everywhere: bool = False) -> Watched:
@@ -114,17 +118,17 @@ def test_the_limit_follows_what_is_usual() -> None:
     assert accepted(0.2, 1) == config.least  # twice 0.2, and not less
     assert accepted(0.35, 9) == pytest.approx(0.7)
     assert accepted(0.8, 30) == config.worst
-    assert accepted(np.nan, 3) == config.worst  # of scorers that know none
+    assert accepted(np.nan, 3) == config.worst  # of likelihoods that know none
     assert judge.judged(replace(estimate, misfit=config.worst)).confidence == pytest.approx(0.5)
     judge.forget()
     assert judge.limit == config.unknown
 
 
-def test_scorers_without_a_misfit_are_trusted() -> None:
+def test_likelihoods_without_a_misfit_are_trusted() -> None:
     class Blind(OnALine):
         def step(self, person: float) -> Estimate:
             ones = np.ones(2)
-            return Estimate(np.zeros(1), ones, ones, ones, ones)
+            return Estimate(STICK, np.zeros(1), ones, ones, ones, ones)
 
     found = run(Watched(Blind(1.0), lambda: Blind(1.0)), [0.0, 50.0])
     assert not any(e.lost for e in found) and all(np.isnan(e.confidence) for e in found)

@@ -1,0 +1,219 @@
+"""What all filters share: the estimate, and the frame around a search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.filters.limb_search import LimbSearch
+from apf.filters.particle_set import ParticleSet
+from apf.likelihood.base import Likelihood
+from apf.scene import Scene
+from cl import InputError, Launch
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One frame's result.
+
+    body: that is tracked, D degrees of freedom and J joints. pose: (D,) m and rad, the weighted
+    mean of the last layer's particles (Song et al. eq. 12), refined. deviation: (D,) the particles'
+    standard deviation. ess, beta, least_error: (n_layers,) effective sample size, annealing
+    exponent, error of the best particle. information: (D, D) of the refinement's linear system,
+    about the inverse of the pose's covariance; zero or (0, 0) where nothing was refined. misfit: of
+    the pose, see `VoxelLikelihood.misfit_launcher`; NaN of a likelihood that knows none.
+    confidence, lost, restart: see `apf.tracking.recovery`, which fills them in.
+    """
+
+    body: BodyModel
+    pose: np.ndarray
+    deviation: np.ndarray
+    ess: np.ndarray
+    beta: np.ndarray
+    least_error: np.ndarray
+    information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    misfit: float = float("nan")
+    confidence: float = float("nan")
+    lost: bool = False
+    restart: int = 0
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(J, 3) m, the positions of `body.joint_names` in the pose."""
+        return posed_joints(self.body, self.pose[None])[0]
+
+
+class Tracker:
+    """Follows a body from frame to frame: `start(pose)` once, then `step(observation)` per frame,
+    or `stream(observations)`."""
+
+    def __init__(self, scene: Scene, config: FilterConfig) -> None:
+        self.body, self.config = scene.body, config
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles at `pose` (D,). Raises InputError unless it has D finite values."""
+        raise NotImplementedError
+
+    def step(self, observation: Any) -> Estimate:
+        """Track one frame further, by voxels or whatever else the likelihood observes."""
+        raise NotImplementedError
+
+    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+        """Yield the estimate for each of `observations`."""
+        return map(self.step, observations)
+
+
+class DeviceTracker(Tracker):
+    """A tracker by OpenCL, of one run or of several at once.
+
+    A frame is enqueued without waiting for the host; only the estimates come back. Subclasses have
+    `_search(source)`, the launches that judge the particles, several times per frame.
+    """
+
+    def __init__(
+        self, scene: Scene, likelihood: Likelihood, particles: ParticleSet, config: FilterConfig
+    ) -> None:
+        super().__init__(scene, config)
+        self.device = device = scene.opencl
+        self.likelihood = likelihood
+        self._particles = particles
+        self._limb_search = LimbSearch(device, scene.body, likelihood, config, particles.seeds)
+        self._misfits = likelihood.misfits
+        if self._misfits is None:
+            self._misfits = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
+        size = particles.result.size + self._limb_search.information.size + particles.n_runs
+        self._report = device.empty((size,), np.float32)
+        # With an odd number of layers, frames end in alternating sets.
+        self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
+        self._n_frames = 0
+
+    def start(self, pose: np.ndarray) -> None:
+        """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
+        self._particles.start(checked_pose(self.body, pose))
+        self._n_frames = 0
+        self.likelihood.forget()
+
+    def restart(self, run: int, pose: np.ndarray) -> None:
+        """Put all particles of one run at `pose` (D,), while the others go on."""
+        self._particles.restart(run, checked_pose(self.body, pose))
+
+    def step(self, observation: Any) -> Estimate:
+        """Track one frame further and return the first run's estimate."""
+        return self.step_runs(observation)[0]
+
+    def step_runs(self, observation: Any) -> list[Estimate]:
+        """Track one frame further and return each run's estimate."""
+        self.observe(observation)
+        return self.search_runs()
+
+    def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
+        """Yield the first run's estimate for each of `observations`. The next one is taken while
+        the device searches; on a GPU it is made in that time, too, by another queue.
+
+        Taking it may overwrite the one before, as `Reconstructor.stream` does: when an estimate is
+        given, its observation may be gone.
+        """
+        return (estimates[0] for estimates in self.stream_runs(observations))
+
+    def stream_runs(self, observations: Iterable[Any]) -> Iterator[list[Estimate]]:
+        """Yield each run's estimate for each of `observations`, see `stream`."""
+        queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
+        under_way: Callable[[], list[Estimate]] | None = None
+        for observation in observations:
+            self.device.wait_for(queue)
+            self.observe(observation)
+            if under_way is not None:
+                yield under_way()
+            with self.device.on(queue):
+                under_way = self._begin_search()
+        if under_way is not None:
+            yield under_way()
+
+    def observe(self, observation: Any) -> None:
+        """Enqueue what the likelihood keeps of an observation, the first half of `step`."""
+        self.likelihood.observe(observation)
+
+    def search(self) -> Estimate:
+        """Return the estimate for what was observed, the second half of `step`."""
+        return self.search_runs()[0]
+
+    def search_runs(self) -> list[Estimate]:
+        """Return each run's estimate for what was observed, the second half of `step_runs`."""
+        return self._begin_search()()
+
+    def widen(self, factor: float) -> None:
+        """Spread the next frames' particles by `factor` times the noise of the config."""
+        self._particles.widen(factor)
+
+    def push(self, offset: np.ndarray) -> None:
+        """Search the next frame from poses moved by `offset` (D,): what is known of the motion."""
+        self._particles.push(offset)
+
+    def _begin_search(self) -> Callable[[], list[Estimate]]:
+        """Enqueue the search; what is returned waits for it and gives each run's estimate."""
+        for launch in self._layers[self._n_frames % 2]:
+            launch()
+        self._n_frames += 1
+        report = self._report.fetch()
+        return lambda: unpacked(report(), self.body, self._particles.n_runs)
+
+    def _frame_launches(self, source: int) -> list[Launch]:
+        """Return the launches of a frame that starts from the particles in set `source`."""
+        particles, limb_search, likelihood = self._particles, self._limb_search, self.likelihood
+        assert self._misfits is not None
+        return [
+            *self._search(source),
+            *limb_search.launcher(particles.frame, particles.result),
+            *likelihood.misfit_launcher(particles.result),
+            *likelihood.learning_launcher(particles.result),
+            particles.end_frame(
+                limb_search.shift, limb_search.information, self._misfits, self._report
+            ),
+        ]
+
+    def _search(self, source: int) -> list[Launch]:
+        raise NotImplementedError
+
+
+def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """Return `pose` as (D,) float64 within the limits of `body`; InputError if it cannot be one."""
+    pose = np.asarray(pose, np.float64)
+    if pose.shape != (body.n_dof,) or not np.isfinite(pose).all():
+        raise InputError(
+            f"the initial pose has shape {pose.shape}; expected {body.n_dof} finite values "
+            f"for the body {body.name}"
+        )
+    return np.clip(pose, body.lower, body.upper)
+
+
+@cache
+def _symmetric_indices(n: int) -> np.ndarray:
+    """Return (n, n) where each element of a symmetric matrix stands in its lower triangle, row by
+    row."""
+    indices = np.zeros((n, n), np.intp)
+    indices[np.tril_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(indices, indices.T)
+
+
+def unpacked(report: np.ndarray, body: BodyModel, n_runs: int) -> list[Estimate]:
+    """Return each run's Estimate from what a tracker downloads: `ParticleSet.result`, the lower
+    triangle of `Estimate.information` row by row for every run, the misfits."""
+    report, n_dof = report.astype(np.float64), body.n_dof
+    n_poses, n_triangles = n_runs * n_dof, n_runs * n_dof * (n_dof + 1) // 2
+    poses, deviations = report[: 2 * n_poses].reshape(2, n_runs, n_dof)
+    layers = report[2 * n_poses : -n_triangles - n_runs].reshape(-1, n_runs, 3)
+    triangles = report[-n_triangles - n_runs : -n_runs].reshape(n_runs, -1)
+    information, misfits = triangles[:, _symmetric_indices(n_dof)], report[-n_runs:]
+    estimates = []
+    for run in range(n_runs):
+        ess, beta, error = layers[:, run].T
+        found = (poses[run], deviations[run], ess, beta, error, information[run])
+        estimates.append(Estimate(body, *found, float(misfits[run])))
+    return estimates
