@@ -74,7 +74,7 @@ class OpenGLRenderer:
         return str(self._context.info["GL_RENDERER"])
 
     def draw(self, poses: np.ndarray) -> np.ndarray:
-        """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D), as `rendering.draw_hypotheses`."""
+        """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8, as `draw_hypotheses` does."""
         shapes = self.shapes(poses)
         out = []
         for first in range(0, len(shapes.pixels), self.n_tiles):
@@ -85,7 +85,7 @@ class OpenGLRenderer:
         return np.concatenate(out).reshape(shape)
 
     def shapes(self, poses: np.ndarray) -> Shapes:
-        """The vertices in all pictures, projected on the host."""
+        """Return the vertices in all pictures, projected on the host."""
         if self.mesh is None:
             return self._flat_shapes(posed_cones(self.body, poses))
         vertices, middles = self.mesh.posed(self.body, poses)
@@ -117,7 +117,7 @@ class OpenGLRenderer:
         return _by_picture(pixels, parts)
 
     def upload(self, shapes: Shapes, first: int) -> int:
-        """Take the pictures from `first` on, as many as there are tiles; returns their number."""
+        """Upload the pictures from `first` on, as many as there are tiles; return their number."""
         pixels = shapes.pixels[first : first + self.n_tiles]
         self._pixels.write(pixels.tobytes())
         self._parts.write(shapes.parts[first : first + self.n_tiles].tobytes())
@@ -147,7 +147,7 @@ class OpenGLRenderer:
         self._context.finish()
 
     def read(self, count: int) -> np.ndarray:
-        """The first `count` pictures (count, H, W, 2) uint8 of the frame buffer."""
+        """Read the first `count` pictures (count, H, W, 2) uint8 of the frame buffer."""
         rows, height, width = self._size[1] // self.rig.height, self.rig.height, self.rig.width
         data = np.frombuffer(self._frame.read(components=2, alignment=1), np.uint8)
         tiles = data.reshape(rows, height, self._columns, width, 2).swapaxes(1, 2)
@@ -185,7 +185,7 @@ class _Drawing:
 
 
 def egl_context() -> Any:
-    """An off-screen OpenGL 4.3 context. Raises InputError that says what is missing."""
+    """Make an off-screen OpenGL 4.3 context. Raises InputError that says what is missing."""
     try:
         import moderngl
     except ImportError:
@@ -205,7 +205,7 @@ def egl_context() -> Any:
 
 
 def _by_picture(pixels: list[np.ndarray], parts: list[np.ndarray]) -> Shapes:
-    """Shapes of what was made by view, (N, ...) each."""
+    """Return the shapes of what was made by view, (N, ...) each."""
     arrays = [np.stack(by_view, 1).astype(np.float32) for by_view in (pixels, parts)]
     return Shapes(*(array.reshape(-1, *array.shape[2:]) for array in arrays))
 
@@ -214,8 +214,8 @@ Shape = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def _flat_shape(body: BodyModel) -> Shape:
-    """Triangles (T, 4) of vertices and part, lines (L, 4) of ends and no more, their parts (L,),
-    and the parts that have edges (P,)."""
+    """Return triangles (T, 4) of vertices and part, lines (L, 4) of ends and no more, their parts
+    (L,), and which parts have edges (P,)."""
     triangles, lines, owners = [], [], []
     edged = np.array([cone.in_images for cone in body.cones])
     for c in range(len(edged)):
@@ -228,7 +228,8 @@ def _flat_shape(body: BodyModel) -> Shape:
 
 
 def _mesh_shape(mesh: BodyMesh) -> Shape:
-    """As `_flat_shape`; a line's third and fourth vertex are those of the faces it is between."""
+    """Return what `_flat_shape` does, of a mesh; a line's third and fourth vertex are those of the
+    faces it is between."""
     lines, owners = mesh.lines()
     drawn = mesh.edged[owners]
     triangles = np.column_stack([mesh.faces, mesh.parts]).astype(np.int32)

@@ -54,7 +54,7 @@ class Renderer:
         proximity: Array,
         pictures: Array | None = None,
     ) -> list[Launch]:
-        """The launches that count `poses` (N, D), arguments set.
+        """Return the launches that count `poses` (N, D) float32.
 
         roi: (V, 4) int32, ends excluded. silhouettes: uint32 of `silhouette_shape`, bit i of word w
         is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
@@ -86,11 +86,11 @@ class Renderer:
         return [*self._kinematics.launcher(poses), self._place(), count]
 
     def _place(self) -> Launch:
-        """What puts the posed body into the pictures."""
+        """Return the launch that projects the posed body into the pictures."""
         raise NotImplementedError
 
     def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
-        """Stage and first arguments of the counting kernel, and defines of its own."""
+        """Return stage and first arguments of the counting kernel, and defines of its own."""
         raise NotImplementedError
 
 
@@ -187,7 +187,7 @@ class MeshRenderer(Renderer):
 
 
 def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
-    """Which cones show edges (C,), and which of their round ends do (C, 2): both bool.
+    """Return which cones show edges (C,), and which of their round ends do (C, 2): both bool.
 
     An end is free, not a joint, if its tip lies outside of all other cones when the body stands.
     """
@@ -201,7 +201,7 @@ def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_frames(body: BodyModel) -> BodyModel:
-    """`body` with a cone for each of its bones that posed is the bone's frame: origin, first and
+    """Return `body` with a cone for each bone that, posed, is the bone's frame: origin, first and
     second axis, and as its end the tip of the third."""
     zero, first, third = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     frames = tuple(
@@ -212,8 +212,8 @@ def with_frames(body: BodyModel) -> BodyModel:
 
 
 def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Of vertices, then the parts' middles: (M + P, K, 4) float32 positions and weights, and
-    (M + P, K) int32 bones."""
+    """Return of the vertices, then of the parts' middles: (M + P, K, 4) float32 positions and
+    weights, and (M + P, K) int32 bones."""
     middle_bones, middles = mesh.middles()
     n_binds = mesh.bones.shape[1]
     binds = np.zeros((mesh.n_vertices + mesh.n_parts, n_binds, 4), np.float32)
@@ -232,7 +232,7 @@ def renderer_for(
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> Renderer:
-    """What draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
+    """Return what draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
 
     Raises InputError for pictures too wide to draw in.
     """
@@ -251,8 +251,11 @@ def draw_hypotheses(
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> np.ndarray:
-    """Pictures (N, V, H, W, 2) uint8 of `poses` (N, D): the number of the part seen, from 1 (0 is
-    background), and 255 on edges. The very pixels that an `ImageObjective` counts."""
+    """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8: the very pixels that an
+    `ImageObjective` counts.
+
+    The number of the part seen, from 1 (0 is background), and 255 on edges.
+    """
     device, rig = scene.opencl, scene.rig
     n, shape = len(poses), (len(rig), rig.height, rig.width)
     renderer = renderer_for(scene, n, mesh=mesh, round_ends=round_ends)
@@ -267,10 +270,10 @@ def draw_hypotheses(
 
 
 def silhouette_shape(rig: CameraRig, n_labels: int) -> tuple[int, int, int, int]:
-    """(V, L, words of a row, rows) of silhouettes as bits, with rows to spare for vectors."""
+    """Return (V, L, words of a row, rows) of silhouettes as bits, with spare rows for vectors."""
     return len(rig), n_labels, -(-rig.width // 32), rig.height + _PACK - 1
 
 
 def whole_pictures(rig: CameraRig) -> np.ndarray:
-    """(V, 4) int32 regions of interest that hold each camera's whole picture."""
+    """Return (V, 4) int32 regions of interest that hold each camera's whole picture."""
     return np.array([(0, 0, *camera.size) for camera in rig], np.int32)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+#: As in annealing.cl: beta lies within 2^-20 and 2^20, and is found to 40 binary digits.
 _LOG2_BETA_LIMIT = 20.0
 _BISECTIONS = 40
 
 
 def effective_size(errors: np.ndarray, beta: float) -> float:
-    """(sum w)^2 / sum w^2 of w = exp(-beta (errors - min))."""
+    """Return (sum w)^2 / sum w^2 of w = exp(-beta (errors - min))."""
     weights = np.exp(-beta * (errors - errors.min()))
     return float(weights.sum() ** 2 / np.sum(weights**2))
 
 
 def annealing_exponent(errors: np.ndarray, survival_rate: float) -> float:
-    """beta at which the effective sample size is `survival_rate` of the set (Deutscher & Reid
-    2005), by bisection of its logarithm."""
+    """Return beta at which the effective sample size is `survival_rate` of the set (Deutscher &
+    Reid 2005), found by bisection of its logarithm."""
     low, high = -_LOG2_BETA_LIMIT, _LOG2_BETA_LIMIT
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -28,19 +29,20 @@ def annealing_exponent(errors: np.ndarray, survival_rate: float) -> float:
 
 
 def normalised_weights(errors: np.ndarray, beta: float) -> np.ndarray:
-    """(N,) weights exp(-beta errors), summing to 1."""
+    """Return (N,) weights exp(-beta errors), summing to 1."""
     weights = np.exp(-beta * (errors - errors.min()))
     return weights / weights.sum()
 
 
 def moments(poses: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (D,), Song et al. eq. (12), and standard deviation (D,) of poses (N, D) by `weights`."""
+    """Return the mean (D,), Song et al. eq. (12), and the standard deviation (D,) of poses (N, D)
+    by `weights` (N,)."""
     mean = weights @ poses
     return mean, np.sqrt(weights @ (poses - mean) ** 2)
 
 
 def systematic_parents(weights: np.ndarray, offset: float) -> np.ndarray:
-    """(N,) parents drawn by systematic resampling at (i + offset) / N."""
+    """Draw (N,) parents by systematic resampling at (i + offset) / N."""
     positions = (np.arange(len(weights)) + offset) / len(weights)
     parents = np.searchsorted(np.cumsum(weights), positions, side="right")
     return np.minimum(parents, len(weights) - 1)
@@ -53,12 +55,13 @@ def diffuse(
     lower: np.ndarray,
     upper: np.ndarray,
 ) -> np.ndarray:
-    """Children (N, D): parents plus noise (N, D), reflected at the limits (Song et al. eq. 11)."""
+    """Return children (N, D): parents plus noise (N, D), reflected at the limits (Song et al. eq.
+    11)."""
     return reflected(poses[parents] + noise, lower, upper)
 
 
 def reflected(poses: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Poses (N, D) reflected at the limits, and cut where that is not enough."""
+    """Reflect poses (N, D) at the limits, and cut them where that is not enough."""
     poses = np.where(poses < lower, 2 * lower - poses, poses)
     poses = np.where(poses > upper, 2 * upper - poses, poses)
     return np.clip(poses, lower, upper)

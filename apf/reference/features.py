@@ -48,8 +48,11 @@ def region(silhouette: np.ndarray, margin: int, cell: int, cell_pixels: int) -> 
 
 
 def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
-    """(h, w) bool: the gradient's magnitude (Rymut 2016 eq. 2.8) of a picture (h, w, 3) uint8,
-    after a Gaussian of 3x3 pixels, reaches the threshold. The grey picture is in whole numbers."""
+    """Return (h, w) bool: where the gradient's magnitude (Rymut 2016 eq. 2.8) of a picture
+    (h, w, 3) uint8, after a Gaussian of 3x3 pixels, reaches the threshold.
+
+    The grey picture is in whole numbers.
+    """
     blue, green, red = np.moveaxis(image.astype(int), -1, 0)
     grey = ((29 * blue + 150 * green + 77 * red + 128) >> 8).astype(np.float64)
     border = cv2.BORDER_REPLICATE
@@ -60,7 +63,8 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
 
 
 def proximity(edges: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """(h, w) uint8: the table's entry at the squared distance to the nearest of `edges` (h, w)."""
+    """Return (h, w) uint8: the table's entry at the squared distance to the nearest of `edges`
+    (h, w)."""
     if not edges.any():
         return np.full(edges.shape, table[-1])
     away = np.where(edges, np.uint8(0), np.uint8(255))
@@ -101,14 +105,14 @@ class NumpyFeatures:
         return self.maps
 
     def _silhouettes(self, frame: Frame) -> np.ndarray:
-        """(V, H, W) bool."""
+        """Return the silhouettes (V, H, W) bool."""
         pictures, config = frame_input(frame, self._background), SilhouetteConfig(learn=False)
         if self._background is None:
             return mask_evidence(pictures, self.rig, config) > 0
         return silhouette_evidence(pictures, self.rig, self._background, config) > 0
 
     def _edges(self, frame: Frame, silhouettes: np.ndarray) -> np.ndarray:
-        """(V, H, W) bool."""
+        """Return the edges (V, H, W) bool."""
         if self.config.edges == "outline":
             pairs = zip(silhouettes, self.rig, strict=True)
             return np.stack([boundary(silhouette, camera.size) for silhouette, camera in pairs])

@@ -16,7 +16,7 @@ _SHIFT = np.uint64(32)
 
 
 def philox4x32(counter: np.ndarray, seed: int) -> np.ndarray:
-    """Random words (..., 4) uint32 for counters (..., 4) and a 64-bit seed."""
+    """Return random words (..., 4) uint32 for counters (..., 4) and a 64-bit seed."""
     c0, c1, c2, c3 = np.moveaxis(np.asarray(counter, np.uint64), -1, 0)
     k0, k1 = np.uint64(seed & 0xFFFFFFFF), np.uint64(seed >> 32 & 0xFFFFFFFF)
     for _ in range(10):
@@ -33,24 +33,25 @@ def philox4x32(counter: np.ndarray, seed: int) -> np.ndarray:
 
 
 def uniform01(words: np.ndarray) -> np.ndarray:
-    """Words to numbers in the open interval (0, 1): 23 bits each, as many as float holds exactly
-    with the half that keeps them off the ends."""
+    """Return numbers in the open interval (0, 1) of words: 23 bits each, as many as float holds
+    exactly with the half that keeps them off the ends."""
     return ((np.asarray(words) >> 9) + 0.5) * 2.0**-23
 
 
 def normals(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
-    """(n_particles, n_dof) standard normal numbers (Box-Muller)."""
+    """Draw (n_particles, n_dof) standard normal numbers (Box-Muller)."""
     words = _words(seed, frame, layer, n_particles, n_dof)
     radius = np.sqrt(-2 * np.log(uniform01(words[..., 0])))
     return radius * np.cos(2 * np.pi * uniform01(words[..., 1]))
 
 
 def uniforms(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
-    """(n_particles, n_dof) numbers in (0, 1)."""
+    """Draw (n_particles, n_dof) numbers in (0, 1)."""
     return uniform01(_words(seed, frame, layer, n_particles, n_dof)[..., 0])
 
 
 def _words(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> np.ndarray:
+    """Return (n_particles, n_dof, 4) uint32 random words."""
     counter = np.zeros((n_particles, n_dof, 4), np.uint64)
     counter[..., 0], counter[..., 1] = frame, layer
     counter[..., 2] = np.arange(n_particles)[:, None]
@@ -59,5 +60,5 @@ def _words(seed: int, frame: int, layer: int, n_particles: int, n_dof: int) -> n
 
 
 def uniform(seed: int, frame: int, layer: int) -> float:
-    """One number in (0, 1) for the whole set: the offset of systematic resampling."""
+    """Draw one number in (0, 1) for the whole set: the offset of systematic resampling."""
     return float(uniform01(philox4x32(np.array([frame, layer, WHOLE_SET, 0]), seed)[0]))

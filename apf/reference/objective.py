@@ -21,9 +21,10 @@ def count_pixels(
     segments: np.ndarray,
     labels: np.ndarray,
 ) -> np.ndarray:
-    """(V, N, 2 + 2 L) of pictures by view and hypothesis, each the parts and edges (h, w): edge
-    pixels, the sum of the edge proximity 0..255 there, then per label area and overlap (Rymut 2016
-    eq. 4.30-4.34, 4.37-4.40), within `roi`.
+    """Return (V, N, 2 + 2 L) of pictures by view and hypothesis, each the parts and edges (h, w).
+
+    Edge pixels, the sum of the edge proximity 0..255 there, then per label area and overlap (Rymut
+    2016 eq. 4.30-4.34, 4.37-4.40), within `roi`.
 
     segments: (V, H, W) label of each pixel of the silhouettes, from 1. labels: (P,) from 0.
     """
@@ -44,8 +45,11 @@ def count_pixels(
 
 
 def objective_values(counts: np.ndarray, areas: np.ndarray, config: ObjectiveConfig) -> np.ndarray:
-    """(N,) f in [0, 1], Rymut 2016 eq. (4.41)-(4.50), of `counts` (V, N, 2 + 2 L) and the image's
-    areas (V, L). A ratio with nothing to divide by is 0."""
+    """Return (N,) f in [0, 1], Rymut 2016 eq. (4.41)-(4.50).
+
+    Of `counts` (V, N, 2 + 2 L) and the image's areas (V, L). A ratio with nothing to divide by is
+    0.
+    """
     w1, w2 = config.silhouette_weight, config.edge_weight
     if config.kind in ("ws", "sp"):
         counts, areas = counts.sum(0, keepdims=True), areas.sum(0, keepdims=True)
@@ -90,13 +94,13 @@ class NumpyImageObjective(NumpyLikelihood):
             self._segments = (self._maps[..., 0] > 127).astype(np.uint8)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
+        """Return the errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
         pictures = draw_hypotheses(self.body, self.rig, poses, self.mesh, self.config.round_ends)
         counts = count_pixels(pictures, self._maps, self._roi, self._segments, self._labels)
         return 1 - objective_values(counts, self._image_areas(), self.config)
 
     def _image_areas(self) -> np.ndarray:
-        """(V, L) pixels of each segment in the region of interest, eq. (4.29)."""
+        """Return (V, L) the pixels of each segment in the region of interest, eq. (4.29)."""
         areas = np.zeros((len(self.rig), self.config.n_labels))
         for v, (x0, y0, x1, y1) in enumerate(self._roi):
             numbers = np.bincount(

@@ -9,8 +9,11 @@ from apf.likelihood.part_colour import DARK, LEAST_SAMPLES
 
 
 def chromaticities(colours: np.ndarray) -> np.ndarray:
-    """(K, 3) chromaticity x, y and whether a camera sees it, of colours (K, 4): RGB 0..255 and the
-    number of cameras. (R, G, B) / (R + G + B + DARK) in the plane R + G + B = 0."""
+    """Return (K, 3) chromaticity x, y and whether a camera sees it, of colours (K, 4).
+
+    A colour is RGB 0..255 and the number of cameras. Its chromaticity is
+    (R, G, B) / (R + G + B + DARK) in the plane R + G + B = 0.
+    """
     rgb = colours[:, :3].astype(float)
     red, green, blue = (rgb / (rgb.sum(1, keepdims=True) + DARK)).T
     plane = [(red - green) / np.sqrt(2), (red + green - 2 * blue) / np.sqrt(6)]
@@ -21,9 +24,12 @@ def chromaticities(colours: np.ndarray) -> np.ndarray:
 def colour_errors(
     points: np.ndarray, samples: np.ndarray, parts: np.ndarray, cones: np.ndarray, scale: float
 ) -> np.ndarray:
-    """(N,) mean over the samples (K, 3) that a camera sees of d^2 / (d^2 + scale^2), d from its
-    chromaticity to that of the part (C, 3) whose surface in cones (N, C, 16) is nearest to its
-    point (K, 3). Parts that are not known cost nothing; 0 where no camera sees any sample."""
+    """Return (N,) the mean over the samples (K, 3) that a camera sees of d^2 / (d^2 + scale^2).
+
+    d is the distance from a sample's chromaticity to that of the part (C, 3) whose surface in cones
+    (N, C, 16) is nearest to its point (K, 3). Parts that are not known cost nothing; 0 where no
+    camera sees any sample. Geman & McClure 1987.
+    """
     seen = samples[:, 2] > 0
     if not seen.any():
         return np.zeros(len(cones))
@@ -41,9 +47,11 @@ def learnt(
     scale: float,
     rate: float,
 ) -> np.ndarray:
-    """The parts' colours (C, 3) after a frame whose pose is cones (C, 16): each moves by the share
-    `rate` (all the way if it was not known) to the mean of the samples nearest to it, which count
-    by scale^2 / (d^2 + scale^2), d the distance to its surface."""
+    """Return the parts' colours (C, 3) after a frame whose pose is cones (C, 16).
+
+    Each moves by the share `rate` (all the way if it was not known) to the mean of the samples
+    nearest to it, which count by scale^2 / (d^2 + scale^2), d the distance to its surface.
+    """
     parts = parts.copy()
     if len(points) == 0:
         return parts

@@ -13,13 +13,15 @@ from apf.filters.refinement import prior_deviation
 def refined(
     body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pose (D,) that minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance
-    from `mean` in prior deviations: the best of the poses met in `refine_steps` steps.
+    """Return the pose (D,) that fits the points (K, 3) m best, near the particles' `mean` (D,).
+
+    It minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance from `mean` in prior
+    deviations: the best of the poses met in `refine_steps` steps.
 
     The steps weigh voxels by a scale that shrinks from `refine_reach` to `refine_scale`, so that
     those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).
 
-    Also the matrix (D, D) of the last linear system, zero where nothing is refined.
+    Also return the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
     if config.refine_steps == 0:
         return mean, np.zeros((body.n_dof, body.n_dof))

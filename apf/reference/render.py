@@ -22,7 +22,7 @@ def draw_hypotheses(
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> list[list[Picture]]:
-    """Pictures by camera and pose of `poses` (N, D): of the body's cones, or of its mesh."""
+    """Draw pictures by camera and pose of `poses` (N, D): of the body's cones, or of its mesh."""
     if mesh is None:
         return draw_cones(body, rig, posed_cones(body, poses), round_ends)
     vertices, middles = mesh.posed(body, poses)
@@ -33,7 +33,7 @@ def draw_hypotheses(
 def draw_cones(
     body: BodyModel, rig: CameraRig, cones: np.ndarray, round_ends: bool = False
 ) -> list[list[Picture]]:
-    """Pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
+    """Draw pictures by camera and pose of the posed cones (N, C, 16) of `body`."""
     edged, free = cone_edges(body)
     return [[flat_body(camera, c, edged, free, round_ends) for c in cones] for camera in rig]
 
@@ -41,7 +41,7 @@ def draw_cones(
 def flat_body(
     camera: Camera, cones: np.ndarray, edged: np.ndarray, free: np.ndarray, round_ends: bool = False
 ) -> Picture:
-    """What posed cones (C, 16) look like to `camera`.
+    """Draw what posed cones (C, 16) look like to `camera`.
 
     A cone hides those whose middle is farther away (painter's algorithm, Rymut 2016, 5.2). Edges
     are the visible pixels of a cone that have one of their four neighbours beyond its long sides
@@ -67,8 +67,8 @@ def flat_body(
 def flat_part(
     corners: np.ndarray, columns: np.ndarray, rows: np.ndarray, free: np.ndarray, round_ends: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which pixels a cone with `corners` (4, 2) covers, and which of them are no edge; both without
-    the border of the pixels (columns, rows).
+    """Return which pixels a cone with `corners` (4, 2) covers, and which of them are no edge; both
+    without the border of the pixels (columns, rows).
 
     It is the trapezoid, Rymut 2016, 4.3, and with round ends a disc at each; rows are filled from
     their first pixel to their last. Seen along its axis, where the trapezoid is shorter than its
@@ -94,7 +94,7 @@ def flat_part(
 
 
 def half_planes(corners: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(4, H, W) which pixels lie on the inner side of each side of a trapezoid (4, 2)."""
+    """Return (4, H, W) which pixels lie on the inner side of each side of a trapezoid (4, 2)."""
     (px, py), (qx, qy) = corners[2] - corners[0], corners[3] - corners[1]
     turn = np.sign(px * qy - py * qx)
     within = []
@@ -105,19 +105,19 @@ def half_planes(corners: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> n
 
 
 def eroded(mask: np.ndarray) -> np.ndarray:
-    """Pixels of `mask` (H, W) with all four neighbours in it, without the border."""
+    """Return the pixels of `mask` (H, W) with all four neighbours in it, without the border."""
     return mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
 
 
 def filled_rows(masks: list[np.ndarray]) -> np.ndarray:
-    """(H, W) the pixels between the first and the last of a row in any of `masks`."""
+    """Return (H, W) the pixels between the first and the last of a row in any of `masks`."""
     either = np.logical_or.reduce(masks)
     from_left = np.logical_or.accumulate(either, 1)
     return from_left & np.logical_or.accumulate(either[:, ::-1], 1)[:, ::-1]
 
 
 def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.ndarray) -> Picture:
-    """As `flat_body`, of a posed mesh: vertices (M, 3), its parts' middles (P, 3).
+    """Draw as `flat_body` does, of a posed mesh: vertices (M, 3), its parts' middles (P, 3).
 
     A part fills each row of pixels from its first line to its last, as convex ones do; lines with
     an end that is unseen are left out. It hides the parts whose middle is farther away. Its edge
@@ -141,8 +141,8 @@ def mesh_body(camera: Camera, mesh: BodyMesh, vertices: np.ndarray, middles: np.
 
 
 def row_spans(ends: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest column (R,) where lines between `ends` (L, 2, 2) x, y meet the rows (R,);
-    infinite, the least above the largest, where none does."""
+    """Return the least and the largest column (R,) where lines between `ends` (L, 2, 2) x, y meet
+    the rows (R,); infinite, the least above the largest, where none does."""
     (x0, y0), (x1, y1) = np.moveaxis(ends, 0, -1)
     rises = np.where(y1 == y0, np.nan, y1 - y0)  # lines along rows end at others
     y = rows[:, None]

@@ -9,8 +9,11 @@ from psfs.cameras.camera import CameraRig
 
 
 def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N,) mean over the cameras of the share of points (K, 3) in their pictures that lie in no
-    trapezoid of cones (N, C, 16); cameras that see no point are left out, 1 if none sees any."""
+    """Return (N,) the share of the silhouettes that the body leaves uncovered, by its cones.
+
+    The mean over the cameras of the share of points (K, 3) m in their pictures that lie in no
+    trapezoid of cones (N, C, 16); cameras that see no point are left out, 1 if none sees any.
+    """
     shares = []
     for camera in rig:
         seen = camera.project(points[camera.look_up(points)[0]])[0]
@@ -21,7 +24,8 @@ def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> n
 
 
 def covered(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(K,) whether pixels (K, 2) lie in any of the trapezoids (C, 4, 2); NaN corners hold none."""
+    """Return (K,) whether pixels (K, 2) lie in any of the trapezoids (C, 4, 2); one with NaN
+    corners holds none."""
     edges = np.roll(corners, -1, axis=1) - corners
     away = pixels[:, None, None] - corners  # (K, C, 4, 2)
     side = edges[..., 0] * away[..., 1] - edges[..., 1] * away[..., 0]

@@ -1,4 +1,4 @@
-"""NumPy twin of the synthetic renderer's core (cl/kernels/scene.cl): silhouette and depth.
+"""NumPy twin of the synthetic renderer's core (synthetic/scene.cl): silhouette and depth.
 
 Plain sphere tracing of all primitives for every pixel, in float64, with no culling: what the
 kernel's tiles and lists must not change.
@@ -14,7 +14,8 @@ HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 
 
 def camera_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Unit rays (H, W, 3) through the pixel centres in the world, and depth per length (H, W)."""
+    """Return unit rays (H, W, 3) through the pixel centres in the world, and depth per length
+    (H, W)."""
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     yd = (v - camera.K[1, 2]) / camera.K[1, 1]
@@ -32,7 +33,7 @@ def camera_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def body_distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) m of points (N, 3) to the packed primitives (P, 32)."""
+    """Return the signed distance (N,) m of points (N, 3) to the packed primitives (P, 32)."""
     primitives = primitives.astype(np.float64)
     total = np.full(len(points), FAR)
     for group in np.unique(primitives[:, 19]):
@@ -46,8 +47,8 @@ def body_distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
 def silhouette(
     camera: Camera, primitives: np.ndarray, limit: np.ndarray | float = FAR
 ) -> tuple[np.ndarray, np.ndarray]:
-    """mask (H, W) uint8 0/255 and depth (H, W) m (0 = missed) of the body described by packed
-    primitives; nothing is seen farther along a ray than `limit` (H, W) m."""
+    """Return the mask (H, W) uint8 0/255 and the depth (H, W) m (0 = missed) of the body described
+    by packed primitives; nothing is seen farther along a ray than `limit` (H, W) m."""
     rays, scale = camera_rays(camera)
     shape = scale.shape
     rays, scale = rays.reshape(-1, 3), scale.ravel()
