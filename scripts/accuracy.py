@@ -99,7 +99,8 @@ def main() -> int:
     parser.add_argument(
         "--readme",
         action="store_true",
-        help="instead of any run: the Markdown and the README's table from OUT/results.json",
+        help="instead of any run: the Markdown and the README's table (with --thesis that of "
+        "docs/accuracy.md) from OUT/results.json",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -164,11 +165,11 @@ def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
 
 
 def _update_readme(args: argparse.Namespace) -> None:
-    """The Markdown and the README's table, from results of `--thesis` or of other tables."""
+    """Write the Markdown and README's table, or with `--thesis` that of docs/accuracy.md."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
         write_thesis(args.out / "thesis.md", results)
-        replace_marked(_ROOT / "README.md", "thesis", thesis_headline(results))
+        replace_marked(_ROOT / "docs" / "accuracy.md", "thesis", thesis_headline(results))
         return
     values = {name: getattr(args, name) for name in DIMENSIONS}
     plan: dict[Table, list[Setting]] = {}

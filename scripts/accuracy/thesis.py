@@ -61,7 +61,7 @@ def write_thesis(path: Path, results: Results) -> None:
 
 
 def thesis_headline(results: Results) -> str:
-    """Markdown for the README: our table 6.4."""
+    """Return Markdown for docs/accuracy.md: our table 6.4."""
     title = (
         "Particle filter and swarm over image features (SP), as many evaluations: mean error, mm"
     )

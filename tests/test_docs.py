@@ -1,0 +1,51 @@
+"""The pages' paths exist, the README is short, and scripts find their marks."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES += sorted((ROOT / "docs").glob("*.md"))
+#: Paths in backquotes that begin with one of these are the repository's.
+ROOMS = ("cl/", "psfs/", "apf/", "tests/", "scripts/", "docs/", "notebooks/")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_paths_and_links_exist(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", text)
+    missing = [link for link in links if not (page.parent / link).exists()]
+    quoted = re.findall(r"`([\w./-]+)`", text)
+    paths = [path for path in quoted if path.startswith(ROOMS)]
+    missing += [path for path in paths if not (ROOT / path).exists()]
+    assert not missing
+
+
+def test_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) < 150
+
+
+@pytest.mark.parametrize(
+    ("page", "mark"),
+    [("README.md", "accuracy"), ("README.md", "timings"), ("docs/accuracy.md", "thesis")],
+)
+def test_scripts_find_their_marks(page: str, mark: str) -> None:
+    text = (ROOT / page).read_text()
+    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
+    assert text.count(begin) == text.count(end) == 1
+    assert text.index(begin) < text.index(end)
+
+
+def test_code_of_the_stage_is_the_repositorys() -> None:
+    """Every block under `path`: is in that file, but for its dots."""
+    text = (ROOT / "docs" / "add_a_stage.md").read_text()
+    blocks = re.findall(r"\n`([\w./]+)`:\n\n```\w+\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) == 4
+    for path, block in blocks:
+        source = (ROOT / path).read_text()
+        for piece in re.split(r"^ *\.\.\.\n|\n\n", block, flags=re.MULTILINE):
+            assert piece.strip() in source, f"{path} has not:\n{piece}"
