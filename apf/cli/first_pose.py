@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +12,8 @@ import numpy as np
 from apf.api import template_of
 from apf.body import BodyModel
 from apf.formats.trc import CONVENTIONS
-from apf.initialisation import start_of
-from apf.initialisation.automatic import Start
-from cl import Device, NumpyDevice
+from apf.initialisation import Start, StartError, start_of
+from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import warn
 from psfs.common.ranges import check_range
 from psfs.sequence import Sequence
@@ -58,21 +59,25 @@ def found_start(
 ) -> tuple[BodyModel, np.ndarray]:
     """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
     template, own_shape = template_of(args.body)
-    found = start_of(
-        device,
-        sequence,
-        grid,
-        template,
-        selection,
-        height=args.height,
-        keep_shape=own_shape,
-        seed=args.seed or 0,
-    )
-    tell_doubts(sequence, found)
+    with naming_init():
+        found = start_of(
+            device, sequence, grid, template, selection,
+            height=args.height, keep_shape=own_shape, seed=args.seed or 0,
+        )  # fmt: skip
+    warn_of_doubts(sequence, found)
     return found.body, found.pose
 
 
-def tell_doubts(sequence: Sequence, start: Start) -> None:
+@contextmanager
+def naming_init() -> Iterator[None]:
+    """Add to the error of a start that was not found the flag that gives one."""
+    try:
+        yield
+    except StartError as error:
+        raise InputError(f"{error}; give the first pose with --init") from None
+
+
+def warn_of_doubts(sequence: Sequence, start: Start) -> None:
     """Warn of what speaks against the start that was found."""
     for doubt in start.doubts:
-        warn(f"{sequence.name}: {doubt}")
+        warn(f"{sequence.name}: {doubt}; look at the overlay, or give --init")

@@ -65,7 +65,7 @@ class TakeReport:
     ) -> None:
         """Of `n_frames` that were to be tracked; every seed's files are in its folder. spread: what
         is to be said of how the seeds differ."""
-        start = "given" if take.start is None else f"{take.start.misfit:.2f}"
+        start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
         done = len(take.tracks[0])
         frames = str(done) if done == n_frames else f"{done} of {n_frames}"
         self.rows[name] = [
@@ -87,7 +87,7 @@ class TakeReport:
         """Print a table of all takes, in the order given, how far the seeds of each differ, and why
         some failed."""
         table = Table()
-        for heading in ("take", "frames", "frames/s", "lost frames", "start's misfit", "results"):
+        for heading in ("take", "frames", "frames/s", "lost frames", "start's error", "results"):
             words = heading in ("take", "results")
             table.add_column(heading, justify="left" if words else "right", overflow="fold")
         for name in self.names:

@@ -11,7 +11,7 @@ import numpy as np
 
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import add_start_flags, check_height, tell_doubts
+from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
 from apf.cli.method_flags import add_method_flags, chosen_method
 from apf.cli.take_report import TakeLine, TakeReport
 from apf.filters.method import Method
@@ -19,8 +19,8 @@ from apf.initialisation.from_joints import write_pose
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
 from apf.tracking.batch import AT_ONCE_CPU, AT_ONCE_GPU, Take, at_once, track_take
-from apf.tracking.pipeline import seeded
 from apf.tracking.track import Track, spans
+from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
 from psfs.cli.sequence_flags import (
@@ -141,21 +141,16 @@ def _tracked(
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
     template, own_shape = template_of(args.body)
-    take = track_take(
-        device,
-        sequence,
-        method,
-        seeds,
-        given=given_start(sequence.folder, frames[0], args.body, args.init, args.convention),
-        template=template,
-        keep_shape=own_shape,
-        height=args.height,
-        voxel_size=args.voxel_size,
-        selection=slice(frames.start, frames.stop, frames.step),
-        progress=line,
-    )
+    with naming_init():
+        take = track_take(
+            device, sequence, method, seeds,
+            given=given_start(sequence.folder, frames[0], args.body, args.init, args.convention),
+            template=template, keep_shape=own_shape, height=args.height,
+            voxel_size=args.voxel_size,
+            selection=slice(frames.start, frames.stop, frames.step), progress=line,
+        )  # fmt: skip
     if take.start is not None:
-        tell_doubts(sequence, take.start)
+        warn_of_doubts(sequence, take.start)
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
         write_pose(folder / "start.txt", take.pose)
         write_files(folder, track, take.body)

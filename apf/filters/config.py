@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -132,6 +132,14 @@ class FilterConfig:
             check_range(name, getattr(self, name), 0)
         for name in others:
             check_range(name, getattr(self, name), 0, ends=True)
+
+    def at_rate(self, fps: float) -> FilterConfig:
+        """Return the config with the noise that `fps` frames per second need, and smoothness that
+        bears it."""
+        longer = SIGMA_FPS / fps
+        return replace(
+            self, noise=self.noise * longer, smoothness_scale=self.smoothness_scale * longer
+        )
 
     @property
     def weights(self) -> np.ndarray:

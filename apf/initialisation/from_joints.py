@@ -11,19 +11,14 @@ from scipy.optimize import least_squares
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
+from apf.initialisation.config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import read_numbers, written_whole
 
-#: Standard deviations of the fit: a joint's position, m, a bone's length (log of its scale), and
-#: an angle's distance from rest, rad. The last two only decide what the joints leave open.
-_JOINT_SIGMA, _SCALE_SIGMA, _ANGLE_SIGMA = 0.01, 0.3, 3.0
-#: Of the differences that tell derivatives, rad, m or log of a scale.
+#: Of the differences that give derivatives, rad, m or log of a scale: about the root of float64's
+#: resolution.
 _STEP = 1e-7
-#: Known joints that are asked for, or all of a body with fewer.
-_LEAST_JOINTS = 8
-#: Evaluations after which the best of the headings is gone on with.
-_TRIAL = 8
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:
@@ -47,69 +42,100 @@ def write_pose(path: Path, pose: np.ndarray) -> None:
 
 
 def fit_to_joints(
-    body: BodyModel, joints: Mapping[str, np.ndarray]
+    body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig | None = None
 ) -> tuple[BodyModel, np.ndarray, float]:
-    """Body with bone lengths scaled to `joints` (name -> (3,) m), its pose (D,), rms error m.
+    """Fit body and pose to `joints` (name -> (3,) m): the body with bone lengths scaled, its pose
+    (D,), rms error m.
 
     Least squares over pose and one scale per bone (left and right share one), from the best of
     four headings. Radii grow with the mean length. Raises InputError if fewer than 8 known joints,
     or not all of a body with fewer, are given.
     """
-    names = _known(body, joints)
+    config = config or JointFitConfig()
+    names = _known(body, joints, config)
     target = np.stack([joints[name] for name in names])
-    chosen = [body.joint_names.index(name) for name in names]
-    groups = body.scale_groups
-    free = np.clip(body.rest_pose, body.lower, body.upper)
-
-    def unpack(x: np.ndarray) -> tuple[BodyModel, np.ndarray]:
-        scales = np.exp(x[body.n_dof :])
-        return body.scaled(dict(zip(groups, scales, strict=True))), x[: body.n_dof]
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        scaled, pose = unpack(x)
-        reached = posed_joints(scaled, pose[None])[0, chosen]
-        return np.concatenate(
-            [
-                ((reached - target) / _JOINT_SIGMA).ravel(),
-                x[body.n_dof :] / _SCALE_SIGMA,
-                (pose - body.rest_pose)[body.angles] / _ANGLE_SIGMA,
-            ]
-        )
-
-    # Of what does not depend on the joints.
-    n = body.n_dof + len(groups)
-    priors = [np.eye(n)[body.n_dof :] / _SCALE_SIGMA, np.eye(n)[body.angles] / _ANGLE_SIGMA]
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        """By differences, those of the pose all at once."""
-        scaled, pose = unpack(x)
-        reached = posed_joints(scaled, np.vstack([pose, pose + _STEP * np.eye(body.n_dof)]))
-        stretched = [unpack(x + _STEP * unit)[0] for unit in np.eye(n)[body.n_dof :]]
-        reached = np.concatenate([reached, *(posed_joints(s, pose[None]) for s in stretched)])
-        moves = (reached[1:, chosen] - reached[0, chosen]) / _STEP
-        return np.concatenate([moves.reshape(n, -1).T / _JOINT_SIGMA, *priors])
-
-    lower = np.concatenate([body.lower, np.full(len(groups), -1.0)])
-    upper = np.concatenate([body.upper, np.full(len(groups), 1.0)])
-
-    def solved(start: np.ndarray, most: int | None) -> Any:
-        inside = np.clip(start, lower + 1e-9, upper - 1e-9)
-        return least_squares(residuals, inside, jacobian, bounds=(lower, upper), max_nfev=most)
-
-    poses = [_root_at(body, free, target.mean(0), k * np.pi / 2) for k in range(4)]
-    tried = [solved(np.concatenate([pose, np.zeros(len(groups))]), _TRIAL) for pose in poses]
-    best = solved(min(tried, key=lambda solution: solution.cost).x, None)
-    scaled, pose = unpack(best.x)
-    offset = posed_joints(scaled, pose[None])[0, chosen] - target
+    fit = _JointFit(body, [body.joint_names.index(name) for name in names], target, config)
+    best = fit.solved()
+    scales, pose = fit.split(best)
+    scaled = body.scaled(scales)
+    offset = posed_joints(scaled, pose[None])[0, fit.chosen] - target
     error = float(np.sqrt(np.mean(np.sum(offset**2, -1))))
-    scales = dict(zip(groups, np.exp(best.x[body.n_dof :]), strict=True))
     girth = float(np.mean(list(scales.values())))
     return body.scaled(scales, radii=girth), pose, error
 
 
-def _known(body: BodyModel, joints: Mapping[str, np.ndarray]) -> list[str]:
+class _JointFit:
+    """The least squares of `fit_to_joints`: unknowns x are the pose (D,), then a log of a scale for
+    each group of bones. chosen: indices of the joints at `target` (J, 3) m."""
+
+    def __init__(
+        self, body: BodyModel, chosen: list[int], target: np.ndarray, config: JointFitConfig
+    ) -> None:
+        self.body, self.chosen, self.target, self.config = body, chosen, target, config
+        self.groups = body.scale_groups
+        self.n = body.n_dof + len(self.groups)
+        # Of what does not depend on the joints.
+        identity = np.eye(self.n)
+        self._priors = [
+            identity[body.n_dof :] / config.scale,
+            identity[body.angles] / config.angle,
+        ]
+
+    def split(self, x: np.ndarray) -> tuple[dict[str, float], np.ndarray]:
+        """Return the scale of each group and the pose (D,)."""
+        scales = np.exp(x[self.body.n_dof :])
+        return dict(zip(self.groups, scales, strict=True)), x[: self.body.n_dof]
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Return all residuals, in deviations."""
+        body, config = self.body, self.config
+        scales, pose = self.split(x)
+        reached = posed_joints(body.scaled(scales), pose[None])[0, self.chosen]
+        return np.concatenate(
+            [
+                ((reached - self.target) / config.joint).ravel(),
+                x[body.n_dof :] / config.scale,
+                (pose - body.rest_pose)[body.angles] / config.angle,
+            ]
+        )
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivatives by differences, those of the pose all at once."""
+        body, n = self.body, self.n
+        scales, pose = self.split(x)
+        poses = np.vstack([pose, pose + _STEP * np.eye(body.n_dof)])
+        reached = posed_joints(body.scaled(scales), poses)
+        stretched = [
+            body.scaled(self.split(x + _STEP * unit)[0]) for unit in np.eye(n)[body.n_dof :]
+        ]
+        reached = np.concatenate([reached, *(posed_joints(s, pose[None]) for s in stretched)])
+        moves = (reached[1:, self.chosen] - reached[0, self.chosen]) / _STEP
+        return np.concatenate([moves.reshape(n, -1).T / self.config.joint, *self._priors])
+
+    def solved(self) -> np.ndarray:
+        """Return the unknowns that fit best, from the best of several headings."""
+        body, config = self.body, self.config
+        free = np.clip(body.rest_pose, body.lower, body.upper)
+        angles = [k * 2 * np.pi / config.n_headings for k in range(config.n_headings)]
+        poses = [_root_at(body, free, self.target.mean(0), angle) for angle in angles]
+        zeros = np.zeros(len(self.groups))
+        tried = [self._solution(np.concatenate([p, zeros]), config.n_trial) for p in poses]
+        best = min(tried, key=lambda solution: solution.cost)
+        return self._solution(best.x, None).x
+
+    def _solution(self, start: np.ndarray, max_evaluations: int | None) -> Any:
+        size = np.full(len(self.groups), self.config.max_log_scale)
+        lower = np.concatenate([self.body.lower, -size])
+        upper = np.concatenate([self.body.upper, size])
+        inside = np.clip(start, lower + 1e-9, upper - 1e-9)
+        return least_squares(
+            self.residuals, inside, self.jacobian, bounds=(lower, upper), max_nfev=max_evaluations
+        )
+
+
+def _known(body: BodyModel, joints: Mapping[str, np.ndarray], config: JointFitConfig) -> list[str]:
     """The body's joints that are given. Raises InputError if they are too few."""
-    least = min(_LEAST_JOINTS, len(body.joints))
+    least = min(config.min_joints, len(body.joints))
     names = [n for n in body.joint_names if n in joints and np.isfinite(joints[n]).all()]
     if len(names) < least:
         raise InputError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 
@@ -34,8 +36,22 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
     return StoredVoxels(device, voxels.cloud())
 
 
-def person_points(grid: VoxelGrid, indices: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """Centres (N, 3) m of the voxels in connected parts of at least `least` of the largest."""
+def between(
+    device: Device | NumpyDevice, voxels: StoredVoxels | HostVoxels, low: float, high: float
+) -> StoredVoxels | HostVoxels:
+    """Return those of the surface voxels whose z lies between `low` and `high`, m."""
+    cloud = voxels.cloud()
+    kept = (cloud.centres[:, 2] >= low) & (cloud.centres[:, 2] <= high)
+    if not isinstance(voxels, StoredVoxels):
+        return replace(voxels, surface=voxels.surface[kept])
+    assert isinstance(device, Device)
+    parts = replace(cloud, indices=cloud.indices[kept], probability=cloud.probability[kept])
+    return StoredVoxels(device, parts)
+
+
+def person_points(grid: VoxelGrid, indices: np.ndarray, min_part: float = 0.05) -> np.ndarray:
+    """Return the centres (N, 3) m of the voxels in connected parts of at least the share `min_part`
+    of the largest."""
     if len(indices) == 0:
         return np.zeros((0, 3))
     filled = np.zeros(grid.shape, bool)
@@ -43,4 +59,4 @@ def person_points(grid: VoxelGrid, indices: np.ndarray, least: float = 0.05) -> 
     labels, _ = ndimage.label(filled, np.ones((3, 3, 3)))
     mine = labels.ravel()[indices]
     sizes = np.bincount(mine)
-    return grid.centres(indices[sizes[mine] >= least * sizes.max()])
+    return grid.centres(indices[sizes[mine] >= min_part * sizes.max()])

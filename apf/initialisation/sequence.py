@@ -7,18 +7,16 @@ from collections.abc import Callable
 
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
-from apf.initialisation.automatic import Start, find_start
+from apf.initialisation.automatic import find_start
+from apf.initialisation.config import FrameChoice, StartConfig
 from apf.initialisation.kept_voxels import stored
-from apf.tracking.pipeline import at_rate
+from apf.initialisation.start import Start, check_startable
+from apf.scene import Scene
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.config import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
-
-#: Frames that a start fits, the time, s, that they are spread over, and the most frames between two
-#: of them that only lead from one to the next.
-_FRAMES, _TIME, _BETWEEN = 10, 0.8, 2
 
 
 def start_of(
@@ -32,20 +30,27 @@ def start_of(
     keep_shape: bool = False,
     seed: int = 0,
     progress: Callable[[], object] | None = None,
+    config: StartConfig | None = None,
 ) -> Start:
     """Find the person in the first of the selected frames of `sequence`; see `find_start`."""
+    config = config or StartConfig()
+    check_startable(template)  # before the voxels are made
     chosen = range(len(sequence))[selection or slice(None)]
-    apart = _TIME / _FRAMES * sequence.fps / abs(chosen.step)
-    skip = max(1, round(apart / (1 + _BETWEEN)))
-    every = math.ceil(apart / skip)
-    frames = chosen[: skip * ((_FRAMES - 1) * every + 1) : skip]
+    frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
     voxels = [
         stored(device, reconstruct(frame))
         for frame in sequence.frames(slice(frames.start, frames.stop, frames.step))
     ]
-    noise = at_rate(FilterConfig(), sequence.fps / frames.step).noise
-    return find_start(
-        device, voxels, sequence.rig, grid, template, noise, height, keep_shape, seed, progress,
-        every,
-    )  # fmt: skip
+    noise = FilterConfig().at_rate(sequence.fps / frames.step).noise
+    scene = Scene(device, sequence.rig, grid, template)
+    return find_start(scene, voxels, noise, height, keep_shape, seed, progress, every, config)
+
+
+def frames_to_fit(chosen: range, fps: float, config: FrameChoice) -> tuple[range, int]:
+    """Return the first of the chosen frames of a sequence that a start reconstructs, and every
+    how many-th of them it fits the body to."""
+    apart = config.duration / config.n_fitted * fps / abs(chosen.step)
+    skip = max(1, round(apart / (1 + config.n_between)))
+    every = math.ceil(apart / skip)
+    return chosen[: skip * ((config.n_fitted - 1) * every + 1) : skip], every

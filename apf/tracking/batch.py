@@ -24,8 +24,8 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.filters.method import Method
-from apf.initialisation import start_of
-from apf.initialisation.automatic import Start
+from apf.initialisation import Start, start_of
+from apf.initialisation.start import check_startable
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice, UserError
@@ -79,29 +79,31 @@ def track_take(
     whole frame. Raises UserError.
     """
     method = method or Method()
-    tell = progress or (lambda stage: None)
+    report = progress or (lambda stage: None)
     grid: VoxelGrid | None = None
     start: Start | None = None
+    template = template or load_body("song31")
+    if given is None:
+        check_startable(template)  # before anything that takes time
     if method.uses_voxels or given is None:
-        tell("volume")
+        report("volume")
         grid = automatic_grid(sequence, selection, voxel_size, device=device)
     if given is None:
         assert grid is not None
-        tell("start")
-        template = template or load_body("song31")
+        report("start")
         start = start_of(
             device, sequence, grid, template, selection,
             height=height, keep_shape=keep_shape, seed=method.filter.seed,
-            progress=lambda: tell("start"),
+            progress=lambda: report("start"),
         )  # fmt: skip
         given = start.body, start.pose
     body, pose = given
-    tell("preparing")
+    report("preparing")
     began = time.perf_counter()
     tracks = track_seeds(
         device, sequence, grid, body, pose, method,
         [method.filter.seed] if seeds is None else list(seeds),
-        selection=selection, progress=lambda: tell("tracking"),
+        selection=selection, progress=lambda: report("tracking"),
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
 
@@ -116,27 +118,28 @@ def track_takes(
     progress: Callable[[int, str], object] | None = None,
     **settings: Any,
 ) -> Iterator[tuple[int, Take | UserError]]:
-    """`track_take` of the sequence in every folder, with these `settings` of it: number and result
-    of each, as they are done, in any order. One that fails gives its error and stops no other.
+    """Yield number and result of `track_take` of the sequence in every folder, with these
+    `settings` of it, as they are done, in any order. One that fails gives its error and stops no
+    other.
 
-    progress: as of `track_take`, told the folder's number first; out of several threads. See
+    progress: as of `track_take`, called with the folder's number first, in several threads. See
     `at_once` for interrupts.
     """
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> Take:
-        def tell(stage: str) -> None:
+        def report(stage: str) -> None:
             check()
             if progress is not None:
                 progress(number, stage)
 
         sequence = Sequence.open(folders[number])
-        return track_take(own, sequence, method, seeds, progress=tell, **settings)
+        return track_take(own, sequence, method, seeds, progress=report, **settings)
 
     return at_once(device, work, len(folders), n_at_once)
 
 
 def default_at_once(device: Device | NumpyDevice) -> int:
-    """How many takes at a time pay.
+    """Return how many takes at a time pay.
 
     Measured with takes of 172 frames: on an H200 with 16 cores four at once took 58 s, in processes
     one after the other about 150 s; six took as long a take as four, for they wait for each other's

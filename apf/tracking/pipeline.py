@@ -10,25 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import device_tracker, observer_for, shares_launches, tracker_for
+from apf.backend import observer_for
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.filters.config import SIGMA_FPS, FilterConfig
 from apf.filters.method import Method
 from apf.scene import Scene
-from apf.tracking.recovery import SeparateRuns, Watched, WatchedRuns
 from apf.tracking.track import Track
+from apf.tracking.trackers import seeded, watched_runs
 from apf.tracking.uncertainty import joint_covariance
-from cl import Device, InputError, NumpyDevice
-from psfs.cameras.camera import CameraRig
+from cl import Device, NumpyDevice
 from psfs.config import ReconstructionConfig
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
-
-#: The search for a lost person: so much more noise, so many times the layers.
-_WIDER, _LONGER = 4.0, 2
 
 
 def track_sequence(
@@ -68,59 +63,35 @@ def track_seeds(
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
 ) -> list[Track]:
-    """As `track_sequence`, one track for each of `seeds` from a single reconstruction."""
+    """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction."""
     step = (selection.step or 1) if selection else 1
     observe = observer_for(device, sequence, grid, method, reconstruction)
-    scaled = replace(method, filter=at_rate(method.filter, sequence.fps / step))
-    tracker = watched_runs(device, body, sequence.rig, grid, scaled, seeds)
+    scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
+    tracker = watched_runs(Scene(device, sequence.rig, grid, body), scaled, seeds)
     seen = observed(observe, sequence.frames(selection))
     frames, estimates = track_voxels(tracker, pose, seen, progress)
-    made_by: dict[str, Any] = {
+    provenance: dict[str, Any] = {
         "sequence": str(sequence.folder),
         "device": device.name,
         "version": version("psfs-apf"),
     }
     if grid is not None and method.uses_voxels:
-        made_by["grid"] = {
+        provenance["grid"] = {
             "origin": grid.origin.tolist(),
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
     return [
-        track_of(body, sequence.fps, frames, list(run), {**made_by, **of.described()})
+        track_of(body, sequence.fps, frames, list(run), {**provenance, **of.described()})
         for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
     ]
 
 
-def seeded(method: Method, seeds: list[int]) -> list[Method]:
-    """`method` with each of `seeds`. Raises InputError for impossible ones."""
-    return [replace(method, filter=replace(method.filter, seed=seed)) for seed in seeds]
-
-
-def watched_runs(
-    device: Device | NumpyDevice,
-    body: BodyModel,
-    rig: CameraRig,
-    grid: VoxelGrid | None,
-    method: Method,
-    seeds: list[int],
-) -> WatchedRuns | SeparateRuns:
-    """The watched trackers of `method` with each of `seeds`, as one where the method can."""
-    methods = seeded(method, seeds)
-    if len(seeds) == 1 or not shares_launches(device, method):
-        return SeparateRuns([watched(device, body, rig, grid, of) for of in methods])
-
-    scene = Scene(device, rig, grid, body)
-
-    def watch(run: int, restart: Any) -> Watched:
-        return watched(device, body, rig, grid, methods[run], restart)
-
-    return WatchedRuns(device_tracker(scene, method, seeds), len(seeds), watch)
-
-
 def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:
-    """Number and observation of every frame; where `observe` can stream, it is ahead of them. A
-    KeyboardInterrupt while the next frame is read is raised after the frame before it."""
+    """Yield number and observation of every frame; where `observe` can stream, it is ahead of them.
+
+    A KeyboardInterrupt while the next frame is read is raised after the frame before it.
+    """
     interrupts: list[KeyboardInterrupt] = []
 
     def uninterrupted() -> Iterator[Frame]:
@@ -140,58 +111,14 @@ def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterat
             yield frame.index, observe(frame)
 
 
-def watched(
-    device: Device | NumpyDevice,
-    body: BodyModel,
-    rig: CameraRig,
-    grid: VoxelGrid | None,
-    method: Method,
-    tracker: Any = None,
-) -> Watched:
-    """The tracker of `method` that knows when it has lost the person, see `recovery`; or `tracker`,
-    which searches by that method."""
-    scene, search = Scene(device, rig, grid, body), method.filter
-    longer = {} if method.search == "sir" else {"n_layers": _LONGER * search.n_layers}
-    wider = replace(search, noise=_WIDER * search.noise, **longer)
-
-    def wide() -> Any:
-        return tracker_for(scene, replace(method, filter=wider))
-
-    def everywhere(voxels: Any) -> list[np.ndarray]:
-        from apf.initialisation.automatic import find_start  # which tracks, too
-        from apf.initialisation.kept_voxels import stored
-
-        assert grid is not None, "voxels have a grid"
-        seen = [stored(device, voxels)]
-        try:
-            found = find_start(
-                device, seen, rig, grid, body, search.noise, keep_shape=True, seed=search.seed,
-                attempts=1,
-            )  # fmt: skip
-        except InputError:
-            return []  # nobody is there
-        return [found.pose]
-
-    tracker = tracker or tracker_for(scene, method)
-    return Watched(tracker, wide, everywhere if method.uses_voxels else None)
-
-
-def at_rate(config: FilterConfig, fps: float) -> FilterConfig:
-    """`config` with the noise that `fps` frames per second need, and smoothness that bears it."""
-    longer = SIGMA_FPS / fps
-    return replace(
-        config, noise=config.noise * longer, smoothness_scale=config.smoothness_scale * longer
-    )
-
-
 def track_voxels(
     tracker: Any,
     pose: np.ndarray,
     voxels: Iterable[tuple[int, Any]],
     progress: Callable[[], object] | None = None,
 ) -> tuple[list[int], list[Any]]:
-    """Frame numbers and what `step` returned of a tracker, or of runs, that start at `pose` (D,)
-    and are shown `voxels`.
+    """Return frame numbers and what `step` returned, of a tracker or of runs that start at `pose`
+    (D,) and are shown `voxels`.
 
     A KeyboardInterrupt ends the track after the last whole frame; it is raised again if there is
     none.
@@ -218,16 +145,16 @@ def track_of(
     fps: float,
     frames: list[int],
     estimates: list[Estimate],
-    made_by: dict[str, Any],
+    provenance: dict[str, Any],
 ) -> Track:
-    """The track of these estimates, one per frame; made_by: what its `config` tells as JSON."""
+    """Return the track of these estimates, one per frame; provenance: see `Track`."""
 
     def stacked(name: str) -> np.ndarray:
         return np.stack([getattr(estimate, name) for estimate in estimates])
 
     poses = stacked("pose")
-    told = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "restart")
-    diagnostics: dict[str, Any] = {name: stacked(name) for name in told}
+    names = ("ess", "beta", "deviation", "misfit", "confidence", "lost", "restart")
+    diagnostics: dict[str, Any] = {name: stacked(name) for name in names}
     # The log weight of the best particle at exponent 1, Song et al. eq. (16).
     diagnostics["best_log_weight"] = -stacked("least_error")
     covariance = joint_covariance(body, poses, stacked("information"), stacked("deviation"))
@@ -244,5 +171,5 @@ def track_of(
         joints=posed_joints(body, poses),
         edges=np.array(body.edges),
         diagnostics=diagnostics,
-        config=json.dumps(made_by),
+        provenance=json.dumps(provenance),
     )

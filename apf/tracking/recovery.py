@@ -9,30 +9,44 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.model import BodyModel
+from apf.body.stature import is_whole
 from apf.filters.base import Estimate
 from cl import InputError
+from psfs.common.ranges import check_range
 
 #: How a frame's estimate was come by.
 TRACKED, LOCAL_RESTART, GLOBAL_RESTART = 0, 1, 2
-#: Steepness of the confidence around the misfit at which a track is lost.
-_STEEPNESS = 4
-#: Steps that a restarted search takes on the frame in which the person was lost.
-_LOCAL_STEPS = 2
 
 
 @dataclass(frozen=True)
 class RecoveryConfig:
-    """When a track is lost: where the misfit (see `VoxelLikelihood.misfit_launcher`) exceeds
-    `ratio` times the median of the last `window` good frames, though never below `least` and
-    always beyond `worst`; beyond `unknown` as long as there are no good frames. retry: while lost,
-    search everywhere in every so many frames. Raises InputError where a value makes no sense."""
+    """When a track is lost, and how the person is looked for again.
+
+    A track is lost where the misfit (see `apf.likelihood.base`) exceeds a limit. The defaults were
+    tuned on the shared walks with 4 and 8 cameras. Raises InputError where a value makes no sense.
+    """
 
     ratio: float = 2.0
+    """The limit is so many times the median misfit of the last good frames ..."""
     window: int = 60
+    """... of which there are so many: a second at 60 frames/s."""
     least: float = 0.4
+    """The limit is never below this: good frames differ by as much."""
     worst: float = 0.9
+    """Nor above this: here nearly nothing of the body is seen."""
     unknown: float = 0.45
+    """The limit as long as there are no good frames."""
     retry: int = 5
+    """While lost, search everywhere in every so many frames: that takes seconds."""
+    steepness: float = 4.0
+    """Power of misfit over limit by which the confidence falls; it is 1/2 at the limit."""
+    n_steps: int = 2
+    """Searches, one from the other, on the frame in which the person was lost."""
+    wider: float = 4.0
+    """Factor of the noise in these searches."""
+    longer: int = 2
+    """Factor of their layers; a particle filter (SIR) has none."""
 
     def __post_init__(self) -> None:
         if not (self.ratio > 1 and 0 < self.least <= self.unknown <= self.worst):
@@ -40,21 +54,26 @@ class RecoveryConfig:
                 f"recovery: ratio {self.ratio:g}, limits {self.least:g}, {self.unknown:g}, "
                 f"{self.worst:g}; expected a ratio above 1 and ascending positive limits"
             )
-        if self.window < 1 or self.retry < 1:
-            raise InputError(
-                f"recovery: window {self.window}, retry {self.retry}; expected 1 or more"
-            )
+        for name in ("window", "retry", "n_steps", "longer"):
+            check_range(f"recovery: {name}", getattr(self, name), 1, ends=True)
+        for name in ("steepness", "wider"):
+            check_range(f"recovery: {name}", getattr(self, name), 0)
+
+    def for_body(self, body: BodyModel) -> RecoveryConfig:
+        """Return the config for a track of `body`. A body that is only a part of the person never
+        explains the rest of him: with no good frame to compare with, only `worst` is a limit."""
+        return self if is_whole(body) else replace(self, unknown=self.worst)
 
 
 class Judge:
-    """Says of one frame after the other whether the person is lost, by the misfits so far."""
+    """Judges one frame after the other whether the person is lost, by the misfits so far."""
 
     def __init__(self, config: RecoveryConfig | None = None) -> None:
         self.config = config or RecoveryConfig()
         self._good: deque[float] = deque(maxlen=self.config.window)
 
     def forget(self) -> None:
-        """There are no good frames yet."""
+        """Begin anew, without good frames."""
         self._good.clear()
 
     @property
@@ -66,24 +85,24 @@ class Judge:
         return float(np.clip(config.ratio * np.median(self._good), config.least, config.worst))
 
     def judged(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
-        """With confidence, which is 1/2 at the limit and NaN where there is no misfit."""
-        confidence = 1 / (1 + (estimate.misfit / self.limit) ** _STEEPNESS)
+        """Return the estimate with its confidence, 1/2 at the limit, NaN without a misfit."""
+        confidence = 1 / (1 + (estimate.misfit / self.limit) ** self.config.steepness)
         return replace(
             estimate, confidence=confidence, lost=bool(confidence < 0.5), restart=restart
         )
 
     def accept(self, estimate: Estimate) -> None:
-        """Later frames are judged by this one, too."""
+        """Judge later frames by this one, too."""
         if np.isfinite(estimate.misfit):
             self._good.append(estimate.misfit)
 
 
 class Watched:
-    """A tracker whose estimates say how far they can be trusted; same use as the tracker's.
+    """A tracker whose estimates state how far they can be trusted; same use as the tracker's.
 
     wide: makes the tracker that looks around the last good pose when the person is lost, with
     wider noise and more layers. everywhere: poses (D,) to look from when that fails, given what is
-    observed; None where there is no way to tell. Estimates of lost frames hold the last good pose.
+    observed; None where nothing can find them. Estimates of lost frames hold the last good pose.
     """
 
     def __init__(
@@ -108,7 +127,7 @@ class Watched:
         return self.watched(self._tracker.step(observation), observation)
 
     def watched(self, estimate: Estimate, observation: Any) -> Estimate:
-        """What `step` makes of the tracker's own `estimate` of an observation."""
+        """Return what `step` makes of the tracker's own `estimate` of an observation."""
         found = self._judge.judged(estimate)
         if found.lost:
             found = self._recovered(observation, found)
@@ -139,7 +158,7 @@ class Watched:
 
     def _looked_from(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
         self._wide.start(pose)
-        for _ in range(_LOCAL_STEPS):
+        for _ in range(self._judge.config.n_steps):
             estimate = self._wide.step(observation)
         return self._judge.judged(estimate, restart)
 

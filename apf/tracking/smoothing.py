@@ -18,28 +18,28 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.ranges import check_range
 
-#: Stated deviations below this share of their median are taken for it: none is certain.
-_LEAST_DEVIATION = 0.1
-
 
 @dataclass(frozen=True)
 class SmoothingConfig:
-    """cutoff: Hz, motion this fast keeps half of its amplitude (where the stated deviation is the
-    usual one); 6 Hz is the custom of gait analysis (Winter 2009). lag: frames to look ahead, None
-    for all that follow. Raises InputError where a value makes no sense.
-    """
+    """How a track is smoothed. Raises InputError where a value makes no sense."""
 
     cutoff: float = 6.0
+    """Hz, motion this fast keeps half of its amplitude (where the stated deviation is the usual
+    one); the custom of gait analysis (Winter 2009)."""
     lag: int | None = None
+    """Frames to look ahead, None for all that follow."""
+    min_deviation: float = 0.1
+    """Stated deviations below this share of their median are taken for it: none is certain."""
 
     def __post_init__(self) -> None:
         check_range("the cutoff, Hz,", self.cutoff, 0)
+        check_range("the least deviation", self.min_deviation, 0)
         if self.lag is not None:
             check_range("the lag, frames,", self.lag, 0, ends=True)
 
 
 def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = None) -> Track:
-    """`track` with smooth poses within the limits of `body` and the joints that follow.
+    """Return `track` with smooth poses within the limits of `body` and the joints that follow.
 
     Lost frames stay as they are, flagged, and nothing is smoothed across them. The stated
     deviation of each angle says how much a frame counts against its neighbours. Raises InputError
@@ -47,27 +47,29 @@ def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = Non
     """
     config = config or SmoothingConfig()
     if track.smoothing is not None:
-        raise InputError("the track is smoothed already; expected one as `apf track` wrote it")
+        raise InputError("the track is smoothed already; expected one as it was tracked")
     if track.dof_names != body.dof_names or list(track.joint_names) != body.joint_names:
         raise InputError(f"the body {body.name} is not the one that was tracked")
     deviation = track.diagnostics.get("deviation", np.ones_like(track.poses))
     relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
-    variance = np.maximum(relative, _LEAST_DEVIATION) ** 2
+    variance = np.maximum(relative, config.min_deviation) ** 2
     poses = unwrapped(track.poses, body)
     for part in unbroken_parts(track):
         poses[part] = smoothed_series(poses[part], variance[part], track.times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
-    made_by = json.loads(track.config)
-    made_by["smoothing"] = {
+    provenance = json.loads(track.provenance)
+    provenance["smoothing"] = {
         "mode": "whole sequence" if config.lag is None else "fixed lag",
         "lag_frames": config.lag,
         "cutoff_hz": config.cutoff,
     }
-    return replace(track, poses=poses, joints=posed_joints(body, poses), config=json.dumps(made_by))
+    return replace(
+        track, poses=poses, joints=posed_joints(body, poses), provenance=json.dumps(provenance)
+    )
 
 
 def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
-    """A copy of `poses` (F, D) whose angles without limits do not jump by whole turns."""
+    """Return a copy of `poses` (F, D) whose angles without limits do not jump by whole turns."""
     poses = np.array(poses, np.float64)
     free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
     poses[:, free] = np.unwrap(poses[:, free], axis=0)
@@ -75,7 +77,7 @@ def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
 
 
 def unbroken_parts(track: Track) -> list[slice]:
-    """The longest runs of frames without a lost one."""
+    """Return the longest runs of frames without a lost one."""
     edges = np.flatnonzero(np.diff(np.concatenate([[1], track.lost.astype(int), [1]])))
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
 
@@ -83,7 +85,7 @@ def unbroken_parts(track: Track) -> list[slice]:
 def smoothed_series(
     values: np.ndarray, variance: np.ndarray, times: np.ndarray, config: SmoothingConfig
 ) -> np.ndarray:
-    """Values (F, D) at `times` (F,) s, smoothed; variance (F, D): of each, in any one unit."""
+    """Smooth values (F, D) at `times` (F,) s; variance (F, D): of each, in any one unit."""
     n = len(values)
     if n < 3:
         return values

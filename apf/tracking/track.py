@@ -17,7 +17,7 @@ from psfs.common.files import read_npz, written_whole
 
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
 _KEYS = ("body_name", "dof_names", "joint_names", "fps", "frames", "poses", "joints", "edges",
-         "config")  # fmt: skip
+         "provenance")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,17 @@ class Track:
     body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence.
     frames: (F,) int, frame indices of the sequence. poses: (F, D) radians and metres.
     joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw.
-    diagnostics: arrays (F, ...), such as ess, beta, best_log_weight (F, n_layers) and what
-    `lost`, `confidence` and `covariance` say.
-    config: JSON text of what made it (settings, seed, device, versions, sequence path).
-    Raises ValueError where shapes disagree.
+    diagnostics: arrays (F, ...) by name, see below.
+    provenance: JSON text of what made it: sequence (path), device, version, grid (origin m,
+    voxel_size m, shape) where voxels were used, method, objective, filter and the settings of other
+    parts; smoothing, where it was smoothed. Raises InputError where shapes disagree.
+
+    A `track.npz` has a key for each field by its name, and `diagnostic_<name>` for each of the
+    diagnostics: ess, beta, best_log_weight (F, n_layers) effective sample size, annealing exponent
+    and log weight of the best particle at exponent 1; deviation (F, D) of the particles, rad or m;
+    misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and covariance (F, J, 3, 3) as
+    below; restart (F,) 0 where the person was tracked, 1 and 2 where he was found again around the
+    last good pose and by a search everywhere.
     """
 
     body_name: str
@@ -42,7 +49,7 @@ class Track:
     joints: np.ndarray
     edges: np.ndarray
     diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
-    config: str = "{}"
+    provenance: str = "{}"
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
@@ -66,14 +73,14 @@ class Track:
         for name, shape in expected.items():
             found = getattr(self, name).shape
             if found != shape:
-                raise ValueError(f"{name} has shape {found}; expected {shape}")
+                raise InputError(f"{name} has shape {found}; expected {shape}")
         for name, values in self.diagnostics.items():
             if values.shape[:1] != (n,):
-                raise ValueError(f"{name} has shape {values.shape}; expected {n} rows")
+                raise InputError(f"{name} has shape {values.shape}; expected {n} rows")
         if self.edges.size and not 0 <= self.edges.min() <= self.edges.max() < n_joints:
-            raise ValueError(f"edges name joints outside 0..{n_joints - 1}")
+            raise InputError(f"edges name joints outside 0..{n_joints - 1}")
         if not np.isfinite(self.fps) or self.fps <= 0:
-            raise ValueError(f"fps is {self.fps:g}; expected a positive number")
+            raise InputError(f"fps is {self.fps:g}; expected a positive number")
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -85,32 +92,32 @@ class Track:
 
     @property
     def lost(self) -> np.ndarray:
-        """(F,) bool, frames in which the tracker had lost the person; none where it never said."""
-        return self._told("lost", np.zeros(len(self), bool)).astype(bool)
+        """(F,) bool, frames in which the tracker had lost the person; none where it stated none."""
+        return self._diagnostic("lost", np.zeros(len(self), bool)).astype(bool)
 
     @property
     def confidence(self) -> np.ndarray:
-        """(F,) in [0, 1], how far the tracker trusts each frame; NaN where it never said."""
-        return self._told("confidence", np.full(len(self), np.nan))
+        """(F,) in [0, 1], how far the tracker trusts each frame; NaN where it stated nothing."""
+        return self._diagnostic("confidence", np.full(len(self), np.nan))
 
     @property
     def restarts(self) -> np.ndarray:
         """(n,) frame numbers in which the person was found again by a search of its own."""
-        return self.frames[self._told("restart", np.zeros(len(self), int)) > 0]
+        return self.frames[self._diagnostic("restart", np.zeros(len(self), int)) > 0]
 
     @property
     def covariance(self) -> np.ndarray:
-        """(F, J, 3, 3) m^2, uncertainty of each joint's place; NaN where it was never said."""
+        """(F, J, 3, 3) m^2, uncertainty of each joint's position; NaN where none was stated."""
         shape = (len(self), len(self.joint_names), 3, 3)
-        return self._told("covariance", np.full(shape, np.nan))
+        return self._diagnostic("covariance", np.full(shape, np.nan))
 
-    def _told(self, name: str, default: np.ndarray) -> np.ndarray:
+    def _diagnostic(self, name: str, default: np.ndarray) -> np.ndarray:
         return self.diagnostics.get(name, default)
 
     @property
     def smoothing(self) -> dict[str, Any] | None:
         """How `apf smooth` made it, None for a track as it was tracked."""
-        smoothing: dict[str, Any] | None = json.loads(self.config).get("smoothing")
+        smoothing: dict[str, Any] | None = json.loads(self.provenance).get("smoothing")
         return smoothing
 
     @property
@@ -146,7 +153,7 @@ class Track:
             "poses": self.poses,
             "joints": self.joints,
             "edges": self.edges,
-            "config": self.config,
+            "provenance": self.provenance,
         }
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with written_whole(path) as temporary:
@@ -167,7 +174,7 @@ class Track:
             if name.startswith(_DIAGNOSTIC)
         }
         fields = {key: data[key] for key in _KEYS}
-        fields |= {key: str(data[key]) for key in ("body_name", "config")}
+        fields |= {key: str(data[key]) for key in ("body_name", "provenance")}
         try:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:

@@ -19,8 +19,10 @@ from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
 from apf.filters.method import OBJECTIVES, Method
 from apf.results.evaluate import evaluate
-from apf.tracking.pipeline import at_rate, seeded, track_of, track_voxels, watched_runs
+from apf.scene import Scene
+from apf.tracking.pipeline import track_of, track_voxels
 from apf.tracking.track import Track
+from apf.tracking.trackers import seeded, watched_runs
 from cl import Device, InputError
 from psfs.common.files import written_whole
 
@@ -83,9 +85,9 @@ def tracked(
     """The tracks of a recording, from the first frame's true joints, one for each of `seeds`."""
     method = method_of(setting, seeds[0])
     body, pose = recording.first_pose
-    scaled = replace(method, filter=at_rate(method.filter, recording.fps / setting.step))
+    scaled = replace(method, filter=method.filter.at_rate(recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
-    tracker = watched_runs(device, body, rig, grid, scaled, seeds)
+    tracker = watched_runs(Scene(device, rig, grid, body), scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)
     if not method.uses_voxels:
         seen = recording.features(device, method.features)

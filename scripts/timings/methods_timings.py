@@ -20,7 +20,6 @@ import numpy as np
 from apf.backend import features_for, tracker_for
 from apf.filters.method import Method
 from apf.image_objective.config import ObjectiveConfig
-from apf.tracking.pipeline import at_rate
 from psfs.cli.commandline import add_command
 from timings.bench_scene import FPS, playing
 from timings.measure import Place, Timing, places
@@ -92,7 +91,7 @@ def shapes(place: Place, problem: Problem) -> dict[str, Any]:
 def _method(search: str, particles: int) -> Method:
     layers = ITERATIONS if search == "pso" else 1
     method = Method.of(search, OBJECTIVE, n_particles=particles, n_layers=layers)
-    return replace(method, filter=at_rate(method.filter, FPS))
+    return replace(method, filter=method.filter.at_rate(FPS))
 
 
 def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.scene import Scene as TrackedScene
-from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.sequence import Frame
@@ -64,7 +63,7 @@ def make_problem(frames: int) -> Problem:
     scene = shared_scene(frames)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
     body, pose, _ = fit_to_joints(load_body("song31"), first)
-    return Problem(scene, body, pose, at_rate(FilterConfig(), FPS))
+    return Problem(scene, body, pose, FilterConfig().at_rate(FPS))
 
 
 class WholeFrame:

@@ -34,7 +34,7 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
         joints=posed_joints(body, poses),
         edges=np.array(body.edges),
         diagnostics={"ess": 100 * layers, "best_log_weight": -layers},
-        config='{"seed": 7}',
+        provenance='{"seed": 7}',
     )
 
 

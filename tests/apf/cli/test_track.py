@@ -40,7 +40,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
     found = Track.open(tmp_path / "out")
     assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
     assert found.diagnostics["ess"].shape == (FRAMES, 5)
-    assert json.loads(found.config)["filter"]["n_particles"] == 60
+    assert json.loads(found.provenance)["filter"]["n_particles"] == 60
     evaluation = evaluate(found, load_truth(walk / "truth.npz"))
     assert evaluation.mean_error < 0.08
     body = load_body(tmp_path / "out" / "body.toml")
@@ -70,7 +70,7 @@ def test_several_seeds_at_once(
     assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
     together, alone = Track.open(tmp_path / "all" / "seed4"), Track.open(tmp_path / "one")
     np.testing.assert_array_equal(together.poses, alone.poses)
-    assert together.config == alone.config
+    assert together.provenance == alone.provenance
 
 
 def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:

@@ -43,11 +43,11 @@ def test_on_the_device(start, search: str, objective: str) -> None:
     assert track.frames.tolist() == [0, 1]
     assert track.diagnostics["ess"].shape == (2, 1 if search == "sir" else 3)
     assert np.abs(track.poses - pose).max() < 1.0
-    made_by = json.loads(track.config)
-    assert (made_by["method"], made_by["objective"]) == (search, objective)
-    assert ("grid" in made_by) == method.uses_voxels
+    provenance = json.loads(track.provenance)
+    assert (provenance["method"], provenance["objective"]) == (search, objective)
+    assert ("grid" in provenance) == method.uses_voxels
     if not method.uses_voxels:
-        assert made_by["image"]["kind"] == objective
+        assert provenance["image"]["kind"] == objective
         assert np.all(track.diagnostics["best_log_weight"] <= 0)
         assert np.all(track.diagnostics["best_log_weight"] >= -1)
 

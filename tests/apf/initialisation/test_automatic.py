@@ -8,23 +8,28 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
-from apf.body import BodyModel, load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
-from apf.initialisation.automatic import Start, find_start
-from apf.initialisation.kept_voxels import StoredVoxels, person_points
-from apf.initialisation.pose_search import (
+from apf.body.model import BodyModel
+from apf.body.stature import stature
+from apf.body.toml import load_body
+from apf.initialisation import Start, StartConfig, StartError, find_start
+from apf.initialisation.config import AcceptanceConfig
+from apf.initialisation.hypotheses import (
     Hypothesis,
     close,
     distinct,
     forward,
-    misfit,
+    registration_error,
     search_body,
-    sideways,
     standing_pose,
+    walking_factor,
 )
-from apf.initialisation.shape_fit import Cloud, Shape, fit_shape, placed, stature, surface_places
-from cl import Device, InputError
+from apf.initialisation.kept_voxels import StoredVoxels, person_points
+from apf.initialisation.shape_fit import Cloud, fit_shape
+from apf.initialisation.shape_model import ShapeModel, points_on, surface_samples
+from apf.scene import Scene
+from cl import Device
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 SONG = load_body("song31")
@@ -33,8 +38,8 @@ SONG = load_body("song31")
 def surface(body: BodyModel, pose: np.ndarray, spacing: float = 0.02) -> np.ndarray:
     """Points (N, 3) on the outside of the posed body."""
     cones = posed_cones(body, pose[None])[0]
-    cone, place = surface_places(body, spacing)
-    points = placed(place, cones[cone])
+    cone, coordinates = surface_samples(body, spacing)
+    points = points_on(cones[cone], coordinates)
     depth = distances(points, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     return points[depth.min(1) > 0]
@@ -48,17 +53,17 @@ def walking(body: BodyModel, n: int, seed: int = 3) -> np.ndarray:
     return poses
 
 
-def test_places_lie_on_the_surface() -> None:
+def test_samples_lie_on_the_surface() -> None:
     for name in ("song31", "stick"):
         body = bodies.named(name)
         cones = posed_cones(body, bodies.random_poses(body, 1))[0]
-        cone, place = surface_places(body, 0.05)
-        every = distances(placed(place, cones[cone]), cones)
+        cone, coordinates = surface_samples(body, 0.05)
+        every = distances(points_on(cones[cone], coordinates), cones)
         np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
 
 
 def test_fit_finds_size_lengths_and_girth() -> None:
-    model = Shape(SONG)
+    model = ShapeModel(SONG)
     true = np.random.default_rng(1).normal(0, 0.7 * model.deviation)
     body = model.body(true)
     poses = walking(SONG, 4)
@@ -78,7 +83,8 @@ def test_fit_without_free_scales_keeps_the_body() -> None:
     pose = walking(SONG, 1)
     cloud = Cloud(surface(SONG, pose[0]))
     rough = pose + np.random.default_rng(2).normal(0, 0.03, pose.shape)
-    shape, found = fit_shape(SONG, [cloud], np.zeros(len(Shape(SONG).deviation)), rough, free=())
+    zero = np.zeros(len(ShapeModel(SONG).deviation))
+    shape, found = fit_shape(SONG, [cloud], zero, rough, free=())
     assert not shape.any()
     error = np.linalg.norm(posed_joints(SONG, found) - posed_joints(SONG, pose), axis=-1)
     assert error.mean() < 0.012
@@ -87,48 +93,49 @@ def test_fit_without_free_scales_keeps_the_body() -> None:
 def test_a_known_height_is_kept() -> None:
     pose = walking(SONG, 1)
     cloud = Cloud(surface(SONG, pose[0]))
-    zero = np.zeros(len(Shape(SONG).deviation))
+    zero = np.zeros(len(ShapeModel(SONG).deviation))
     for height in (1.7, 1.8):
         shape, _ = fit_shape(SONG, [cloud], zero, pose, height)
-        assert stature(Shape(SONG).body(shape)) == pytest.approx(height, abs=0.015)
+        assert stature(ShapeModel(SONG).body(shape)) == pytest.approx(height, abs=0.015)
 
 
-def test_misfit_knows_front_and_back_and_contortions() -> None:
+def test_registration_error_knows_front_and_back_and_contortions() -> None:
     pose = walking(SONG, 1)[0]
     cloud = Cloud(surface(SONG, pose))
     turned = pose.copy()
     turned[SONG.dof_names.index("pelvis.rz")] += np.pi
     lost_arm = pose.copy()
     lost_arm[SONG.dof_names.index("l_upper_arm.rx")] = 2.6
-    good = misfit(SONG, pose, cloud)
+    good = registration_error(SONG, pose, cloud)
     assert good < 0.1
-    assert misfit(SONG, turned, cloud) > good + 0.05
-    assert misfit(SONG, lost_arm, cloud) > good + 0.03
+    assert registration_error(SONG, turned, cloud) > good + 0.05
+    assert registration_error(SONG, lost_arm, cloud) > good + 0.03
 
 
 def test_hypotheses_that_go_on_look_in_different_directions() -> None:
     def looking(degrees: float, badly: float) -> Hypothesis:
         pose = SONG.rest_pose.copy()
         pose[SONG.dof_names.index("pelvis.rz")] = np.radians(degrees)
-        return Hypothesis(np.zeros(1), pose, badly, 1.0)
+        return Hypothesis(np.zeros(1), pose, badly, 1.0, badly)
 
     every = [looking(a, b) for a, b in ((0, 3), (20, 1), (190, 4), (150, 2), (250, 5))]
-    assert [h.cost for h in distinct(SONG, every, 3)] == [1, 2, 5]
-    assert [h.cost for h in distinct(SONG, every, 2)] == [1, 2]
+    assert [h.cost for h in distinct(SONG, every, 3, 0.8)] == [1, 2, 5]
+    assert [h.cost for h in distinct(SONG, every, 2, 0.8)] == [1, 2]
     near = [looking(0, 10), looking(90, 11.9), looking(180, 12.1)]
-    assert [h.cost for h in close(near)] == [10, 11.9]
+    assert [h.cost for h in close(near, 1.2)] == [10, 11.9]
     np.testing.assert_allclose(forward(SONG, looking(90, 0).pose), [0, 1], atol=1e-12)
 
 
 def test_people_look_where_they_go() -> None:
     pose = SONG.rest_pose[None]  # looks along x
-    factors = [sideways(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
+    factors = [walking_factor(SONG, pose, np.array(way)) for way in ((0.5, 0), (0, 0.5), (-0.5, 0))]
     assert pytest.approx(factors[0]) == 1 and factors[0] < factors[1] < factors[2]
-    assert sideways(SONG, pose, np.array([-0.1, 0.0])) == 1
+    assert walking_factor(SONG, pose, np.array([-0.1, 0.0])) == 1
 
 
 def test_a_limb_is_searched_for_alone() -> None:
-    moving = {SONG.dof_names[k] for k in np.flatnonzero(search_body(SONG, "l_upper_arm").sigma)}
+    limb = [bone.name for bone in SONG.bones].index("l_upper_arm")
+    moving = {SONG.dof_names[k] for k in np.flatnonzero(search_body(SONG, limb).sigma)}
     assert moving == {f"l_upper_arm.{a}" for a in ("rx", "ry", "rz")} | {"l_forearm.ry"}
     assert np.all(search_body(SONG).sigma > 0)
 
@@ -142,7 +149,7 @@ def test_standing_on_the_floor() -> None:
     np.testing.assert_allclose(forward(SONG, stood), [0.5, np.sqrt(0.75)], atol=1e-9)
 
 
-def test_what_speaks_against_a_start_is_told() -> None:
+def test_what_speaks_against_a_start() -> None:
     def start(girth: float, rival: float) -> Start:
         body, pose = SONG.scaled({}, girth), SONG.rest_pose
         return Start(body, pose, pose[None], 0.3, rival, 1.3, girth)
@@ -169,27 +176,28 @@ def test_nobody_there() -> None:
     device = Device.best()
     grid = VoxelGrid(np.zeros(3), 0.1, (8, 8, 8))
     cloud = VoxelCloud(grid, np.arange(3, dtype=np.int32), np.ones(3, np.float32), None, 0.0)
-    with pytest.raises(InputError, match="3 surface voxels; expected at least 200"):
-        find_start(device, [StoredVoxels(device, cloud)], ring(), grid, SONG, 0.5)
+    with pytest.raises(StartError, match="3 surface voxels; expected at least 200"):
+        find_start(Scene(device, ring(), grid, SONG), [StoredVoxels(device, cloud)], 0.5)
 
 
 def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Until one fits, or so many times; the best score counts."""
     grid = VoxelGrid(np.zeros(3), 0.1, (16, 16, 16))
     cloud = VoxelCloud(grid, np.arange(400, dtype=np.int32), np.ones(400, np.float32), None, 0.0)
-    shown, shape = [StoredVoxels(Device.best(), cloud)], np.zeros(len(Shape(SONG).deviation))
+    shown, shape = [StoredVoxels(Device.best(), cloud)], np.zeros(len(ShapeModel(SONG).deviation))
 
-    def found(*misfits: float, attempts: int = 3) -> tuple[float, int]:
-        left = list(misfits)
+    def found(*errors: float, attempts: int = 3) -> tuple[float, int]:
+        left = list(errors)
 
         def attempt(_: object) -> object:
-            misfit = left.pop(0)
-            hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, misfit)
-            return find._Attempt(find._Fit([hypothesis], score=-misfit), np.inf)
+            error = left.pop(0)
+            hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, error, 1.0)
+            return find._Attempt(find._Fit([hypothesis], cost=-error), np.inf)
 
         monkeypatch.setattr(find, "_attempt", attempt)
-        args = (Device.best(), shown, ring(), grid, SONG, 0.5)
-        return find_start(*args, attempts=attempts).misfit, len(left)
+        scene = Scene(Device.best(), ring(), grid, SONG)
+        config = StartConfig(acceptance=AcceptanceConfig(n_attempts=attempts))
+        return find_start(scene, shown, 0.5, config=config).registration_error, len(left)
 
     assert found(0.2, 0.4) == (0.2, 1)
     assert found(0.35, 0.5, 0.4, 0.3) == (0.5, 1)

@@ -16,7 +16,6 @@ from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.motion_prior import Smoothness
 from apf.reference.annealed import NumpyAnnealedParticleFilter
 from apf.reference.motion_prior import expectation, jump_errors
-from apf.tracking.pipeline import at_rate
 from cl import Device, NumpyDevice
 
 SONG = bodies.named("song31")
@@ -30,7 +29,7 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
     nothing = np.full(SONG.n_dof, np.nan)
     assert not jump_errors(SONG, poses, nothing, CONFIG).any()
     # Half as many frames per second may change by twice as much.
-    slow = at_rate(CONFIG, 30.0)
+    slow = CONFIG.at_rate(30.0)
     np.testing.assert_allclose(jump_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
     still = replace(SONG, sigma=np.zeros(SONG.n_dof))
     assert not jump_errors(still, poses, expected, CONFIG).any()

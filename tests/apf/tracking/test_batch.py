@@ -188,7 +188,9 @@ def true_starts(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def start(device: object, sequence: Sequence, *_: object, **__: object) -> object:
         body, pose = fitted((sequence.folder / "truth.npz").read_bytes())
-        return SimpleNamespace(body=body, pose=pose, misfit=0.25, doubts=["he is seen twice"])
+        return SimpleNamespace(
+            body=body, pose=pose, registration_error=0.25, doubts=["he is seen twice"]
+        )
 
     monkeypatch.setattr(apf.tracking.batch, "start_of", start)
 
@@ -210,7 +212,7 @@ def test_takes_are_bit_by_bit_those_alone(
         alone = track_take(device, Sequence.open(folder), method, **options)
         assert isinstance(mine, Take) and len(mine.tracks) == 2
         for a, b in zip(mine.tracks, alone.tracks, strict=True):
-            assert len(a) == FRAMES and a.config == b.config
+            assert len(a) == FRAMES and a.provenance == b.provenance
             np.testing.assert_array_equal(a.poses, b.poses)
             np.testing.assert_array_equal(a.covariance, b.covariance)
         stages = [stage for n, stage in told if n == number]

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 
-import apf.initialisation.automatic
+import apf.tracking.trackers
 from apf.body import load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.filters.base import Estimate
 from apf.filters.method import Method
+from apf.initialisation import StartError
 from apf.initialisation.kept_voxels import StoredVoxels
-from apf.tracking.pipeline import track_of, track_voxels, watched
+from apf.scene import Scene
+from apf.tracking.pipeline import track_of, track_voxels
 from apf.tracking.recovery import (
     GLOBAL_RESTART,
     LOCAL_RESTART,
@@ -26,6 +28,7 @@ from apf.tracking.recovery import (
     Watched,
     WatchedRuns,
 )
+from apf.tracking.trackers import watched
 from cl import Device, InputError
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -176,15 +179,15 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     """Frames 4 to 6 show nobody; from frame 7 on the person stands a metre further on, where the
     search everywhere, which test_start.py tests, finds him roughly."""
 
-    def found(device: Device, voxels: list[StoredVoxels], *_: object, **__: object) -> object:
+    def found(_: Scene, voxels: list[StoredVoxels], *__: object, **___: object) -> object:
         if not len(voxels[0].cloud()):
-            raise InputError("nobody")
+            raise StartError("nobody")
         return SimpleNamespace(pose=walker(7, 1.05))
 
-    monkeypatch.setattr(apf.initialisation.automatic, "find_start", found)
+    monkeypatch.setattr(apf.tracking.trackers, "find_start", found)
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
     method = Method.of(n_particles=100, n_layers=6)
-    tracker = watched(device, SONG, scenes.ring(4), GRID, method)
+    tracker = watched(Scene(device, scenes.ring(4), GRID, SONG), method)
     frames = ((k, seen(device, pose)) for k, pose in enumerate(poses))
     indices, estimates = track_voxels(tracker, walker(0), frames)
     track = track_of(SONG, 60.0, indices, estimates, {})

@@ -19,7 +19,7 @@ def test_npz_round_trip(tmp_path: Path) -> None:
     track.save(tmp_path / "run" / "track.npz")
     for path in (tmp_path / "run" / "track.npz", tmp_path / "run"):
         again = Track.open(path)
-        for name in ("body_name", "dof_names", "joint_names", "fps", "config"):
+        for name in ("body_name", "dof_names", "joint_names", "fps", "provenance"):
             assert getattr(again, name) == getattr(track, name)
         for name in ("frames", "poses", "joints", "edges"):
             np.testing.assert_array_equal(getattr(again, name), getattr(track, name))

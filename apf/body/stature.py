@@ -1,0 +1,56 @@
+"""How tall the person is whom a body is a model of, where the body shows it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.model import BodyModel
+from cl import InputError
+
+#: Height of the hips over the floor as a share of the stature (Drillis & Contini 1966).
+HIP_SHARE = 0.53
+TOP, HIPS, ANKLES = "head_top", "pelvis", ("l_ankle", "r_ankle")
+
+
+def has_head(body: BodyModel) -> bool:
+    """Return whether the body reaches up to the top of the head."""
+    return TOP in body.joint_names
+
+
+def has_feet(body: BodyModel) -> bool:
+    """Return whether the body reaches down to the floor."""
+    return any(name in body.joint_names for name in ANKLES)
+
+
+def is_whole(body: BodyModel) -> bool:
+    """Return whether the body reaches from the floor to the top of the head."""
+    return has_head(body) and has_feet(body)
+
+
+def lowest_point(cones: np.ndarray) -> float:
+    """Return the z, m, of the lowest point of posed cones (C, 16)."""
+    return float(min((cones[:, 2] - cones[:, 3]).min(), (cones[:, 6] - cones[:, 7]).min()))
+
+
+def stature(body: BodyModel) -> float:
+    """Return the height, m, of the person when he stands upright.
+
+    From the lowest cone to the top of the head; of a body that lacks the head or the feet, from
+    its hips down or up, which are `HIP_SHARE` of the stature high. Raises InputError if the body
+    has no two of head, hips and feet.
+    """
+    pose = np.clip(np.zeros(body.n_dof), body.lower, body.upper)[None]
+    joints = dict(zip(body.joint_names, posed_joints(body, pose)[0, :, 2], strict=True))
+    lowest = lowest_point(posed_cones(body, pose)[0])
+    if is_whole(body):
+        return float(joints[TOP] - lowest)
+    if HIPS in joints and has_feet(body):
+        return float(joints[HIPS] - lowest) / HIP_SHARE
+    if HIPS in joints and has_head(body):
+        return float(joints[TOP] - joints[HIPS]) / (1 - HIP_SHARE)
+    raise InputError(
+        f"the body {body.name} has the joints {', '.join(body.joint_names)}, which do not show how "
+        f"tall the person is; expected two of {TOP}, {HIPS} and an ankle "
+        f"({', '.join(ANKLES)}), or a first pose"
+    )

@@ -1,0 +1,95 @@
+"""The body's shape as a vector of scales, and points fixed to its cones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.initialisation.config import ShapePrior
+
+
+class ShapeModel:
+    """The logs of scales (S,) of a body: size, girth, lengths per group, radii per group of cones.
+
+    `deviation`: (S,) of the prior around 0.
+    """
+
+    def __init__(self, template: BodyModel, prior: ShapePrior | None = None) -> None:
+        prior = prior or ShapePrior()
+        self.template = template
+        self.lengths = template.scale_groups
+        self.radii = template.radius_groups
+        self.deviation = np.concatenate(
+            [
+                [prior.size, prior.girth],
+                np.full(len(self.lengths), prior.length),
+                np.full(len(self.radii), prior.radius),
+            ]
+        )
+
+    def body(self, shape: np.ndarray) -> BodyModel:
+        """Return the template with the scales of `shape` (S,)."""
+        n = len(self.lengths)
+        lengths = np.exp(shape[0] + shape[2 : 2 + n])
+        radii = np.exp(shape[0] + shape[1] + shape[2 + n :])
+        return self.template.scaled(
+            dict(zip(self.lengths, lengths, strict=True)),
+            dict(zip(self.radii, radii, strict=True)),
+        )
+
+
+def points_on(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+    """Return the points (..., K, 3) with these cone coordinates (K, 4) on posed cones (..., K, 16).
+
+    Cone coordinates: the share along the axis, then the offset from there in radii along (axis,
+    X, Y). They stay the same as the cone moves and grows.
+    """
+    a, b = cones[..., 0:3], cones[..., 4:7]
+    x, y = cones[..., 8:11], cones[..., 12:15]
+    t = coordinates[:, 0:1]
+    axis = b - a
+    radius = cones[..., 3:4] + t * (cones[..., 7:8] - cones[..., 3:4])
+    unit = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    offset = coordinates[:, 1:2] * unit
+    offset = offset + coordinates[:, 2:3] * x / np.sum(x * x, -1, keepdims=True)
+    offset = offset + coordinates[:, 3:4] * y / np.sum(y * y, -1, keepdims=True)
+    return a + t * axis + radius * offset
+
+
+def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """Return the cone coordinates (K, 4) of the surface points nearest to points (K, 3), each on
+    its own cone (K, 16)."""
+    axis = cones[:, 4:7] - cones[:, 0:3]
+    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    offset = points - cones[:, 0:3]
+    along = np.sum(offset * axis, 1, keepdims=True) / length
+    t = np.clip(along / length, 0, 1)
+    beyond = along - t * length
+    x = np.sum(offset * cones[:, 8:11], 1, keepdims=True)
+    y = np.sum(offset * cones[:, 12:15], 1, keepdims=True)
+    local = np.concatenate([beyond, x, y], 1)
+    return np.concatenate([t, local / np.maximum(np.linalg.norm(local, axis=1)[:, None], 1e-9)], 1)
+
+
+def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return cones (K,) and cone coordinates (K, 4) of points about `spacing` m apart on all cones
+    and their round ends."""
+    cones, coordinates = [], []
+    for c, cone in enumerate(body.cones):
+        length = float(np.linalg.norm(cone.end - cone.start))
+        n = max(2, round(length / spacing))
+        rows = [((i + 0.5) / n, 0.0) for i in range(n)]
+        rows += [(0.0, -0.5), (1.0, 0.5), (0.0, -1.0), (1.0, 1.0)]
+        around = max(6, round(2 * np.pi * np.mean(cone.radii) / spacing))
+        for t, cap in rows:
+            for angle in np.arange(around if abs(cap) < 1 else 1) * 2 * np.pi / around:
+                side = np.sqrt(1 - cap * cap)
+                coordinates.append((t, cap, side * np.cos(angle), side * np.sin(angle)))
+                cones.append(c)
+    return np.array(cones), np.array(coordinates)
+
+
+def inner_axes(body: BodyModel) -> np.ndarray:
+    """Return (D,) bool: the axes of the bones other than roots."""
+    inner = [axis.dof for bone in body.bones if bone.parent >= 0 for axis in bone.axes]
+    return np.isin(np.arange(body.n_dof), inner)

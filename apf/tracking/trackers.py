@@ -1,0 +1,64 @@
+"""The trackers of a method that know when they have lost the person."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from apf.backend import device_tracker, shares_launches, tracker_for
+from apf.filters.method import Method
+from apf.initialisation import StartConfig, StartError, find_start
+from apf.initialisation.config import AcceptanceConfig
+from apf.initialisation.kept_voxels import stored
+from apf.scene import Scene
+from apf.tracking.recovery import RecoveryConfig, SeparateRuns, Watched, WatchedRuns
+
+#: The search everywhere while a person is lost: it is tried again soon enough.
+_ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
+
+
+def seeded(method: Method, seeds: list[int]) -> list[Method]:
+    """Return `method` with each of `seeds`. Raises InputError for impossible ones."""
+    return [replace(method, filter=replace(method.filter, seed=seed)) for seed in seeds]
+
+
+def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:
+    """Make the watched trackers of `method` with each of `seeds`, as one where the method can."""
+    methods = seeded(method, seeds)
+    if len(seeds) == 1 or not shares_launches(scene.device, method):
+        return SeparateRuns([watched(scene, of) for of in methods])
+
+    def watch(run: int, restart: Any) -> Watched:
+        return watched(scene, methods[run], restart)
+
+    return WatchedRuns(device_tracker(scene, method, seeds), len(seeds), watch)
+
+
+def watched(
+    scene: Scene, method: Method, tracker: Any = None, config: RecoveryConfig | None = None
+) -> Watched:
+    """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
+    `tracker`, if there is one, which searches by that method."""
+    config = (config or RecoveryConfig()).for_body(scene.body)
+    search = method.filter
+    longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
+    wider = replace(method, filter=replace(search, noise=config.wider * search.noise, **longer))
+
+    def everywhere(voxels: Any) -> list[np.ndarray]:
+        try:
+            found = find_start(
+                scene, [stored(scene.device, voxels)], search.noise, keep_shape=True,
+                seed=search.seed, config=_ONE_ATTEMPT,
+            )  # fmt: skip
+        except StartError:
+            return []  # nobody is there, or the body cannot be found by itself
+        return [found.pose]
+
+    return Watched(
+        tracker or tracker_for(scene, method),
+        lambda: tracker_for(scene, wider),
+        everywhere if method.uses_voxels else None,
+        config,
+    )
