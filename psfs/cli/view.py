@@ -1,27 +1,38 @@
-"""`psfs view OUT`: look at the voxel clouds, or at their surfaces."""
+"""`psfs view OUT`: look at the voxel clouds, or at their surfaces, over time."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import trimesh
 
 from cl import select_device
-from psfs.cli.commandline import add_command, add_device_flag, stderr, stdout
+from psfs.cli.commandline import add_command, add_device_flag, stdout
 from psfs.common.files import write_picture
+from psfs.mesh.drawing import Layer, floor, frusta, steady_layer, voxel_layer
 from psfs.mesh.marching_cubes import Mesher
+from psfs.mesh.playback import Playback
+from psfs.mesh.player import KEYS, Player
 from psfs.mesh.preview import mesh_preview
-from psfs.mesh.viewer import KEYS, has_display, show
+from psfs.mesh.viewer import has_display, show
 from psfs.output.preview import preview
 from psfs.output.runs import Run
+from psfs.sequence import Sequence as Footage
 from psfs.voxels.grid import VoxelCloud
 
 
 def register(commands: argparse._SubParsersAction) -> None:
-    help = "show the voxel clouds in a window, or write a picture where there is no display"
+    help = "play a run in a window, or write a picture where there is no display"
     parser = add_command(commands, "view", _run, help=help)
-    parser.description = f"{help}. In the window {KEYS}."
+    add_view_flags(parser, help)
+
+
+def add_view_flags(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add what `view_run` wants."""
+    keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
+    parser.description = f"{help}. Keys of the window: {keys}, 1 to 9 show and hide."
     parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
     parser.add_argument(
         "--frame",
@@ -35,28 +46,49 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
+    view_run(args)
+
+
+def view_run(
+    args: argparse.Namespace,
+    layers: Sequence[Layer] = (),
+    note: Callable[[int], str] = lambda _frame: "",
+) -> None:
+    """Show the run `args.out` in a window, `layers` on top and `note` of each frame in its
+    caption; without a display, or with --png, write a picture of the clouds alone."""
     run = Run.open(args.out)
     frame = run.chosen(args.frame)
     sequence = run.sequence()
     mesher = Mesher(select_device(args.device), run, sequence) if args.mesh else None
 
-    def shape(index: int) -> VoxelCloud | trimesh.Trimesh:
+    def shape(index: int) -> tuple[VoxelCloud, trimesh.Trimesh | None]:
         cloud = run.cloud(index)
-        return mesher(index) if mesher and len(cloud) else cloud
+        return cloud, mesher(index) if mesher and len(cloud) else None
 
-    title = f"{sequence.name}, frame {frame}"
     if args.png is None and has_display():
-
-        def told(index: int) -> VoxelCloud | trimesh.Trimesh:
-            stderr.print(f"frame {index}", end="\r")
-            return shape(index)
-
-        show(sequence.name, sequence.rig, run.indices, frame, told)
+        voxels = voxel_layer(shape, run.grid, "meshes" if args.mesh else "voxels")
+        player = Player(
+            Playback(run.indices, sequence.fps, frame),
+            (voxels, *layers, *_surroundings(run, sequence)),
+            lambda index: f"{_size(run, index)}   {note(index)}".strip(),
+        )
+        show(sequence.name, sequence.rig, run.grid, player)
         return
     path = args.png or args.out / f"view_{frame:06d}.png"
-    pictured, scene = shape(frame), (sequence.rig, sequence.read(frame), title)
-    if isinstance(pictured, VoxelCloud):
-        write_picture(path, preview(pictured, *scene))
-    else:
-        write_picture(path, mesh_preview(pictured, *scene))
+    cloud, mesh = shape(frame)
+    scene = (sequence.rig, sequence.read(frame), f"{sequence.name}, frame {frame}")
+    write_picture(path, preview(cloud, *scene) if mesh is None else mesh_preview(mesh, *scene))
     stdout.print(f"wrote {path}", soft_wrap=True)
+
+
+def _surroundings(run: Run, sequence: Footage) -> tuple[Layer, Layer]:
+    return (
+        steady_layer("cameras", frusta(sequence.rig)),
+        steady_layer("floor", floor(run.grid)),
+    )
+
+
+def _size(run: Run, index: int) -> str:
+    """How large the cloud of a frame is, after the run's summary."""
+    fact = next(fact for fact in run.summary["frames"] if fact["index"] == index)
+    return f"{fact['surface_voxels']:,} voxels, {1e3 * fact['volume_m3']:.3g} l"

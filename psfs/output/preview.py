@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
@@ -15,6 +14,7 @@ from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsened
 from psfs.voxels.grid import VoxelCloud
 from psfs.voxels.host_voxels import voxel_silhouette
+from psfs.voxels.normals import normals_of
 
 #: Azimuth and elevation of the views, degrees.
 VIEWS = ((0, 10), (60, 10), (120, 10), (180, 10), (240, 10), (300, 25))
@@ -175,21 +175,6 @@ def lighting(normals: np.ndarray) -> np.ndarray:
     key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
     fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
     return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
-
-
-def normals_of(cloud: VoxelCloud) -> np.ndarray:
-    """(N, 3) outward unit normals of the surface voxels, from the slope of the smoothed solid."""
-    if not len(cloud):
-        return np.zeros((0, 3))
-    ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
-    i, j, k = ijk - ijk.min(1, keepdims=True) + 2  # in the box around the cloud, and 2 voxels
-    solid = np.zeros((i.max() + 3, j.max() + 3, k.max() + 3), bool)
-    solid[i, j, k] = True
-    solid = ndimage.binary_fill_holes(solid)
-    smooth = ndimage.gaussian_filter(solid.astype(np.float32), 1.5, mode="constant")
-    slope = np.stack([g[i, j, k] for g in np.gradient(smooth)], -1)
-    normals: np.ndarray = -slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
-    return normals
 
 
 def outlined(

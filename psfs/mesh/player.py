@@ -1,0 +1,82 @@
+"""What a viewer shows of a run, and what its keys do; without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from psfs.mesh.drawing import COLOURINGS, Drawing, Layer
+from psfs.mesh.playback import Playback
+
+#: The keys, and what they do; 1 to 9 show and hide layers besides.
+KEYS = {
+    "space": "play, pause",
+    "left": "frame before",
+    "right": "next frame",
+    "home": "first frame",
+    "end": "last frame",
+    "up": "faster",
+    "down": "slower",
+    "c": "next colouring",
+    "r": "look from the start",
+    "q": "close",
+}
+
+
+class Player:
+    """A run's frames over time (`playback`), in `layers` that can be hidden, in a `colouring`.
+
+    note: says more of a frame (its number), such as the size of its cloud.
+    """
+
+    def __init__(
+        self,
+        playback: Playback,
+        layers: Sequence[Layer],
+        note: Callable[[int], str] = lambda _frame: "",
+    ) -> None:
+        self.playback, self.layers, self.note = playback, tuple(layers), note
+        self.colouring = COLOURINGS[0]
+        self.shown = {layer.name: layer.shown for layer in self.layers}
+
+    def drawings(self) -> dict[str, Drawing]:
+        """Return what is to be seen now, by the names of the layers."""
+        found = {
+            layer.name: layer.drawing(self.playback.frame, self.colouring)
+            for layer in self.layers
+            if self.shown[layer.name]
+        }
+        return {name: drawing for name, drawing in found.items() if drawing is not None}
+
+    def caption(self) -> str:
+        """Return frame, time and note in one line."""
+        playback = self.playback
+        text = f"frame {playback.frame}   {playback.time:.2f} s   speed {playback.speed:g}"
+        note = self.note(playback.frame)
+        return f"{text}   {note}" if note else text
+
+    def press(self, key: str) -> bool:
+        """Do what `key` stands for, one of KEYS or a digit. Return False for keys that are the
+        window's own, or nobody's."""
+        last = len(self.playback.frames) - 1
+        actions: dict[str, Callable[[], object]] = {
+            "space": self.playback.toggle,
+            "left": lambda: self.playback.step(-1),
+            "right": lambda: self.playback.step(1),
+            "home": lambda: self.playback.seek(0),
+            "end": lambda: self.playback.seek(last),
+            "up": lambda: self.playback.change_speed(1),
+            "down": lambda: self.playback.change_speed(-1),
+            "c": self._next_colouring,
+        }
+        for number, layer in enumerate(self.layers, 1):
+            actions[str(number)] = lambda name=layer.name: self._toggle(name)  # type: ignore[misc]
+        if key not in actions:
+            return False
+        actions[key]()
+        return True
+
+    def _next_colouring(self) -> None:
+        self.colouring = COLOURINGS[(COLOURINGS.index(self.colouring) + 1) % len(COLOURINGS)]
+
+    def _toggle(self, name: str) -> None:
+        self.shown[name] = not self.shown[name]
