@@ -18,7 +18,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.method import Method
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
-from apf.image_objective.config import FeatureConfig, ObjectiveConfig
+from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
@@ -43,7 +43,6 @@ from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 
-AnyObjective: TypeAlias = ImageObjective | NumpyImageObjective
 AnyFeatures: TypeAlias = Features | NumpyFeatures
 #: What a tracker observes of a frame.
 Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures
@@ -87,7 +86,7 @@ def device_tracker(
     the method's own seed by default. Raises DeviceError on a NumpyDevice.
     """
     assert seeds is None or shares_launches(scene.device, method), "several runs for one"
-    likelihood = device_likelihood(scene, method, len(seeds or [0]))
+    likelihood = _device_likelihood(scene, method, len(seeds or [0]))
     if method.search == "pso":
         return ParticleSwarm(scene, likelihood, method.filter, method.swarm)
     if method.search == "sir":
@@ -101,14 +100,14 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     return fits and isinstance(device, Device)
 
 
-def device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelihood:
+def _device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelihood:
     """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
     if method.uses_voxels:
         return VoxelLikelihood(scene, method.filter, n_runs)
     return ImageObjective(scene, method.filter.n_particles, method.image)
 
 
-def numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
+def _numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return what the tracker of `method` searches with on NumPy."""
     if method.uses_voxels:
         return NumpyVoxelLikelihood(scene, method.filter)
@@ -116,24 +115,12 @@ def numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
-    likelihood = numpy_likelihood(scene, method)
+    likelihood = _numpy_likelihood(scene, method)
     if method.search == "pso":
         return NumpyParticleSwarm(scene, likelihood, method.filter, method.swarm)
     if method.search == "sir":
         return NumpySirParticleFilter(scene, likelihood, method.filter, method.sir)
     return NumpyAnnealedParticleFilter(scene, method.filter, likelihood=likelihood)
-
-
-def objective_for(
-    scene: Scene,
-    n_hypotheses: int,
-    config: ObjectiveConfig | None = None,
-    mesh: BodyMesh | None = None,
-) -> AnyObjective:
-    """Return the image objective for the scene's device, see `ImageObjective`."""
-    if isinstance(scene.device, NumpyDevice):
-        return NumpyImageObjective(scene, n_hypotheses, config, mesh)
-    return ImageObjective(scene, n_hypotheses, config, mesh)
 
 
 def features_for(

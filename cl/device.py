@@ -214,7 +214,6 @@ class Device:
         global_size: Sequence[int],
         local_size: Sequence[int] | None,
         /,
-        *args: Any,
         **arguments: Any,
     ) -> Launch:
         """Return a launch of `kernel` with its arguments set once; call it to enqueue it.
@@ -223,8 +222,6 @@ class Device:
         The global size is padded to a multiple of the local size: kernels check their bounds.
         Raises TypeError for missing and unknown arguments.
         """
-        if args:
-            arguments = dict(zip(kernel.parameters, args, strict=True))
         return Launch(self, kernel, global_size, local_size, arguments)
 
     def record(self, name: str, event: Any, upload: int = 0, download: int = 0) -> None:

@@ -90,9 +90,6 @@ class Launch:
             self._kernel.set_arg(self._places[name], bound)
             self._kept[name] = value
 
-    def set_arg(self, index: int, value: Any) -> None:
-        self.set(**{list(self._places)[index]: value})
-
     def __call__(self) -> Any:
         event = pyopencl.enqueue_nd_range_kernel(
             self.device.queue, self._kernel, self.global_size, self.local_size

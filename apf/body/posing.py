@@ -38,10 +38,10 @@ class Kinematics:
                 self.device.kernel("tracking/kinematics", "pose_cones", **defines),
                 pack_size(self.n_particles, defines),
                 (defines["GROUP"],),
-                np.int32(self.n_particles),
-                poses,
-                self._body,
-                self.cones,
+                n_particles=self.n_particles,
+                poses=poses,
+                table=self._body,
+                posed=self.cones,
             )
         ]
 

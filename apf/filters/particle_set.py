@@ -15,8 +15,6 @@ from cl.workgroups import pack_defines
 
 #: Items that work on all particles.
 _LARGEST_GROUP = 1024
-#: Place of the noise among the arguments of `diffuse` and of `anneal_diffuse`.
-_NOISE_PLACE = 2
 #: To how many bits the exponent's logarithm is found.
 _BITS = 18
 
@@ -101,19 +99,19 @@ class ParticleSet:
             self._kernel("diffuse"),
             (-(-self.n_dof // self._pack), self.config.n_particles, self.n_runs),
             None,
-            np.int32(self.config.n_particles),
-            np.int32(layer),
-            np.float32(self.config.layer_noise[layer]),
-            np.float32(self.config.spread if layer > 0 else 0.0),
-            self._seeds,
-            self.frame,
-            self._sigmas,
-            self._limits,
-            self.result,
-            self.motion,
-            self.parents,
-            self.sets[source],
-            self.sets[1 - source],
+            n=self.config.n_particles,
+            layer=layer,
+            noise=self.config.layer_noise[layer],
+            spread=self.config.spread if layer > 0 else 0.0,
+            seeds=self._seeds,
+            frames=self.frame,
+            sigmas=self._sigmas,
+            limits=self._limits,
+            result=self.result,
+            motion=self.motion,
+            parents=self.parents,
+            poses=self.sets[source],
+            children=self.sets[1 - source],
         )
         self._diffusions.append((layer, launch))
         return launch
@@ -121,8 +119,7 @@ class ParticleSet:
     def widen(self, factor: float) -> None:
         """Spread by `factor` times the noise of the config from now on."""
         for layer, launch in self._diffusions:
-            noise = np.float32(factor * self.config.layer_noise[layer])
-            launch.set_arg(_NOISE_PLACE, noise)
+            launch.set(noise=factor * self.config.layer_noise[layer])
 
     def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
         """Weights from `errors` (N,) at the layer's survival rate, and the next parents.
@@ -132,17 +129,17 @@ class ParticleSet:
             self._kernel("anneal"),
             (self._group * self.n_runs,),
             (self._group,),
-            np.int32(self.config.n_particles),
-            np.int32(layer),
-            np.int32(layer == self.config.n_layers - 1),
-            np.float32(self.config.survival_rates[layer]),
-            np.float32(beta),
-            self._seeds,
-            self.frame,
-            errors,
-            self.weights,
-            self.parents,
-            self.result,
+            n=self.config.n_particles,
+            layer=layer,
+            last=layer == self.config.n_layers - 1,
+            survival_rate=self.config.survival_rates[layer],
+            given_beta=beta,
+            seeds=self._seeds,
+            frames=self.frame,
+            errors=errors,
+            weights=self.weights,
+            parents=self.parents,
+            result=self.result,
         )
 
     def _anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
@@ -156,21 +153,21 @@ class ParticleSet:
             self._kernel("anneal_diffuse"),
             (-(-n // share) * self._group, self.n_runs),
             (self._group, 1),
-            np.int32(n),
-            np.int32(layer),
-            np.float32(config.layer_noise[layer + 1]),
-            np.int32(share),
-            np.float32(config.survival_rates[layer]),
-            self._seeds,
-            self.frame,
-            self._sigmas,
-            self._limits,
-            errors,
-            self.sets[source],
-            self.weights,
-            self.parents,
-            self.result,
-            self.sets[1 - source],
+            n=n,
+            layer=layer,
+            noise=config.layer_noise[layer + 1],
+            share=share,
+            survival_rate=config.survival_rates[layer],
+            seeds=self._seeds,
+            frames=self.frame,
+            sigmas=self._sigmas,
+            limits=self._limits,
+            errors=errors,
+            poses=self.sets[source],
+            weights=self.weights,
+            parents=self.parents,
+            result=self.result,
+            children=self.sets[1 - source],
         )
         self._diffusions.append((layer + 1, launch))
         return launch
@@ -181,10 +178,10 @@ class ParticleSet:
             self._kernel("estimate"),
             (self.n_dof * self._group, self.n_runs),
             (self._group, 1),
-            np.int32(self.config.n_particles),
-            self.weights,
-            self.sets[source],
-            self.result,
+            n=self.config.n_particles,
+            weights=self.weights,
+            poses=self.sets[source],
+            result=self.result,
         )
 
     def end_frame(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
@@ -194,17 +191,17 @@ class ParticleSet:
             self._kernel("settle"),
             (self.result.size + information.size + misfit.size,),
             None,
-            np.int32(self.n_runs),
-            np.float32(self.config.velocity),
-            np.int32(self.result.size),
-            np.int32(information.size),
-            self.frame,
-            self.result,
-            shift,
-            information,
-            misfit,
-            self.motion,
-            report,
+            n_runs=self.n_runs,
+            velocity=self.config.velocity,
+            n_result=self.result.size,
+            n_information=information.size,
+            frames=self.frame,
+            result=self.result,
+            shift=shift,
+            information=information,
+            misfits=misfit,
+            motion=self.motion,
+            report=report,
         )
 
     def _kernel(self, name: str) -> Kernel:

@@ -70,59 +70,68 @@ class Refinement:
         self, step: int, points: Array, results: Array, poses: Array, reach: float
     ) -> list[Launch]:
         """From `poses` on to the next ones, and the linear system there."""
-        taken = (self._sigma, self._limits, results, poses, self._parts[step % 2])
-        found = (self._least, self._shift, self._poses[step % 2])
-        first, weights = np.int32(step == 0), self._weights()
+        taken = self._taken(results, poses, step) | {
+            "first": step == 0,
+            "limits": self._limits,
+            "next": self._poses[step % 2],
+        }
         if not self.device.is_gpu:
             size = (self._defines["GROUP"] * self.n_poses,)
-            n_parts = np.int32(self._n_parts)
             return [
-                self._launch("refine_step", size, first, n_parts, *weights, *taken, *found),
+                self._launch("refine_step", size, n_parts=self._n_parts, **taken),
                 self._system(points, self._poses[step % 2], reach, step + 1),
             ]
         voxels = self._voxels(points, reach)
-        at = (*voxels[:3], *weights, *voxels[3:], *taken, *found, self._parts[(step + 1) % 2])
-        return [self._launch("refine_on", self._size(), first, *at)]
+        next_parts = self._parts[(step + 1) % 2]
+        return [self._launch("refine_on", self._size(), **voxels, **taken, next_parts=next_parts)]
 
     def _system(self, points: Array, poses: Array, reach: float, step: int) -> Launch:
-        parts = self._parts[step % 2]
-        return self._launch(
-            "refine_system", self._size(), *self._voxels(points, reach), poses, parts
-        )
+        voxels, parts = self._voxels(points, reach), self._parts[step % 2]
+        return self._launch("refine_system", self._size(), **voxels, poses=poses, parts=parts)
 
     def _end(self, step: int, results: Array, poses: Array) -> Launch:
         return self._launch(
             "refine_end",
             (self._defines["GROUP"] * self.n_poses,),
-            np.int32(self._n_parts),
-            *self._weights(),
-            self._sigma,
-            poses,
-            self._parts[step % 2],
-            self._least,
-            self._shift,
-            self.information,
-            results,
+            n_parts=self._n_parts,
+            **self._taken(results, poses, step),
+            information=self.information,
         )
 
-    def _voxels(self, points: Array, reach: float) -> tuple[Any, ...]:
-        """Arguments that say what the linear system is made of."""
-        n_points, scale = np.int32(self.config.n_points), np.float32(self.config.refine_scale)
-        return n_points, scale, np.float32(reach), points, self._body, self._moves
+    def _voxels(self, points: Array, reach: float) -> dict[str, Any]:
+        """What the linear system is made of, by the kernels' names."""
+        return {
+            "n_points": self.config.n_points,
+            "scale": self.config.refine_scale,
+            "reach": reach,
+            "points": points,
+            "table": self._body,
+            "moves": self._moves,
+        }
 
-    def _weights(self) -> tuple[np.float32, np.float32]:
-        """Of the voxels' mean in the cost, and of a voxel in the linear system."""
+    def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Any]:
+        """What a step reads and keeps, by the kernels' names. strength, weight: of the voxels'
+        mean in the cost, and of a voxel in the linear system."""
         strength = self.config.refine_strength / self.config.n_points
-        return np.float32(strength), np.float32(strength / self.config.refine_scale**2)
+        return {
+            "strength": strength,
+            "weight": strength / self.config.refine_scale**2,
+            "sigma": self._sigma,
+            "means": results,
+            "poses": poses,
+            "parts": self._parts[step % 2],
+            "least": self._least,
+            "shifts": self._shift,
+        }
 
     def _size(self) -> tuple[int, int]:
         """A work-group for every part of every pose's voxels."""
         return self._n_parts * self._defines["GROUP"], self.n_poses
 
-    def _launch(self, name: str, size: tuple[int, ...], *args: Any) -> Launch:
+    def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Any) -> Launch:
         kernel = self.device.kernel("tracking/refinement", name, **self._defines)
         group = (self._defines["GROUP"], *[1] * (len(size) - 1))
-        return self.device.launch(kernel, size, group, *args)
+        return self.device.launch(kernel, size, group, **arguments)
 
     def _check_room(self, row: int) -> None:
         """row: floats per row of the linear system. The kernel's arrays: `workspace` and system."""

@@ -61,9 +61,9 @@ class SirParticleFilter(DeviceTracker):
             self.device.kernel("tracking/sir", "squared_errors"),
             (n,),
             None,
-            np.int32(n),
-            self.likelihood.errors,
-            self._squared,
+            n=n,
+            errors=self.likelihood.errors,
+            squared=self._squared,
         )
         return [
             particles.diffuse(0, source),

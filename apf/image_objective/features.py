@@ -52,9 +52,12 @@ class Features:
         self._edges = device.empty(shape, np.uint8, "the edges")
         self._pictures: Array | None = None  # what edges are made of beside the silhouette's input
         sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
-        self._where = (self._silhouette.evidence, sizes, self.roi)
+        self._where = {"sizes": sizes, "regions": self.roi}
+        self._evidence = self._silhouette.evidence
         kernel = self._kernel("region")
-        region = device.launch(kernel, (len(rig) * _GROUP,), (_GROUP,), *self._where)
+        region = device.launch(
+            kernel, (len(rig) * _GROUP,), (_GROUP,), **self._where, evidence=self._evidence
+        )
         self._launches = [region, *self._edge_launches(), *self._distance_launches()]
 
     def __call__(self, frame: Frame) -> Array:
@@ -71,35 +74,37 @@ class Features:
 
     def _edge_launches(self) -> list[Launch]:
         device, shape = self.device, self._edges.shape
+        found = {"evidence": self._evidence, "edges": self._edges}
         if self.config.edges == "outline":
-            return [self._launch("outline_edges", 0, *self._where, self._edges)]
+            return [self._launch("outline_edges", 0, **found)]
         if self.config.edges == "canny":
             self._pictures = device.empty(shape, np.uint8, "the edges")
-            arrays = (self._pictures, *self._where, self._edges)
-            return [self._launch("masked_edges", 0, *arrays)]
+            return [self._launch("masked_edges", 0, candidates=self._pictures, **found)]
         images = self._silhouette.input
         if self._background is None:
             images = self._pictures = device.empty((*shape, 3), np.uint8, "the pictures")
-        planes = [
-            device.empty((*shape[:2], self.rig.width + _STRIP), np.int16, "the gradients")
-            for _ in range(2)
-        ]
+        planes = {
+            name: device.empty((*shape[:2], self.rig.width + _STRIP), np.int16, "the gradients")
+            for name in ("derivatives", "smooth")
+        }
         above_below = 4
         return [
-            self._launch("gradient_rows", above_below, images, *self._where[1:], *planes),
-            self._launch("gradient_edges", 0, *planes, *self._where, self._edges),
+            self._launch("gradient_rows", above_below, images=images, **planes),
+            self._launch("gradient_edges", 0, **planes, **found),
         ]
 
     def _distance_launches(self) -> list[Launch]:
-        evidence = self._where[0]
         table = self.config.proximity.table(self.rig)
-        return distance_launches(self.device, evidence, self._edges, self.roi, table, self.maps)
+        return distance_launches(
+            self.device, self._evidence, self._edges, self.roi, table, self.maps
+        )
 
-    def _launch(self, name: str, more_rows: int, *arrays: Array) -> Launch:
+    def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
         strips = name.startswith("gradient")
         width = -(-self.rig.width // _STRIP) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
-        return self.device.launch(self._kernel(name), size, row_group(self.device, width), *arrays)
+        group = row_group(self.device, width)
+        return self.device.launch(self._kernel(name), size, group, **self._where, **arrays)
 
     def _kernel(self, name: str) -> Any:
         config, rig = self.config, self.rig
@@ -138,13 +143,19 @@ def distance_launches(
             device.kernel("image/distance", "column_gaps", **defines),
             (pitch, views),
             (64, 1),
-            *(edges, roi, gaps),
+            edges=edges,
+            regions=roi,
+            gaps=gaps,
         ),
         device.launch(
             device.kernel("image/distance", "nearest_edge", **defines),
             (strips, height, views),
             row_group(device, strips),
-            *(evidence, gaps, roi, proximity, maps),
+            evidence=evidence,
+            gaps=gaps,
+            regions=roi,
+            proximity=proximity,
+            maps=maps,
         ),
     ]
 

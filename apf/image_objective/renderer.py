@@ -77,11 +77,16 @@ class Renderer:
             kernel,
             (self.n_hypotheses * rows, len(self.rig)),
             (rows, 1),
-            np.int32(self.n_hypotheses),
-            *shapes,
-            np.int32(self.rig.height),
-            np.int32(silhouettes.shape[-1]),
-            *(roi, self._labels, silhouettes, proximity, self.counts, pictures),
+            n_particles=self.n_hypotheses,
+            **shapes,
+            height=self.rig.height,
+            pitch=silhouettes.shape[-1],
+            roi=roi,
+            labels=self._labels,
+            silhouettes=silhouettes,
+            proximity=proximity,
+            counts=self.counts,
+            pictures=pictures,
         )
         return [*self._kinematics.launcher(poses), self._place(), count]
 
@@ -89,8 +94,8 @@ class Renderer:
         """Return the launch that projects the posed body into the pictures."""
         raise NotImplementedError
 
-    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
-        """Return stage and first arguments of the counting kernel, and defines of its own."""
+    def _shapes(self) -> tuple[str, dict[str, Array], dict[str, int]]:
+        """Return stage and own arguments of the counting kernel, and defines of its own."""
         raise NotImplementedError
 
 
@@ -129,12 +134,15 @@ class FlatRenderer(Renderer):
             kernel,
             (self.n_hypotheses * self.n_parts, len(self.rig)),
             (64, 1),
-            np.int32(self.n_hypotheses),
-            *(self._kinematics.cones, self._cameras, self._edged, self._parts),
+            n_particles=self.n_hypotheses,
+            cones=self._kinematics.cones,
+            cameras=self._cameras,
+            edged=self._edged,
+            parts=self._parts,
         )
 
-    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
-        return "image/render", (self._parts,), {"PART_WORDS": _PART_WORDS}
+    def _shapes(self) -> tuple[str, dict[str, Array], dict[str, int]]:
+        return "image/render", {"all_parts": self._parts}, {"PART_WORDS": _PART_WORDS}
 
 
 class MeshRenderer(Renderer):
@@ -174,15 +182,20 @@ class MeshRenderer(Renderer):
             kernel,
             (n_corners, self.n_hypotheses, len(self.rig)),
             (min(64, n_corners), 1, 1),
-            np.int32(self.n_hypotheses),
-            *(self._kinematics.cones, self._cameras, self._binds, self._bones, self._pixels),
+            n_particles=self.n_hypotheses,
+            frames=self._kinematics.cones,
+            cameras=self._cameras,
+            binds=self._binds,
+            bind_bones=self._bones,
+            pixels=self._pixels,
         )
 
-    def _shapes(self) -> tuple[str, tuple[Array, ...], dict[str, int]]:
+    def _shapes(self) -> tuple[str, dict[str, Array], dict[str, int]]:
         room = _GPU_BYTES if self.device.is_gpu else _CPU_BYTES
         band = max(1, room // (8 * self.n_parts) - 2 - _PACK)
         bands = {"N_LINES": self._lines.shape[0], "BAND": min(band, self.rig.height)}
-        arrays = (self._pixels, self._lines, self._owners, self._edged)
+        arrays = {"all_pixels": self._pixels, "lines": self._lines, "owners": self._owners}
+        arrays["edged"] = self._edged
         return "image/render_mesh", arrays, {**self._sizes, **bands}
 
 

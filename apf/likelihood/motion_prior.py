@@ -38,12 +38,12 @@ class Smoothness:
                 self._kernel("add_jumps"),
                 (poses.shape[0],),
                 None,
-                np.int32(poses.shape[0]),
-                np.float32(weight),
-                self._scales,
-                self.motion,
-                poses,
-                errors,
+                n=poses.shape[0],
+                weight=weight,
+                scales=self._scales,
+                motion=self.motion,
+                poses=poses,
+                errors=errors,
             )
         ]
 
@@ -54,9 +54,9 @@ class Smoothness:
                 self._kernel("expect"),
                 (self._n_dof,),
                 None,
-                np.float32(self.config.velocity),
-                pose,
-                self.motion,
+                velocity=self.config.velocity,
+                pose=pose,
+                motion=self.motion,
             )
         ]
 

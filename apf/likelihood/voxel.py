@@ -21,8 +21,6 @@ from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
 _GROUP = 256
-#: Place of the grid's position among the arguments of `sample_surface`.
-_PLACE = 5
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
@@ -115,8 +113,8 @@ class VoxelLikelihood(Likelihood):
             self._sample_surface = self._surface_launch(voxels)
         if voxels.grid is not self._grid:
             self._grid = voxels.grid
-            place = np.array([*voxels.grid.origin, voxels.grid.voxel_size], np.float32)
-            self._sample_surface.set_arg(_PLACE, place)
+            position = [*voxels.grid.origin, voxels.grid.voxel_size]
+            self._sample_surface.set(origin_size=position)
         self._sample_surface()
         if self._coverage is not None:
             self._coverage.observe()
@@ -178,26 +176,26 @@ class VoxelLikelihood(Likelihood):
             self._kernel("score_poses"),
             pack_size(n, self._defines),
             (self._defines["GROUP"],),
-            np.int32(n),
-            poses,
-            self._body,
-            np.int32(len(self.rig)),
-            np.int32(self.rig.width),
-            np.int32(self.rig.height),
-            self._cameras,
-            self._reprojection.maps,
-            self._rows,
-            np.int32(config.n_points),
-            np.int32(place[0]),
-            np.int32(place[1]),
-            np.float32(config.surface_scale),
-            self.points,
-            np.int32(self._n_pairs),
-            self._pairs,
-            self._habits,
-            weights,
-            np.float32(posture),
-            errors,
+            n_particles=n,
+            poses=poses,
+            table=self._body,
+            n_views=len(self.rig),
+            width=self.rig.width,
+            height=self.rig.height,
+            cameras=self._cameras,
+            maps=self._reprojection.maps,
+            row_table=self._rows,
+            n_points=config.n_points,
+            first_point=place[0],
+            stride=place[1],
+            scale=config.surface_scale,
+            points=self.points,
+            n_pairs=self._n_pairs,
+            pairs=self._pairs,
+            habits=self._habits,
+            weights=weights,
+            posture=posture,
+            errors=errors,
         )
 
     def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
@@ -228,13 +226,13 @@ class VoxelLikelihood(Likelihood):
             self._kernel("sample_surface"),
             (self.config.n_points,),
             None,
-            np.int32(self.config.n_points),
-            voxels.count,
-            voxels.surface,
-            np.int32(voxels.grid.shape[1]),
-            np.int32(voxels.grid.shape[2]),
-            np.zeros(4, np.float32),
-            self.points,
+            n_points=self.config.n_points,
+            count=voxels.count,
+            surface=voxels.surface,
+            ny=voxels.grid.shape[1],
+            nz=voxels.grid.shape[2],
+            origin_size=(0.0, 0.0, 0.0, 0.0),
+            points=self.points,
         )
 
     def _kernel(self, name: str) -> Any:

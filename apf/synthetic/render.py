@@ -51,41 +51,59 @@ class Renderer:
         self._balls = device.empty((balls, 4), np.float32)
         tile_grid = (-(-width // TILE), -(-height // TILE), views)
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
-        centre = np.zeros(2, np.float32)
+        centre = (0.0, 0.0)
         grid, group = (width, height, views), (16, 4, 1)
+        room = {"cameras": cameras, "distance": distance, "floor_point": floor}
         device.launch(
-            device.kernel(_STAGE, "empty_room", **defines), grid, group, cameras,
-            device.to_device(furniture.posters), device.to_device(furniture.boxes),
-            np.int32(seed), self.room, distance, floor,
-        )()  # fmt: skip
+            device.kernel(_STAGE, "empty_room", **defines),
+            grid,
+            group,
+            **room,
+            posters=device.to_device(furniture.posters),
+            boxes=device.to_device(furniture.boxes),
+            seed=seed,
+            picture=self.room,
+        )()
         self._shadow = device.launch(
-            device.kernel(_STAGE, "floor_shadow", **defines), (SHADOW_SIZE, SHADOW_SIZE), (16, 4),
-            self._balls, centre, shadow,
-        )  # fmt: skip
+            device.kernel(_STAGE, "floor_shadow", **defines),
+            (SHADOW_SIZE, SHADOW_SIZE),
+            (16, 4),
+            balls=self._balls,
+            centre=centre,
+            shadow=shadow,
+        )
+        body = {"primitives": self._primitives, "tiles": tiles}
         self._bin = device.launch(
-            device.kernel(_STAGE, "bin_primitives", **defines), tile_grid, (4, 4, 1), cameras,
-            self._primitives, tiles,
-        )  # fmt: skip
-        self._render = device.launch(
-            device.kernel(_STAGE, "render", **defines), grid, group, cameras, self._primitives,
-            tiles, palette, self.room, distance, floor, shadow, centre, self.picture,
-            self.mask, self.depth,
-        )  # fmt: skip
-        self._smooth = device.launch(
-            device.kernel(_STAGE, "smooth_edges", **defines), grid, group, cameras,
-            self._primitives, tiles, palette, self.room, distance, floor, shadow, centre, self.mask,
-            self.picture,
-        )  # fmt: skip
+            device.kernel(_STAGE, "bin_primitives", **defines),
+            tile_grid,
+            (4, 4, 1),
+            cameras=cameras,
+            **body,
+        )
+        drawn = {"room": self.room, "shadow": shadow, "picture": self.picture, "mask": self.mask}
+        drawn["palette"] = palette
+        self._render, self._smooth = (
+            device.launch(
+                device.kernel(_STAGE, name, **defines),
+                grid,
+                group,
+                **room,
+                **body,
+                **drawn,
+                **more,
+                centre=centre,
+            )
+            for name, more in (("render", {"depth": self.depth}), ("smooth_edges", {}))
+        )
 
     def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
         """primitives (P, 32) and balls (S, 4) float32 as packed by `Flesh`; centre (2,) m of the
         floor's shadow map."""
         self._primitives.set(primitives)
         self._balls.set(balls)
-        centre = np.asarray(centre, np.float32)
         self._bin()
-        for launch, index in ((self._shadow, 1), (self._render, 8), (self._smooth, 8)):
-            launch.set_arg(index, centre)
+        for launch in (self._shadow, self._render, self._smooth):
+            launch.set(centre=centre)
             launch()
 
 

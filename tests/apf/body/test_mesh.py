@@ -10,11 +10,11 @@ import trimesh
 from helpers import bodies, rendered, scenes
 
 import apf.image_objective.renderer
-from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
+from apf.reference.objective import NumpyImageObjective
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 
@@ -100,7 +100,7 @@ def test_errors_equal_the_twins(device: Device) -> None:
     observed, poses = rendered.random_maps(rig), rendered.scattered_poses(body, 5)
     objective = ImageObjective(Scene(device, rig, None, body), 5, config)
     objective.observe(observed.on(device))
-    twin = objective_for(Scene(NumpyDevice(), rig, None, body), 5, config)
+    twin = NumpyImageObjective(Scene(NumpyDevice(), rig, None, body), 5, config)
     twin.observe(observed)
     errors = rendered.errors_of(device, objective, poses)
     np.testing.assert_allclose(errors, twin(poses), atol=2e-3)

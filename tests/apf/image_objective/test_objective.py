@@ -10,14 +10,13 @@ import pytest
 from helpers import bodies, rendered, scenes
 from helpers.shared import shared_data
 
-from apf.backend import objective_for
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import CONE_FLOATS
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
-from apf.reference.objective import objective_values
+from apf.reference.objective import NumpyImageObjective, objective_values
 from apf.reference.render import flat_body
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
@@ -149,7 +148,7 @@ def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> Non
     observed = rendered.random_maps(rig, n_labels)
     poses = rendered.scattered_poses(body, 9)
     objective = ImageObjective(Scene(device, rig, None, body), 9, config)
-    twin = objective_for(Scene(NumpyDevice(), rig, None, body), 9, config)
+    twin = NumpyImageObjective(Scene(NumpyDevice(), rig, None, body), 9, config)
     twin.observe(observed)
     expected = twin(poses)
     for _ in range(2):  # what is left of a frame does not reach the next

@@ -1,0 +1,108 @@
+"""What each device gets: kernels on OpenCL, twins on NumPy, of one kind and one result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.worlds import World
+
+from apf.backend import (
+    device_tracker,
+    features_for,
+    filter_for,
+    observer_for,
+    pictures_for,
+    shares_launches,
+    tracker_for,
+)
+from apf.body.mesh import cone_mesh
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.base import DeviceTracker, Tracker
+from apf.filters.method import SEARCHES, Method
+from apf.filters.sir import SirParticleFilter
+from apf.filters.swarm import ParticleSwarm
+from apf.image_objective.features import Features
+from apf.reference.annealed import NumpyAnnealedParticleFilter
+from apf.reference.base import NumpyTracker
+from apf.reference.features import NumpyFeatures
+from apf.reference.sir import NumpySirParticleFilter
+from apf.reference.swarm import NumpyParticleSwarm
+from apf.scene import Scene
+from cl import Device, DeviceError, NumpyDevice
+
+DEVICE = {"apf": AnnealedParticleFilter, "pso": ParticleSwarm, "sir": SirParticleFilter}
+NUMPY = {
+    "apf": NumpyAnnealedParticleFilter,
+    "pso": NumpyParticleSwarm,
+    "sir": NumpySirParticleFilter,
+}
+STICK = bodies.named("stick")
+
+
+@pytest.mark.parametrize("objective", ["voxel", "sp"])
+@pytest.mark.parametrize("search", SEARCHES)
+def test_trackers(device: Device, search: str, objective: str) -> None:
+    world = World(device, STICK, voxel=0.2)
+    method = Method.of(search, objective)
+    on_device = tracker_for(world.scene(), method)
+    twin = tracker_for(world.scene(NumpyDevice()), method)
+    assert type(on_device) is DEVICE[search] and type(twin) is NUMPY[search]
+    assert isinstance(on_device, DeviceTracker) and isinstance(twin, NumpyTracker)
+    assert isinstance(on_device, Tracker) and isinstance(twin, Tracker)
+
+
+def test_the_filter_of_voxels(device: Device) -> None:
+    world = World(device, STICK, voxel=0.2)
+    config = Method().filter
+    assert type(filter_for(world.scene(), config)) is AnnealedParticleFilter
+    assert type(filter_for(world.scene(NumpyDevice()), config)) is NumpyAnnealedParticleFilter
+
+
+def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: Device) -> None:
+    world = World(device, STICK, voxel=0.2)
+    assert shares_launches(device, Method())
+    assert not shares_launches(NumpyDevice(), Method())
+    assert not shares_launches(device, Method.of("pso"))
+    assert not shares_launches(device, Method.of("apf", "sp"))
+    song = World(device, voxel=0.2)
+    tracker = device_tracker(song.scene(), Method.of(n_particles=50, n_layers=2), [0, 7])
+    tracker.start(song.pose(0))
+    assert len(tracker.step_runs(song.voxels(0))) == 2
+    with pytest.raises(DeviceError):
+        device_tracker(world.scene(NumpyDevice()), Method())
+
+
+@pytest.mark.parametrize("kind", ["opencl", "numpy"])
+def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
+    chosen = device if kind == "opencl" else NumpyDevice()
+    world = World(device, STICK, voxel=0.2)
+    masks = scenes.masks_of(world.rig)
+
+    class Footage:
+        rig, background, has_images = world.rig, None, False
+
+    method = Method.of("pso", "sp")
+    seen = observer_for(chosen, Footage(), None, method)(scenes.frame(masks=masks))
+    assert type(seen) is type(features_for(chosen, world.rig, None))
+    assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)
+    assert seen.config == replace(method.features, edges="outline")  # there are no pictures
+    voxels = observer_for(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
+    assert len(voxels.cloud().indices)
+
+
+@pytest.mark.parametrize("shape", ["trapezoids", "round ends", "mesh"])
+def test_pictures_of_both_devices_are_the_same_but_for_the_boundary(
+    device: Device, shape: str
+) -> None:
+    body, rig = STICK, scenes.ring(2, (161, 123))
+    mesh = cone_mesh(body, 18) if shape == "mesh" else None
+    poses = np.stack([body.rest_pose, 0.9 * body.rest_pose])
+    drawn, expected = (
+        pictures_for(Scene(chosen, rig, None, body), poses, mesh, shape == "round ends")
+        for chosen in (device, NumpyDevice())
+    )
+    assert drawn.shape == expected.shape == (2, 2, 123, 161, 2) and expected[..., 0].any()
+    assert np.count_nonzero(drawn != expected) <= 4 + 2e-3 * np.count_nonzero(expected[..., 0])
