@@ -25,6 +25,24 @@ def test_paths_and_links_exist(page: Path) -> None:
     assert not missing
 
 
+def test_paths_named_in_the_code_exist() -> None:
+    """In comments and docstrings; a path may begin in its package or among the kernels."""
+    missing = []
+    for package in ("cl", "psfs", "apf", "tests", "scripts"):
+        for file in sorted((ROOT / package).rglob("*.*")):
+            if file.suffix not in (".py", ".cl", ".h"):
+                continue
+            named = re.findall(r"\b((?:[a-z_]+/)+[a-z_]+\.(?:py|cl|h))\b", file.read_text())
+            starts = (ROOT, ROOT / package, *(ROOT / name for name in ("psfs", "apf", "tests")))
+            starts += (ROOT / "cl" / "kernels", file.parent)
+            missing += [
+                f"{file.relative_to(ROOT)}: {path}"
+                for path in named
+                if not any((start / path).exists() for start in starts)
+            ]
+    assert not missing
+
+
 def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text().splitlines()) < 150
 

@@ -2,8 +2,9 @@
 
 A primitive is a sphere of changing radius swept along a segment, squashed across it; with a
 segment of length zero it is an ellipsoid. Primitives of one group melt into each other (smooth
-minimum, see `cl/kernels/scene_person.h`); groups meet sharply, so that a hand that swings past the
-thigh does not stick to it. Numbers are metres on a person of 1.76 m, in the frame of the bone.
+minimum, see `cl/kernels/synthetic/scene_person.h`); groups meet sharply, so that a hand that swings
+past the thigh does not stick to it. Numbers are metres on a person of 1.76 m, in the frame of the
+bone.
 """
 
 from __future__ import annotations

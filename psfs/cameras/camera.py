@@ -1,7 +1,7 @@
 """Calibrated cameras: what they are and how they project (Brown-Conrady, OpenCV conventions).
 
 World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right,
-y down; pixel centres at integer coordinates. `cl/kernels/camera.h` is the OpenCL counterpart.
+y down; pixel centres at integer coordinates. OpenCL's counterpart: `cl/kernels/common/camera.h`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """What bricks of voxels share: extremes of the evidence in tiles, and how far a camera's lens
-carries a box. Counterpart of cl/kernels/bricks.h."""
+carries a box. Counterpart of cl/kernels/reconstruction/bricks.h."""
 
 from __future__ import annotations
 
