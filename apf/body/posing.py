@@ -1,4 +1,4 @@
-"""Forward kinematics of all particles on the device (kernel: kinematics.cl)."""
+"""Forward kinematics of all particles on the device (kernel: tracking/kinematics.cl)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from apf.body.model import AXES, BodyModel
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines, pack_size
 
-#: Place in a cone's row where the kernel finds the number of its bone.
-_BONE_PLACE = 11
+#: Column of a cone's row where the kernel finds the number of its bone.
+_BONE_COLUMN = 11
 _GROUP = 64
 
 
@@ -31,7 +31,7 @@ class Kinematics:
         self.cones = device.empty(shape, np.float32, "the posed cones")
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """The launches that pose all cones of `poses` (N, D) float32, arguments set."""
+        """Return the launches that pose all cones of `poses` (N, D) float32."""
         defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
         return [
             self.device.launch(
@@ -47,7 +47,7 @@ class Kinematics:
 
 
 def body_defines(body: BodyModel) -> dict[str, int]:
-    """The defines of kinematics.h."""
+    """Return the defines of kinematics.h."""
     return {
         "N_DOF": body.n_dof,
         "N_BONES": len(body.bones),
@@ -57,7 +57,7 @@ def body_defines(body: BodyModel) -> dict[str, int]:
 
 
 def bone_levels(body: BodyModel) -> list[int]:
-    """How deep each bone lies in the tree; 0 for a root."""
+    """Return how deep each bone lies in the tree; 0 for a root."""
     levels: list[int] = []
     for bone in body.bones:
         levels.append(levels[bone.parent] + 1 if bone.parent >= 0 else 0)
@@ -66,13 +66,13 @@ def bone_levels(body: BodyModel) -> list[int]:
 
 @lru_cache(maxsize=4)  # a tracker asks for it once per layer
 def pack_body(body: BodyModel) -> np.ndarray:
-    """The table of kinematics.h, float32: bones (B, 16), free axes (D, 4), cones (C, CONE_FLOATS),
-    one after the other; not to be written to."""
+    """Return the table of kinematics.h, float32, not to be written to: bones (B, 16), free axes
+    (D, 4), cones (C, CONE_FLOATS), one after the other."""
     bones: list[np.ndarray] = []
     axes: list[tuple[int, int, int, int]] = []
     for bone, level in zip(body.bones, bone_levels(body), strict=True):
-        place = [bone.parent, len(axes), len(bone.axes), level]
-        bones.append(np.concatenate([place, bone.rest.ravel(), bone.offset]))
+        links = [bone.parent, len(axes), len(bone.axes), level]
+        bones.append(np.concatenate([links, bone.rest.ravel(), bone.offset]))
         axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
     cones = np.zeros((len(body.cones), CONE_FLOATS))
     for row, cone in zip(cones, body.cones, strict=True):
@@ -81,7 +81,7 @@ def pack_body(body: BodyModel) -> np.ndarray:
         row[4:7], row[7] = cone.end, cone.radii[1]
         row[8:11] = cone.side / cone.scale[0]
         row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
-        row[_BONE_PLACE] = cone.bone
+        row[_BONE_COLUMN] = cone.bone
     tables = (np.array(bones), np.array(axes), cones)
     packed = np.concatenate([table.ravel() for table in tables]).astype(np.float32)
     packed.flags.writeable = False

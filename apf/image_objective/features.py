@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from apf.image_objective.config import FeatureConfig
 from cl import Array, Device, InputError, Launch
+from cl.launch import Kernel
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 from psfs.config import SilhouetteConfig
@@ -26,14 +27,16 @@ _STRIP = 8
 
 
 class Features:
-    """`features(frame)`: the silhouettes and edges of a frame's pictures, on the device.
+    """Makes the silhouettes and edges of a frame's pictures on the device: `features(frame)`.
 
     maps: (V, H, W, 2) uint8, silhouette 0 or 255 and edge proximity 0..255, both 0 outside the
     region. roi: (V, 4) int32 x0, y0, x1, y1, the ends excluded, all 0 for a view without
-    silhouette. The silhouette is where foreground is likelier than background; `background` None
-    takes the frames' masks. A call overwrites both and only enqueues work. Twin:
-    reference/features.py.
+    silhouette. labels: None, there are no segments. The silhouette is where foreground is likelier
+    than background; `background` None takes the frames' masks. A call overwrites both and only
+    enqueues work. Twin: reference/features.py.
     """
+
+    labels: Array | None = None
 
     def __init__(
         self,
@@ -61,7 +64,7 @@ class Features:
         self._launches = [region, *self._edge_launches(), *self._distance_launches()]
 
     def __call__(self, frame: Frame) -> Array:
-        """Enqueue the features of `frame`, return `maps`. Raises InputError without pictures."""
+        """Enqueue the features of `frame` and return `maps`. Raises InputError without pictures."""
         self._silhouette(frame_input(frame, self._background))
         if self._pictures is not None:
             images = edge_pictures(frame)
@@ -73,6 +76,7 @@ class Features:
         return self.maps
 
     def _edge_launches(self) -> list[Launch]:
+        """Return the launches that find the edges."""
         device, shape = self.device, self._edges.shape
         found = {"evidence": self._evidence, "edges": self._edges}
         if self.config.edges == "outline":
@@ -94,19 +98,21 @@ class Features:
         ]
 
     def _distance_launches(self) -> list[Launch]:
+        """Return the launches that fill `maps`."""
         table = self.config.proximity.table(self.rig)
         return distance_launches(
             self.device, self._evidence, self._edges, self.roi, table, self.maps
         )
 
     def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
+        """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
         strips = name.startswith("gradient")
         width = -(-self.rig.width // _STRIP) if strips else self.rig.width
         size = (width, self.rig.height + more_rows, len(self.rig))
         group = row_group(self.device, width)
         return self.device.launch(self._kernel(name), size, group, **self._where, **arrays)
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         config, rig = self.config, self.rig
         return self.device.kernel(
             "image/features",
@@ -126,7 +132,7 @@ class Features:
 def distance_launches(
     device: Device, evidence: Array, edges: Array, roi: Array, table: np.ndarray, maps: Array
 ) -> list[Launch]:
-    """The launches that fill `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).
+    """Return the launches that fill `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).
 
     Channel 0: 255 where `evidence` (V, H, W) int8 is positive. Channel 1: the entry of `table`
     (reach^2 + 2,) uint8 at the exact squared distance, px^2, to the nearest of the `edges`
@@ -161,7 +167,7 @@ def distance_launches(
 
 
 def edge_pictures(frame: Frame) -> np.ndarray:
-    """The frame's pictures; InputError if it has none to find edges in."""
+    """Return the frame's pictures. Raises InputError if it has none to find edges in."""
     if frame.images is None:
         raise InputError(
             f"frame {frame.index} has no pictures to find edges in; expected images, "
@@ -171,7 +177,7 @@ def edge_pictures(frame: Frame) -> np.ndarray:
 
 
 def canny_edges(images: np.ndarray, rig: CameraRig, config: FeatureConfig) -> np.ndarray:
-    """Canny's edges (V, H, W) uint8 0 or 255 of pictures (V, H, W, 3) uint8, by OpenCV.
+    """Find Canny's edges (V, H, W) uint8 0 or 255 in pictures (V, H, W, 3) uint8, by OpenCV.
 
     On the host: following weak edges from pixel to pixel is no work for a device, and a picture
     640 x 480 takes OpenCV about a millisecond.

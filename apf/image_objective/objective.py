@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -11,22 +11,30 @@ from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.renderer import renderer_for, silhouette_shape
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
-from cl import Array, Launch
+from cl import Array, InputError, Launch
+from cl.launch import Kernel
 from cl.workgroups import row_group
 
 _GROUP = 256
 
+A = TypeVar("A", covariant=True)
 
-class FeatureMaps(Protocol):
-    """What an image objective observes, on the device or, for the twin, as NumPy arrays.
 
-    maps: (V, H, W, 2) uint8 silhouette 0 or 255 and edge proximity 0..255. roi: (V, 4) int32 first
-    column and row and, excluded, the last; what lies outside counts nowhere. With labels also
-    `labels` (V, H, W) uint8, 0 where no segment is.
-    """
+class FeatureMaps(Protocol[A]):
+    """What an image objective observes: arrays on the device, or NumPy's for the twin."""
 
-    maps: Any
-    roi: Any
+    @property
+    def maps(self) -> A:
+        """(V, H, W, 2) uint8 silhouette 0 or 255 and edge proximity 0..255."""
+
+    @property
+    def roi(self) -> A:
+        """(V, 4) int32 first column and row and, excluded, the last; what lies outside counts
+        nowhere."""
+
+    @property
+    def labels(self) -> A | None:
+        """(V, H, W) uint8 segments, 0 where none is; None of features without segments."""
 
 
 class ImageObjective(Likelihood):
@@ -62,9 +70,15 @@ class ImageObjective(Likelihood):
         self._observed: tuple[Array | None, ...] = ()
         self._preparation: list[Launch] = []
 
-    def observe(self, observation: FeatureMaps) -> None:
-        """Enqueue the preparation of a frame's features."""
-        labels = observation.labels if self.config.labels else None  # type: ignore[attr-defined]
+    @property
+    def counts(self) -> Array:
+        """(V, N, 2 + 2 L) int32 pixels of the poses that were scored last, see `Renderer`."""
+        return self._renderer.counts
+
+    def observe(self, observation: FeatureMaps[Array]) -> None:
+        """Enqueue the preparation of a frame's features. Raises InputError where segments are
+        missing that the config has labels for."""
+        labels = segments(observation) if self.config.labels else None
         arrays = (observation.maps, observation.roi, labels)
         if not self._observed or any(
             new is not old for new, old in zip(arrays, self._observed, strict=True)
@@ -75,7 +89,7 @@ class ImageObjective(Likelihood):
             launch()
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """The launches that score `poses` (N, D) float32 into `errors`, arguments set."""
+        """Return the launches that score `poses` (N, D) float32 into `errors`."""
         config, n = self.config, self.n_hypotheses
         weights = (config.balance, config.silhouette_weight, config.edge_weight, 0.0)
         score = self.device.launch(
@@ -94,6 +108,7 @@ class ImageObjective(Likelihood):
         return [*self._renderer.launcher(poses, *arrays), score]
 
     def _prepare(self, maps: Array, roi: Array, labels: Array | None) -> list[Launch]:
+        """Return the launches that pack a frame's features and count their pixels."""
         views, n_labels, words, pitch = self._silhouettes.shape
         return [
             self.device.launch(
@@ -119,7 +134,7 @@ class ImageObjective(Likelihood):
             ),
         ]
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel(
             "image/objective",
             name,
@@ -128,3 +143,10 @@ class ImageObjective(Likelihood):
             KIND=OBJECTIVE_KINDS.index(self.config.kind),
             GROUP=_GROUP,
         )
+
+
+def segments(observation: FeatureMaps[A]) -> A:
+    """Return the segments of an observation. Raises InputError if it has none."""
+    if observation.labels is None:
+        raise InputError("features without segments for an objective with labels; expected some")
+    return observation.labels

@@ -88,9 +88,9 @@ class Renderer:
             counts=self.counts,
             pictures=pictures,
         )
-        return [*self._kinematics.launcher(poses), self._place(), count]
+        return [*self._kinematics.launcher(poses), self._projection(), count]
 
-    def _place(self) -> Launch:
+    def _projection(self) -> Launch:
         """Return the launch that projects the posed body into the pictures."""
         raise NotImplementedError
 
@@ -119,10 +119,10 @@ class FlatRenderer(Renderer):
         edged, free = cone_edges(body)
         table = np.stack([edged, free @ [1, 2]], -1).astype(np.int32)
         self._edged = device.to_device(table, "the parts with edges")
-        places = (len(rig), n, self.n_parts, _PART_WORDS)
-        self._parts = device.empty(places, np.float32, "the parts in the pictures")
+        shape = (len(rig), n, self.n_parts, _PART_WORDS)
+        self._parts = device.empty(shape, np.float32, "the parts in the pictures")
 
-    def _place(self) -> Launch:
+    def _projection(self) -> Launch:
         kernel = self.device.kernel(
             "image/parts",
             "place_parts",
@@ -169,7 +169,7 @@ class MeshRenderer(Renderer):
         pixels = (len(rig), n, len(binds), 2)
         self._pixels = device.empty(pixels, np.float32, "the projected vertices")
 
-    def _place(self) -> Launch:
+    def _projection(self) -> Launch:
         kernel = self.device.kernel(
             "image/skin",
             "project_vertices",

@@ -76,6 +76,8 @@ def proximity(edges: np.ndarray, table: np.ndarray) -> np.ndarray:
 class NumpyFeatures:
     """Same signature and results as `Features`; `maps` and `roi` are NumPy arrays."""
 
+    labels: np.ndarray | None = None
+
     def __init__(
         self,
         device: NumpyDevice,

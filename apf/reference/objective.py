@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
-from apf.image_objective.objective import FeatureMaps
+from apf.image_objective.objective import FeatureMaps, segments
 from apf.reference.likelihood import NumpyLikelihood
 from apf.reference.render import Picture, draw_hypotheses
 from apf.scene import Scene
@@ -85,11 +85,12 @@ class NumpyImageObjective(NumpyLikelihood):
         n_parts = self.mesh.n_parts if self.mesh else len(self.body.cones)
         self._labels = self.config.part_labels(n_parts)
 
-    def observe(self, observation: FeatureMaps) -> None:
-        """Take the features of a frame, NumPy arrays."""
+    def observe(self, observation: FeatureMaps[np.ndarray]) -> None:
+        """Take the features of a frame. Raises InputError where segments are missing that the
+        config has labels for."""
         self._maps, self._roi = observation.maps, observation.roi
         if self.config.labels:
-            self._segments = observation.labels  # type: ignore[attr-defined]
+            self._segments = segments(observation)
         else:
             self._segments = (self._maps[..., 0] > 127).astype(np.uint8)
 

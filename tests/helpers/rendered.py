@@ -105,7 +105,7 @@ def check_counts(
     objective = ImageObjective(Scene(device, rig, None, body), len(poses), config, mesh)
     objective.observe(observed.on(device))
     errors_of(device, objective, poses)
-    counts = objective._renderer.counts.get()
+    counts = objective.counts.get()
     pictures = draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
     label_of = np.array([0, *(labels or [1] * n_parts)])
     for v, (x0, y0, x1, y1) in enumerate(observed.roi):
