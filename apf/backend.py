@@ -24,14 +24,14 @@ from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.base import Likelihood
 from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference import render
-from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.base import NumpyTracker
-from apf.reference.features import NumpyFeatures
-from apf.reference.likelihood import NumpyLikelihood, NumpyVoxelLikelihood
-from apf.reference.objective import NumpyImageObjective
-from apf.reference.sir import NumpySirParticleFilter
-from apf.reference.swarm import NumpyParticleSwarm
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
+from apf.reference.filters.base import NumpyTracker
+from apf.reference.filters.sir import NumpySirParticleFilter
+from apf.reference.filters.swarm import NumpyParticleSwarm
+from apf.reference.image_objective import render
+from apf.reference.image_objective.features import NumpyFeatures
+from apf.reference.image_objective.objective import NumpyImageObjective
+from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for

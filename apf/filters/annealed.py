@@ -14,7 +14,7 @@ from cl import Launch
 
 
 class AnnealedParticleFilter(DeviceTracker):
-    """Tracks the body of a scene through its voxels. Twin: reference/annealed.py.
+    """Tracks the body of a scene through its voxels. Twin: reference/filters/annealed.py.
 
     With a `likelihood` of its own it tracks through whatever that observes, image features say, and
     the scene needs no grid. With several `seeds` it makes as many runs at once, each bit by bit

@@ -36,7 +36,7 @@ class LimbSearch:
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
-    wrong in the rest of the body. Twin: reference/limb_search.py, kernels: limb_search.cl.
+    wrong in the rest of the body. Twin: reference/filters/limb_search.py, kernels: limb_search.cl.
 
     Each of R runs, with a seed each, by default that of the config, is searched by itself.
     `shift` is the device array (R, D) of how far the estimates moved from the means; `information`

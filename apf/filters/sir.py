@@ -38,8 +38,8 @@ class SirParticleFilter(DeviceTracker):
 
     One layer: the errors of the likelihood, squared, stand for (1 - f)^2. config: n_particles,
     noise, velocity, seed, first_survival, and what refines an estimate; n_layers must be 1. The
-    pose is the weighted mean. Twin: reference/sir.py. Raises InputError for another number of
-    layers.
+    pose is the weighted mean. Twin: reference/filters/sir.py. Raises InputError for another number
+    of layers.
     """
 
     def __init__(

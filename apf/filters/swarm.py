@@ -105,7 +105,7 @@ class ParticleSwarm(DeviceTracker):
     config: n_particles, n_layers as the number of iterations (each scores all particles once),
     noise, velocity, seed, and what refines an estimate. An estimate's pose is the global best, its
     deviation that of the particles' own bests from it, ess the number of particles that improved
-    in each iteration; beta is 0. Twin: reference/swarm.py.
+    in each iteration; beta is 0. Twin: reference/filters/swarm.py.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ class Features:
     region. roi: (V, 4) int32 x0, y0, x1, y1, the ends excluded, all 0 for a view without
     silhouette. labels: None, there are no segments. The silhouette is where foreground is likelier
     than background; `background` None takes the frames' masks. A call overwrites both and only
-    enqueues work. Twin: reference/features.py.
+    enqueues work. Twin: reference/image_objective/features.py.
     """
 
     labels: Array | None = None

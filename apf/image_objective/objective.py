@@ -42,7 +42,7 @@ class ImageObjective(Likelihood):
 
     mesh: what is drawn, by default what `config` makes of the body's cones.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
-    match. Twin: reference/objective.py.
+    match. Twin: reference/image_objective/objective.py.
     """
 
     def __init__(

@@ -1,1 +1,2 @@
-"""The NumPy twins: plain, float64, the specification of the kernels of the same names."""
+"""The NumPy twins: plain, float64, the specification of the kernels; in the rooms of what they
+are twins of."""

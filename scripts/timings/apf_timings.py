@@ -15,7 +15,7 @@ import numpy as np
 
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.likelihood import NumpyVoxelLikelihood
+from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor

@@ -21,8 +21,8 @@ from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.opengl import OpenGLRenderer
-from apf.reference.objective import count_pixels, objective_values
-from apf.reference.render import Picture, draw_cones
+from apf.reference.image_objective.objective import count_pixels, objective_values
+from apf.reference.image_objective.render import Picture, draw_cones
 from apf.scene import Scene
 from cl import Device
 from psfs.cameras.camera import CameraRig

@@ -25,11 +25,11 @@ from apf.filters.method import SEARCHES, Method
 from apf.filters.sir import SirParticleFilter
 from apf.filters.swarm import ParticleSwarm
 from apf.image_objective.features import Features
-from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.base import NumpyTracker
-from apf.reference.features import NumpyFeatures
-from apf.reference.sir import NumpySirParticleFilter
-from apf.reference.swarm import NumpyParticleSwarm
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
+from apf.reference.filters.base import NumpyTracker
+from apf.reference.filters.sir import NumpySirParticleFilter
+from apf.reference.filters.swarm import NumpyParticleSwarm
+from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
 from cl import Device, DeviceError, NumpyDevice
 

@@ -13,7 +13,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood import posture_errors, share, total_errors
+from apf.reference.likelihood.voxel import posture_errors, share, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes

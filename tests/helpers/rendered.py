@@ -13,7 +13,7 @@ from apf.body.model import BodyModel
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses, whole_pictures
-from apf.reference import render
+from apf.reference.image_objective import render
 from apf.scene import Scene
 from cl import Device
 from helpers import bodies

@@ -1,5 +1,5 @@
 // Counter-based random numbers, Philox 4x32-10 (Salmon et al. 2011): the counterpart of
-// apf/reference/noise.py. The same key and counter give the same words on every device.
+// apf/reference/filters/noise.py. The same key and counter give the same words on every device.
 #include "common/pack.h"
 
 #define PHILOX(name, words, word) \

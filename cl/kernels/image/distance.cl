@@ -1,8 +1,9 @@
-// Exact Euclidean distance to the nearest edge within a region of every view, in two passes
-// (Saito & Toriwaki 1994), as a table of proximity says it; twin: reference/features.py. Defines:
-// WIDTH, HEIGHT of the stack of views; REACH, the largest distance that the table tells from
-// infinity, px. A region is (x0, y0, x1, y1), the ends excluded. `gaps` has PITCH columns, REACH of
-// them left of the picture and REACH + STRIP right of it, which spare the second pass its bounds.
+// Exact Euclidean distance to the nearest edge within a region of every view, in two passes (Saito
+// & Toriwaki 1994), as a table of proximity says it; twin: reference/image_objective/features.py.
+// Defines: WIDTH, HEIGHT of the stack of views; REACH, the largest distance that the table tells
+// from infinity, px. A region is (x0, y0, x1, y1), the ends excluded. `gaps` has PITCH columns,
+// REACH of them left of the picture and REACH + STRIP right of it, which spare the second pass its
+// bounds.
 #define STRIP 8
 #define PITCH (WIDTH + 2 * REACH + STRIP)
 

@@ -1,8 +1,8 @@
 // What image objectives compare a body with: region of interest and edges per view (Rymut 2016,
-// 2.1); twin: reference/features.py. Defines: WIDTH, HEIGHT of the stack of views; CELL, FILLED,
-// MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; PITCH, at least WIDTH + STRIP,
-// of the gradients' rows.
-// A region is (x0, y0, x1, y1), the ends excluded; work-item (0, 0) stands at its corner.
+// 2.1); twin: reference/image_objective/features.py. Defines: WIDTH, HEIGHT of the stack of views;
+// CELL, FILLED, MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; PITCH, at least
+// WIDTH + STRIP, of the gradients' rows. A region is (x0, y0, x1, y1), the ends excluded; work-item
+// (0, 0) stands at its corner.
 
 // Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
 // none of loops whose lengths are known to the device only.

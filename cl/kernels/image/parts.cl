@@ -1,6 +1,6 @@
 // All posed cones as parts of all pictures: the flat model of Rymut 2016, 4.3, or the same with the
-// round ends that the cones have in cones.h. Twin: reference/render.py. Defines: N_PARTS, and
-// ROUND_ENDS, 0 or 1.
+// round ends that the cones have in cones.h. Twin: reference/image_objective/render.py. Defines:
+// N_PARTS, and ROUND_ENDS, 0 or 1.
 #include "common/camera.h"
 #include "common/cones.h"
 #include "image/parts.h"

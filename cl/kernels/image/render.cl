@@ -1,5 +1,5 @@
 // Silhouettes and edges of all posed bodies in all cameras, counted where they are drawn. Twin:
-// reference/render.py. Defines: those of counting.h.
+// reference/image_objective/render.py. Defines: those of counting.h.
 //
 // One work-group per particle and camera, one work-item per PACK rows: of the parts that meet the
 // rows, near ones first, spans of pixels, then 32 pixels at a time as bits. No picture is stored.

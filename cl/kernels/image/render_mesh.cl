@@ -1,6 +1,6 @@
 // Silhouettes and edges of skinned meshes in all cameras, counted where they are drawn. Twin:
-// reference/render.py. Defines: those of counting.h, N_VERTICES, N_CORNERS, N_LINES, and BAND, the
-// rows whose spans local memory holds.
+// reference/image_objective/render.py. Defines: those of counting.h, N_VERTICES, N_CORNERS,
+// N_LINES, and BAND, the rows whose spans local memory holds.
 //
 // A part fills each row from its first pixel to its last, as convex ones do; its edge are the
 // pixels with one of four neighbours outside of it.

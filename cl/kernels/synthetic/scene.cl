@@ -1,5 +1,5 @@
 // The synthetic scene: a person (smooth union of squashed round cones, sphere traced) in a
-// textured room. The twin of the person's silhouette and depth is apf/reference/synthetic_scene.py.
+// textured room. The twin of the person's silhouette and depth is apf/reference/synthetic/scene.py.
 //
 // Defines: those of scene_person.h and scene_room.h; BALLS; SHADOW_SIZE (texels), SHADOW_STEP (m
 // per texel); WIDTH, HEIGHT, VIEWS; TILE (px), TILES_X, TILES_Y.

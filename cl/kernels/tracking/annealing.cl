@@ -1,6 +1,7 @@
 // One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean; of several
-// runs at once, whose particles follow each other and do not mix. Twin: reference/annealing.py.
-// Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS, ROUNDS and RUN; that of pack.h.
+// runs at once, whose particles follow each other and do not mix. Twin:
+// reference/filters/annealing.py. Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS,
+// ROUNDS and RUN; that of pack.h.
 #include "common/philox.h"
 #include "common/reduction.h"
 

@@ -1,4 +1,4 @@
-// How badly the poses of particles fit the voxels; twin: reference/likelihood.py.
+// How badly the poses of particles fit the voxels; twin: reference/likelihood/voxel.py.
 // Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
 // are in local memory at once, at most GROUP; NO_DISTORTION if no camera has any.
 #include "common/packed_cones.h"

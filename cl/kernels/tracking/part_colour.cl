@@ -1,5 +1,6 @@
 // What colour each part of the body has, and how badly poses go with it; twin:
-// reference/part_colour.py. Defines: those of kinematics.h; DARK, grey levels; LEAST_SAMPLES.
+// reference/likelihood/part_colour.py. Defines: those of kinematics.h; DARK, grey levels;
+// LEAST_SAMPLES.
 #include "common/packed_cones.h"
 #include "common/reduction.h"
 

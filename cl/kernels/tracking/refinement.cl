@@ -1,4 +1,5 @@
-// Gauss-Newton steps of the estimate against the surface voxels; twin: reference/refinement.py.
+// Gauss-Newton steps of the estimate against the surface voxels; twin:
+// reference/filters/refinement.py.
 // Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2) over the pose,
 // d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
 // that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,

@@ -1,6 +1,7 @@
 // How much of what the cameras see of the surface voxels the body covers; twin:
-// reference/silhouette_recall.py. Defines: GROUP and that of pack.h, whose packs are of samples here; VIEWS,
-// the cameras that a work-group looks at together, which divides GROUP; N_CONES.
+// reference/likelihood/silhouette_recall.py. Defines: GROUP and that of pack.h, whose packs are of
+// samples here; VIEWS, the cameras that a work-group looks at together, which divides GROUP;
+// N_CONES.
 #include "common/camera.h"
 #include "common/cones.h"
 

@@ -14,7 +14,7 @@ from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
-from apf.reference.objective import NumpyImageObjective
+from apf.reference.image_objective.objective import NumpyImageObjective
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 

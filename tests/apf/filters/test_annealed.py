@@ -19,15 +19,15 @@ from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
-from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.annealing import (
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
+from apf.reference.filters.annealing import (
     annealing_exponent,
     diffuse,
     effective_size,
     normalised_weights,
     systematic_parents,
 )
-from apf.reference.noise import normals, uniform
+from apf.reference.filters.noise import normals, uniform
 from cl import Device, InputError, Launch, NumpyDevice
 
 SONG, STICK = bodies.named("song31"), bodies.named("stick")

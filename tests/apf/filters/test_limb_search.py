@@ -16,8 +16,8 @@ from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import LimbSearch
 from apf.likelihood.base import Likelihood
-from apf.reference.likelihood import NumpyLikelihood, share
-from apf.reference.limb_search import propose, searched
+from apf.reference.filters.limb_search import propose, searched
+from apf.reference.likelihood.voxel import NumpyLikelihood, share
 from cl import Array, Device, Launch
 
 CONFIG = FilterConfig(n_particles=150, n_points=400, refine_steps=5, limb_spread=12.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from apf.reference.noise import normals, philox4x32, uniform, uniform01
+from apf.reference.filters.noise import normals, philox4x32, uniform, uniform01
 from cl import Device, Kernel
 
 #: philox4x32 10 of Random123's kat_vectors: counter, key, words.

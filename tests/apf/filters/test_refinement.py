@@ -14,7 +14,7 @@ from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
-from apf.reference.refinement import refined
+from apf.reference.filters.refinement import refined
 from cl import Device
 
 #: Without a prior that is worth mentioning.

@@ -13,8 +13,8 @@ from apf.body import BodyModel, load_body
 from apf.filters.config import FilterConfig
 from apf.filters.sir import SirConfig, SirParticleFilter
 from apf.filters.swarm import ParticleSwarm, SwarmConfig
-from apf.reference.sir import NumpySirParticleFilter
-from apf.reference.swarm import NumpyParticleSwarm
+from apf.reference.filters.sir import NumpySirParticleFilter
+from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 

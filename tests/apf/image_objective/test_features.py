@@ -11,7 +11,7 @@ from helpers import scenes
 
 from apf.image_objective.config import FeatureConfig, ProximityConfig
 from apf.image_objective.features import Features, distance_launches
-from apf.reference.features import NumpyFeatures, proximity, region, sobel_edges
+from apf.reference.image_objective.features import NumpyFeatures, proximity, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
 

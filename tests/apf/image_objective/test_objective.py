@@ -16,8 +16,8 @@ from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import cone_edges, whole_pictures
 from apf.initialisation.from_joints import fit_to_joints
-from apf.reference.objective import NumpyImageObjective, objective_values
-from apf.reference.render import flat_body
+from apf.reference.image_objective.objective import NumpyImageObjective, objective_values
+from apf.reference.image_objective.render import flat_body
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from apf.scene import Scene

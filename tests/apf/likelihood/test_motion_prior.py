@@ -14,8 +14,8 @@ from apf.body.kinematics import posed_cones
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.motion_prior import Smoothness
-from apf.reference.annealed import NumpyAnnealedParticleFilter
-from apf.reference.motion_prior import expectation, jump_errors
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
+from apf.reference.likelihood.motion_prior import expectation, jump_errors
 from cl import Device, NumpyDevice
 
 SONG = bodies.named("song31")

@@ -19,8 +19,13 @@ from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.likelihood import NumpyVoxelLikelihood, sampled_surface, share, surface_errors
-from apf.reference.part_colour import chromaticities, colour_errors, learnt
+from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
+from apf.reference.likelihood.voxel import (
+    NumpyVoxelLikelihood,
+    sampled_surface,
+    share,
+    surface_errors,
+)
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.reconstructor import Reconstructor

@@ -14,8 +14,8 @@ from apf.body import load_body
 from apf.body.cones import outlines
 from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig, likelihood_weights
-from apf.reference.likelihood import sampled_surface
-from apf.reference.silhouette_recall import covered, uncovered_errors
+from apf.reference.likelihood.silhouette_recall import covered, uncovered_errors
+from apf.reference.likelihood.voxel import sampled_surface
 from cl import Device
 
 SONG = load_body("song31")

@@ -15,7 +15,7 @@ from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood import (
+from apf.reference.likelihood.voxel import (
     image_errors,
     posture_errors,
     sampled_surface,

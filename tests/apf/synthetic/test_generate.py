@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from apf.reference.synthetic_scene import body_distance
+from apf.reference.synthetic.scene import body_distance
 from apf.synthetic.body import Flesh
 from apf.synthetic.gait import Gait
 from apf.synthetic.generate import BACKGROUND_FRAMES, generate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from apf.reference.synthetic_scene import silhouette
+from apf.reference.synthetic.scene import silhouette
 from apf.synthetic.body import Flesh
 from apf.synthetic.gait import Gait
 from apf.synthetic.render import Renderer

@@ -6,7 +6,7 @@ import numpy as np
 
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
-from apf.reference.annealing import (
+from apf.reference.filters.annealing import (
     annealing_exponent,
     diffuse,
     effective_size,
@@ -14,9 +14,9 @@ from apf.reference.annealing import (
     normalised_weights,
     systematic_parents,
 )
-from apf.reference.base import NumpyTracker
-from apf.reference.likelihood import NumpyLikelihood, NumpyVoxelLikelihood
-from apf.reference.noise import uniform
+from apf.reference.filters.base import NumpyTracker
+from apf.reference.filters.noise import uniform
+from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
 from apf.scene import Scene
 
 

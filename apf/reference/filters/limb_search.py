@@ -8,10 +8,10 @@ from apf.body.limbs import limb_masks
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import limb_ranges, n_near
-from apf.reference.annealing import reflected
-from apf.reference.likelihood import NumpyLikelihood
-from apf.reference.noise import normals, uniforms
-from apf.reference.refinement import refined
+from apf.reference.filters.annealing import reflected
+from apf.reference.filters.noise import normals, uniforms
+from apf.reference.filters.refinement import refined
+from apf.reference.likelihood.voxel import NumpyLikelihood
 
 
 def propose(

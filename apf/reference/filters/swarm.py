@@ -10,10 +10,10 @@ from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.filters.swarm import SwarmConfig
-from apf.reference.annealing import diffuse
-from apf.reference.base import NumpyTracker
-from apf.reference.likelihood import NumpyLikelihood
-from apf.reference.noise import philox4x32, uniform01
+from apf.reference.filters.annealing import diffuse
+from apf.reference.filters.base import NumpyTracker
+from apf.reference.filters.noise import philox4x32, uniform01
+from apf.reference.likelihood.voxel import NumpyLikelihood
 from apf.scene import Scene
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from apf.filters.base import Estimate, Tracker, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
-from apf.reference.likelihood import NumpyLikelihood
-from apf.reference.limb_search import searched
-from apf.reference.noise import normals
+from apf.reference.filters.limb_search import searched
+from apf.reference.filters.noise import normals
+from apf.reference.likelihood.voxel import NumpyLikelihood
 from apf.scene import Scene
 
 

@@ -13,9 +13,9 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import cone_sampling
-from apf.reference.motion_prior import expectation, jump_errors
-from apf.reference.part_colour import chromaticities, colour_errors, learnt
-from apf.reference.silhouette_recall import uncovered_errors
+from apf.reference.likelihood.motion_prior import expectation, jump_errors
+from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
+from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
 from cl import InputError, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig

@@ -1,0 +1,1 @@
+"""Twins of apf.filters and their kernels: the searches, step by step."""

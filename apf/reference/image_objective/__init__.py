@@ -1,0 +1,1 @@
+"""Twins of apf.image_objective and its kernels: features, rendering, objectives."""
