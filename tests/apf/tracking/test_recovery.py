@@ -8,11 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import bodies, scenes
+from helpers.walkers import GRID, SONG, surface_voxels, walker
 
 import apf.tracking.trackers
-from apf.body import load_body
-from apf.body.cones import distances
-from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.initialisation import StartError
@@ -30,7 +29,6 @@ from apf.tracking.recovery import (
 )
 from apf.tracking.trackers import watched
 from cl import Device, InputError
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 STICK = bodies.named("stick")
 
@@ -146,33 +144,6 @@ def test_settings_are_checked(wrong: dict) -> None:
         RecoveryConfig(**wrong)
 
 
-SONG = load_body("song31")
-GRID = VoxelGrid.covering(np.array([-0.8, -0.7, -0.1]), np.array([1.9, 0.7, 1.9]), 0.04)
-
-
-def walker(frame: int, jump: float = 0.0) -> np.ndarray:
-    """A pose (31,) of one who walks along x with an arm out, so that his front can be told."""
-    pose = SONG.rest_pose.copy()
-    for name, value in (
-        ("pelvis.tx", 0.012 * frame + jump),
-        ("l_upper_arm.rx", 0.9),
-        ("r_thigh.ry", 0.3),
-        ("l_calf.ry", 0.5),
-    ):
-        pose[SONG.dof_names.index(name)] += value
-    return pose
-
-
-def seen(device: Device, pose: np.ndarray | None) -> StoredVoxels:
-    """The surface voxels of a pose; none of None."""
-    indices = np.zeros(0, np.int32)
-    if pose is not None:
-        distance = distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
-        shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
-        indices = np.flatnonzero(shell).astype(np.int32)
-    return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))
-
-
 def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,7 +159,7 @@ def test_one_who_leaves_and_comes_back_elsewhere_is_tracked_again(
     poses = [*(walker(k) for k in range(4)), *[None] * 3, *(walker(k, 1.0) for k in range(7, 10))]
     method = Method.of(n_particles=100, n_layers=6)
     tracker = watched(Scene(device, scenes.ring(4), GRID, SONG), method)
-    frames = ((k, seen(device, pose)) for k, pose in enumerate(poses))
+    frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
     indices, estimates = track_voxels(tracker, walker(0), frames)
     track = track_of(SONG, 60.0, indices, estimates, {})
     # The search everywhere is tried in every fifth lost frame: in frames 4 and 9.

@@ -1,0 +1,148 @@
+"""Starts and recovery of bodies that are a part of the person only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.walkers import GRID, SONG, surface_voxels, walker
+
+from apf.body import BodyModel, load_body
+from apf.body.kinematics import posed_joints
+from apf.body.stature import has_feet, is_whole, stature
+from apf.filters.method import Method
+from apf.initialisation import StartConfig, StartError, find_start
+from apf.initialisation.config import AcceptanceConfig, HeadingConfig, PoseSearchConfig
+from apf.initialisation.hypotheses import standing_pose
+from apf.initialisation.shape_fit import Cloud
+from apf.initialisation.start import check_startable
+from apf.scene import Scene
+from apf.tracking.pipeline import track_voxels
+from apf.tracking.recovery import RecoveryConfig
+from apf.tracking.trackers import watched
+from cl import Device
+
+PARTS = ("rymut31_lower", "rymut31_upper", "armless")
+#: A small search: these voxels are exact, and the heading is clear.
+FAST = StartConfig(
+    headings=HeadingConfig(n_headings=4, n_kept=2),
+    search=PoseSearchConfig(
+        n_particles_body=150, n_particles_limb=80, n_particles_near=60, n_limb_starts=2
+    ),
+    acceptance=AcceptanceConfig(n_attempts=1),
+)
+
+
+def without(body: BodyModel, *words: str) -> BodyModel:
+    """`body` without the bones, cones and joints whose names hold one of the words."""
+    kept = [i for i, bone in enumerate(body.bones) if not any(w in bone.name for w in words)]
+    new = {old: i for i, old in enumerate(kept)} | {-1: -1}
+    dofs = sorted(axis.dof for i in kept for axis in body.bones[i].axes)
+    bones = tuple(
+        replace(
+            body.bones[i],
+            parent=new[body.bones[i].parent],
+            axes=tuple(replace(a, dof=dofs.index(a.dof)) for a in body.bones[i].axes),
+        )
+        for i in kept
+    )
+    cones = [i for i, cone in enumerate(body.cones) if cone.bone in new]
+    joints = [i for i, joint in enumerate(body.joints) if joint.bone in new]
+    arrays = ("lower", "upper", "sigma", "rest_pose", "posture_sigma")
+    return replace(
+        body,
+        name="armless",
+        bones=bones,
+        cones=tuple(replace(body.cones[i], bone=new[body.cones[i].bone]) for i in cones),
+        joints=tuple(replace(body.joints[i], bone=new[body.joints[i].bone]) for i in joints),
+        dof_names=tuple(body.dof_names[dof] for dof in dofs),
+        edges=_kept_pairs(body.edges, joints),
+        apart=_kept_pairs(body.apart, cones),
+        **{name: getattr(body, name)[dofs] for name in arrays},
+    )
+
+
+def _kept_pairs(pairs: tuple, kept: list[int]) -> tuple:
+    return tuple((kept.index(a), kept.index(b)) for a, b in pairs if a in kept and b in kept)
+
+
+def part(name: str) -> BodyModel:
+    if name == "armless":
+        return without(load_body("rymut31"), "clavicle", "arm")
+    return load_body(name)
+
+
+def error(body: BodyModel, pose: np.ndarray, true: np.ndarray) -> float:
+    """Mean distance, m, of the joints from those of song31 in the pose `true`."""
+    reached, expected = posed_joints(body, pose[None])[0], posed_joints(SONG, true[None])[0]
+    columns = [SONG.joint_names.index(name) for name in body.joint_names]
+    return float(np.linalg.norm(reached - expected[columns], axis=-1).mean())
+
+
+def test_partial_bodies_know_the_whole_persons_stature() -> None:
+    whole = stature(load_body("rymut31"))
+    for name in PARTS:
+        assert stature(part(name)) == pytest.approx(whole, rel=0.01)
+    assert is_whole(part("armless")) and is_whole(SONG)
+    assert not is_whole(part("rymut31_lower")) and not is_whole(part("rymut31_upper"))
+
+
+def test_a_body_that_cannot_be_stood_says_what_it_lacks() -> None:
+    with pytest.raises(StartError, match=r"stick: its root l_lower has no axes tx|tz; expected"):
+        check_startable(bodies.named("stick"))
+    trunk = without(load_body("rymut31_upper"), "head")
+    trunk = replace(trunk, joints=tuple(j for j in trunk.joints if j.name != "head_top"))
+    with pytest.raises(StartError, match="do not show how tall the person is; expected two of"):
+        check_startable(trunk)
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_partial_bodies_are_found_by_themselves(name: str) -> None:
+    """Of the person's size: kernels are compiled anew for every other one."""
+    device, body = Device.best(), part(name)
+    scene = Scene(device, scenes.ring(4), GRID, body)
+    voxels = [surface_voxels(device, walker(0))]
+    found = find_start(scene, voxels, 0.5, keep_shape=True, config=FAST)
+    assert error(body, found.pose, walker(0)) < 0.12
+
+
+def test_partial_bodies_are_as_tall_as_what_is_seen() -> None:
+    """The whole person's height decides, also where the body shows half of it."""
+    device = Device.best()
+    points = surface_voxels(device, walker(0)).cloud().centres
+    for name in PARTS:
+        body = part(name)
+        small = body.scaled(dict.fromkeys(body.scale_groups, 0.9), 0.9)
+        for other in (body, small):
+            cloud = Cloud(points)
+            ends = [
+                extreme(other, standing_pose(other, cloud, 0.0)) for extreme in (lowest, highest)
+            ]
+            if has_feet(other):
+                assert ends[0] == pytest.approx(cloud.heights[0], abs=1e-6)
+            else:
+                assert ends[1] == pytest.approx(cloud.heights[1], abs=1e-6)
+        assert stature(small) == pytest.approx(0.9 * stature(body), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_partial_bodies_are_not_lost_for_the_parts_that_they_lack(name: str) -> None:
+    """And are found again where the person jumps, though the rest of him is never explained."""
+    device, body = Device.best(), part(name)
+    scene = Scene(device, scenes.ring(4), GRID, body)
+    start = np.array([walker(0)[SONG.dof_names.index(dof)] for dof in body.dof_names])
+    poses = [*(walker(k) for k in range(3)), *(walker(k, 0.45) for k in range(3, 5))]
+    tracker = watched(scene, Method.of(n_particles=100, n_layers=6))
+    frames = ((k, surface_voxels(device, pose)) for k, pose in enumerate(poses))
+    _, estimates = track_voxels(tracker, start, frames)
+    assert not any(estimate.lost for estimate in estimates)
+    for estimate, true in zip(estimates, poses, strict=True):
+        assert error(body, estimate.pose, true) < 0.15
+
+
+def test_only_whole_bodies_have_an_absolute_limit() -> None:
+    config = RecoveryConfig()
+    assert config.for_body(SONG) == config
+    assert config.for_body(part("rymut31_lower")).unknown == config.worst
