@@ -37,7 +37,7 @@ from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.config import ReconstructionConfig
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid

@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     )
     from psfs.api import open_sequence, reconstruct
     from psfs.cameras.camera import Camera, CameraRig
-    from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
-    from psfs.reconstructor import Reconstructor
+    from psfs.reconstructor import ReconstructionConfig, Reconstructor
     from psfs.sequence import Frame, Sequence
+    from psfs.silhouettes.config import SilhouetteConfig
     from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
+    from psfs.voxels.config import OccupancyConfig
     from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 __version__: str
@@ -74,11 +75,12 @@ _MODULES = {
     ),
     "psfs.api": ("open_sequence", "reconstruct"),
     "psfs.cameras.camera": ("Camera", "CameraRig"),
-    "psfs.config": ("OccupancyConfig", "ReconstructionConfig", "SilhouetteConfig"),
-    "psfs.reconstructor": ("Reconstructor",),
+    "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
     "psfs.sequence": ("Frame", "Sequence"),
+    "psfs.silhouettes.config": ("SilhouetteConfig",),
     "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
+    "psfs.voxels.config": ("OccupancyConfig",),
     "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -11,8 +11,8 @@ import numpy as np
 
 from cl import Device, NumpyDevice, select_device
 from psfs.backend import reconstructor_for
-from psfs.config import ReconstructionConfig
 from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
 from psfs.voxels.bounding_volume import default_voxel_size

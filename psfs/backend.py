@@ -12,10 +12,10 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
 from psfs.sequence import Frame, frame_input
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.grid import VoxelGrid
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -10,17 +12,42 @@ from cl import Device, InputError
 from cl.staging import Uploads
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.config import ReconstructionConfig
+from psfs.common.configs import config_of
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import ColourConfig, OccupancyConfig, VolumeConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import Follower
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
+
+
+@dataclass(frozen=True)
+class ReconstructionConfig:
+    """Parameters of the reconstruction, shared by the kernels and their NumPy twins."""
+
+    silhouette: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    """From pictures to silhouettes."""
+    occupancy: OccupancyConfig = field(default_factory=OccupancyConfig)
+    """From silhouettes to voxels."""
+    colour: ColourConfig = field(default_factory=ColourConfig)
+    """From pictures to the voxels' colours."""
+    volume: VolumeConfig = field(default_factory=VolumeConfig)
+    """How the volume is found, see `psfs.volume`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for summaries."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionConfig:
+        """Return the inverse of `to_dict`; raises as `config_of` does."""
+        return config_of(cls, values)
 
 
 class Reconstructor:
@@ -35,8 +62,8 @@ class Reconstructor:
     instead of the room's (see `Follower`).
 
     From every frame the silhouettes learn for the next one (see `Foreground`), unless
-    `config.silhouette.learn` is off. A frame that does not follow shortly after the one before
-    is worked on twice, unless `config.silhouette.look_again` is off.
+    `AppearanceConfig.learn` is off. A frame that does not follow shortly after the one before
+    is worked on twice, unless `AppearanceConfig.look_again` is off.
     """
 
     def __init__(
@@ -53,7 +80,7 @@ class Reconstructor:
         config = config or ReconstructionConfig()
         self.device, self.rig, self.config = device, rig, config
         self.silhouette = Silhouette(device, rig, background, config.silhouette)
-        maps, step = self.silhouette.evidence, config.silhouette.step
+        maps, step = self.silhouette.evidence, config.silhouette.evidence.step
         self._bricks = Bricks(device, rig, grid, maps, step, config.occupancy)
         self.surface: Surface | SparseSurface
         self._stages: list[Callable[[], object]]
@@ -65,7 +92,7 @@ class Reconstructor:
             threshold = config.occupancy.threshold
             self.surface = Surface(device, grid.shape, occupancy.probability, threshold)
             self._stages = [occupancy, self.surface]
-        self.voxels = Voxels(grid, self.silhouette, self.surface)
+        self.voxels = Voxels(grid, self.silhouette, self.surface, config.colour)
         self._follower = Follower(device, grid, self.surface.list) if follow else None
         self._uploads: Uploads | None = None
         self._ahead: Frame | None = None
@@ -79,11 +106,11 @@ class Reconstructor:
         above 0 is foreground."""
         return self.silhouette.evidence.get()
 
-    def place(self, grid: VoxelGrid) -> None:
-        """Move to a grid of the same shape, from the next frame on. Raises InputError otherwise."""
+    def move_to(self, grid: VoxelGrid) -> None:
+        """Work on another grid from the next frame on. Raises InputError if its shape differs."""
         if grid.shape != self.grid.shape:
             raise InputError(f"the new grid has shape {grid.shape}; expected {self.grid.shape}")
-        self._bricks.place(grid)
+        self._bricks.move_to(grid)
         self.voxels.grid = grid
 
     def prepare(self, frame: Frame) -> None:
@@ -101,11 +128,12 @@ class Reconstructor:
         if self._follower is not None and self.voxels.frame is not None:
             moved = self._follower(self.grid)
             if moved is not self.grid:
-                self.place(moved)
+                self.move_to(moved)
         before, foreground = self.voxels.frame, self.silhouette.foreground
-        new = before is None or not follows(before.index, frame.index)
+        learnt = self.config.silhouette.appearance
+        new = before is None or not follows(before.index, frame.index, learnt)
         if foreground is not None and new:
-            foreground.forget_place()
+            foreground.forget_location()
         if self._uploads is not None and frame is self._ahead:
             self._uploads.finish()
             self.silhouette.compute()
@@ -114,7 +142,7 @@ class Reconstructor:
         self._ahead, self.voxels.frame = None, frame
         self._carve()
         if foreground is not None:
-            if new and (before is None or self.config.silhouette.look_again):
+            if new and (before is None or learnt.look_again):
                 foreground.learn(self.voxels)  # and once more, knowing the person
                 self.silhouette.compute()
                 self._carve()

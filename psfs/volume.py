@@ -6,13 +6,10 @@ import numpy as np
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import evidence_for
-from psfs.config import ReconstructionConfig
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import default_voxel_size, largest_parts_box, reachable_box
 from psfs.voxels.grid import VoxelGrid
-
-_COARSE = 64
-_MARGIN, _MARGIN_VOXELS = 0.06, 1.5
 
 
 def automatic_grid(
@@ -21,19 +18,19 @@ def automatic_grid(
     voxel_size: float | None = None,
     config: ReconstructionConfig | None = None,
     device: Device | NumpyDevice | None = None,
-    samples: int = 8,
 ) -> VoxelGrid:
-    """A grid around everything that moves in the frames of `selection`.
+    """Return a grid around everything that moves in the frames of `selection`.
 
     Without a volume stated by the sequence, the scene within reach of the cameras is
-    reconstructed coarsely in `samples` frames spread over the selection; the largest connected
-    part of each, all together, with a margin, is the volume. voxel_size: m; by default 2 cm for
-    people and 1/150 of the longest side for smaller scenes. An OpenCL `device` makes the
+    reconstructed coarsely in some frames spread over the selection; the largest connected part of
+    each, all together, with a margin, is the volume, see `VolumeConfig`. voxel_size: m; by default
+    2 cm for people and 1/150 of the longest side for smaller scenes. An OpenCL `device` makes the
     silhouettes much faster. Raises InputError if no frame shows anything before the background.
     """
-    low, high = sequence.volume or foreground_box(sequence, selection, config, device, samples)
+    config = config or ReconstructionConfig()
+    low, high = sequence.volume or foreground_box(sequence, selection, config, device)
     if voxel_size is None:
-        voxel_size = default_voxel_size(sequence.rig, low, high)
+        voxel_size = default_voxel_size(sequence.rig, low, high, config.volume)
     return VoxelGrid.covering(low, high, voxel_size)
 
 
@@ -42,33 +39,35 @@ def foreground_box(
     selection: slice | None = None,
     config: ReconstructionConfig | None = None,
     device: Device | NumpyDevice | None = None,
-    samples: int = 8,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner, m, of the volume that `automatic_grid` takes."""
+    """Return the lowest and highest corner, m, of the volume that `automatic_grid` takes."""
+    config = config or ReconstructionConfig()
     indices = range(len(sequence))[selection or slice(None)]
-    picked = np.unique(np.linspace(0, len(indices) - 1, samples).round().astype(int))
+    picked = np.unique(np.linspace(0, len(indices) - 1, config.volume.samples).round().astype(int))
     if not len(indices):
         raise InputError(f"{sequence.folder}: the selected frames are none of {len(sequence)}")
-    rig, config = sequence.rig, config or ReconstructionConfig()
+    rig, volume = sequence.rig, config.volume
     evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
     evidence = [evidence_of(sequence.read(indices[int(i)])) for i in picked]
     min_cameras = config.occupancy.seeing_cameras(len(rig))
-    low, high = reachable_box(rig)
+    low, high = reachable_box(rig, volume)
     for _ in range(2):  # the second, finer pass sees what the coarse voxels were too large for
-        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / _COARSE)
+        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
         found = largest_parts_box(rig, evidence, grid, min_cameras)
         if found is None:
             raise InputError(
                 f"{sequence.folder}: nothing stands out from the background in "
                 f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
             )
-        margin = np.maximum(_MARGIN * (found[1] - found[0]), _MARGIN_VOXELS * grid.voxel_size)
+        margin = np.maximum(
+            volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
+        )
         low, high = np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
     return low, high
 
 
 def expected_person(sequence: Sequence) -> str:
-    """What to ask for in an error, where nothing stands out from the background."""
+    """Return what to ask for in an error, where nothing stands out from the background."""
     if sequence.empty_scene:
         return "a person in view of the cameras"
     return (

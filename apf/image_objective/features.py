@@ -13,8 +13,8 @@ from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
-from psfs.config import SilhouetteConfig
 from psfs.sequence import frame_input
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Features:
         self.device, self.rig, self.config = device, rig, config or FeatureConfig()
         self._background = background
         # The foreground's colours are learnt from voxels, of which there are none here.
-        self._silhouette = Silhouette(device, rig, background, SilhouetteConfig(learn=False))
+        self._silhouette = Silhouette(device, rig, background, SilhouetteConfig.without_memory())
         shape = (len(rig), rig.height, rig.width)
         self.maps = device.zeros((*shape, 2), np.uint8, "the feature maps")
         self.roi = device.zeros((len(rig), 4), np.int32, "the regions of interest")

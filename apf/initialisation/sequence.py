@@ -14,7 +14,7 @@ from apf.initialisation.start import Start, check_startable
 from apf.scene import Scene
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
-from psfs.config import ReconstructionConfig
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 

@@ -22,9 +22,9 @@ from apf.live.timeline import Timeline
 from apf.scene import Scene
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import Device
-from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.sequence import Frame
+from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import MeanPlace
 
@@ -44,7 +44,9 @@ _SMOOTH = 0.2
 #: Far from the frame before, few particles find no better than this; only beyond it nothing fits.
 _RECOVERY = RecoveryConfig(ratio=3.0, least=0.6, unknown=0.6)
 #: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
-_RECONSTRUCTION = ReconstructionConfig(SilhouetteConfig(look_again=False))
+_RECONSTRUCTION = ReconstructionConfig(
+    SilhouetteConfig(appearance=AppearanceConfig(look_again=False))
+)
 
 
 @dataclass(frozen=True, eq=False)

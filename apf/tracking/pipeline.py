@@ -20,8 +20,7 @@ from apf.tracking.track import Track
 from apf.tracking.trackers import seeded, watched_runs
 from apf.tracking.uncertainty import joint_covariance
 from cl import Device, NumpyDevice
-from psfs.config import ReconstructionConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
 

@@ -6,36 +6,32 @@ import numpy as np
 
 from cl import Array, Device
 from cl.workgroups import pixel_pack, row_group
+from psfs.background.config import AdaptationConfig, BackgroundConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.config import SilhouetteConfig
 
-#: Every pixel is looked at once in so many frames, a part of the picture in each.
-PERIOD = 8
-#: The variance drifts so many times as slowly as the mean: it needs more samples.
-SLOWER = 4
-#: Squared distance to the background, in its standard deviations, of what it may drift to. Shadows
-#: and whatever else passes for background are further away, and leave no trace.
-NEAREST = 30.0
-#: Grey levels of background that must have been seen in a frame to tell the view's change.
-ENOUGH = 10_000.0
-_GROUP = 256
+_GROUP = 256  # work-items that sum up a view's change
 
 
 class Adaptation:
     """`adaptation()`: mean and variance of the background drift towards the frame on the device, by
-    `config.adapt` of the difference per frame (Song et al. eq. (1) with a memory that fades).
+    `config.rate` of the difference per frame (Song et al. eq. (1) with a memory that fades).
 
     Only pixels that look much like the background do, and none where a voxel is seen within two
     cells, or foreground in the same cell: who keeps still does not become background. The others
     become brighter or darker by the share that the view as a whole did in the frame before.
+
+    pictures: (V, H, W, 3) uint8. evidence: (V, H, W) int8. marks: (V, rows, columns) uint8 of the
+    cells that show voxels, with a border as wide as they keep others from drifting. sizes: (V, 2)
+    int32 of the pictures. planes: (V, 8, H, W) float32, what drifts, see `background_planes`.
     """
 
     def __init__(
         self,
         device: Device,
         rig: CameraRig,
-        config: SilhouetteConfig,
+        config: AdaptationConfig,
+        background: BackgroundConfig,
         pictures: Array,
         evidence: Array,
         marks: Array,
@@ -44,21 +40,25 @@ class Adaptation:
     ) -> None:
         (rows, columns), pack = cells(rig), pixel_pack(device, rig.width)
         blocks = -(-rig.width // max(CELL, pack))
-        mean_rate, variance_rate = rates(config)
+        mean_rate, variance_rate = config.rates()
         reach = (marks.shape[1] - rows) // 2
         # A GPU needs more work-items to hide that they wait for memory.
         parts = CELL if device.is_gpu else 1
         defines: dict[str, int | float] = dict(
-            **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": PERIOD},
+            **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": config.period},
             **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": reach},
             **{"PARTS": parts, "PACK": pack},
-            **{"MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate, "NEAREST": NEAREST},
-            **{"VIEWS": len(rig), "ENOUGH": ENOUGH},
-            LEAST_VARIANCE=float(config.sigma_floor**2),
-            WIDTH_GREY=float(config.shadow_width_grey),
-            WIDTH_COLOUR=float(config.shadow_width_colour),
+            **{
+                "MEAN_RATE": mean_rate,
+                "VARIANCE_RATE": variance_rate,
+                "NEAREST": float(config.nearest),
+            },
+            **{"VIEWS": len(rig), "ENOUGH": float(config.enough)},
+            LEAST_VARIANCE=float(background.sigma_floor**2),
+            WIDTH_GREY=float(background.shadow_width_grey),
+            WIDTH_COLOUR=float(background.shadow_width_colour),
         )
-        size = (blocks, parts * -(-rows // PERIOD), len(rig))
+        size = (blocks, parts * -(-rows // config.period), len(rig))
         defines |= {"LOOKED_AT": size[0] * size[1], "GROUP": _GROUP}
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
         shape = (len(rig), size[0] * size[1], 2)
@@ -80,17 +80,11 @@ class Adaptation:
         )
         groups = (_GROUP * len(rig),)
         self._view_drift = device.launch(view_drift, groups, (_GROUP,), **light)
-        self._frames = 0
+        self._period, self._frames = config.period, 0
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
-        self._adapt.set(phase=self._frames % PERIOD)
+        self._adapt.set(phase=self._frames % self._period)
         self._adapt()
         self._view_drift()
         self._frames += 1
-
-
-def rates(config: SilhouetteConfig) -> tuple[float, float]:
-    """Share of the difference that a pixel's mean and variance take on each time."""
-    mean, variance = (1 - (1 - r) ** PERIOD for r in (config.adapt, config.adapt / SLOWER))
-    return mean, variance

@@ -4,67 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from psfs.background.config import PlateConfig
 from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
-#: Lowest standard deviation, grey levels: a noiseless background must not make N(I; mu, sigma)
-#: explode.
-STD_FLOOR = 2.0
-#: What is believed of the noise before any frame is seen: this standard deviation, with the
-#: weight of so many frames. A single image as background thus gets 4.9 grey levels.
-STD_PRIOR, PRIOR_FRAMES = 6.0, 2.0
-#: Deviations beyond so many standard deviations are left out of the mean.
-CLIP = 3.0
-#: Frames that a background is learnt from when the scene is not empty.
-SAMPLES = 25
 _BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
+_DEFAULT = PlateConfig()
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
     """mean, std: (V, H, W, 3) float32 grey levels, BGR. H, W are the rig's; views that are
-    smaller are padded with zeros in `mean` and with `STD_FLOOR` in `std`.
+    smaller are padded with zeros in `mean` and with `PlateConfig.std_floor` in `std`.
     """
 
     mean: np.ndarray
     std: np.ndarray
 
 
-def background_from_plates(rig: CameraRig, plates: Sequence[Media]) -> Background:
-    """From all frames of an empty scene, one video or list of images per view."""
-    return _stacked(rig, plates, clipped_moments)
+def background_from_plates(
+    rig: CameraRig, plates: Sequence[Media], config: PlateConfig = _DEFAULT
+) -> Background:
+    """Learn the background from all frames of an empty scene, one video or list of images per
+    view."""
+    return _stacked(rig, plates, partial(clipped_moments, config=config), config)
 
 
-def background_from_frames(rig: CameraRig, media: Sequence[Media]) -> Background:
-    """From `SAMPLES` frames spread over the sequence itself: per-pixel median and median
-    absolute deviation. Where somebody stands for more than half of them, he is the background.
+def background_from_frames(
+    rig: CameraRig, media: Sequence[Media], config: PlateConfig = _DEFAULT
+) -> Background:
+    """Learn the background from `config.samples` frames spread over the sequence itself: per-pixel
+    median and median absolute deviation. Where somebody stands for more than half of them, he is
+    the background.
     """
 
     def moments(view: Media) -> tuple[np.ndarray, np.ndarray]:
-        return median_moments(np.stack(list(view.frames(view.spread(SAMPLES)))))
+        return median_moments(np.stack(list(view.frames(view.spread(config.samples)))), config)
 
-    return _stacked(rig, media, moments)
+    return _stacked(rig, media, moments, config)
 
 
-def clipped_moments(frames: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8, iterated twice.
+def clipped_moments(
+    frames: Iterable[np.ndarray], config: PlateConfig = _DEFAULT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation (h, w, 3) float32 of frames (h, w, 3) uint8, which are
+    iterated twice.
 
-    The second pass leaves out what lies beyond `CLIP` deviations of the first (a passing
+    The second pass leaves out what lies beyond `config.clip` deviations of the first (a passing
     shadow, a compression artefact). Holds a handful of pictures, not the video.
     """
     mean, variance, count = _moments(frames, None)
-    std = with_prior(variance, count)
-    mean, variance, count = _moments(frames, (mean, CLIP * std))
-    return mean.astype(np.float32), with_prior(variance, count).astype(np.float32)
+    std = with_prior(variance, count, config)
+    mean, variance, count = _moments(frames, (mean, config.clip * std))
+    return mean.astype(np.float32), with_prior(variance, count, config).astype(np.float32)
 
 
 def _moments(
     frames: Iterable[np.ndarray], clip: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, variance and number of the values used, per pixel and channel; `clip` holds the
+    """Return mean, variance and number of the values used, per pixel and channel; `clip` holds the
     centre and the largest deviation from it.
     """
     total = squares = number = reference = np.zeros(0, np.float32)
@@ -83,8 +85,10 @@ def _moments(
     return reference + shift, variance, number
 
 
-def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
+def median_moments(
+    frames: np.ndarray, config: PlateConfig = _DEFAULT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return median and 1.4826 x median absolute deviation (h, w, 3) float32 of (n, h, w, 3) uint8.
 
     For even n the upper of the two middle values.
     """
@@ -97,7 +101,7 @@ def median_moments(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         mean[top : top + rows] = middle
         deviation = np.maximum(band, middle) - np.minimum(band, middle)
         spread[top : top + rows] = _sorted(deviation)[count // 2]
-    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count)
+    std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count, config)
     return mean.astype(np.float32), std.astype(np.float32)
 
 
@@ -114,19 +118,23 @@ def _sorted(stack: np.ndarray) -> np.ndarray:
     return stack
 
 
-def with_prior(variance: np.ndarray, count: np.ndarray | int) -> np.ndarray:
-    """Standard deviation from the variance of `count` frames and the prior, floored."""
-    prior = PRIOR_FRAMES * STD_PRIOR**2
-    return np.maximum(np.sqrt((count * variance + prior) / (count + PRIOR_FRAMES)), STD_FLOOR)
+def with_prior(
+    variance: np.ndarray, count: np.ndarray | int, config: PlateConfig = _DEFAULT
+) -> np.ndarray:
+    """Return the standard deviation from the variance of `count` frames and the prior, floored."""
+    weight, prior = config.prior_frames, config.prior_frames * config.prior_std**2
+    std = np.sqrt((count * variance + prior) / (count + weight))
+    return np.maximum(std, config.std_floor)
 
 
 def _stacked(
     rig: CameraRig,
     media: Sequence[Media],
     moments: Callable[[Media], tuple[np.ndarray, np.ndarray]],
+    config: PlateConfig,
 ) -> Background:
     shape = (len(rig), rig.height, rig.width, 3)
-    mean, std = np.zeros(shape, np.float32), np.full(shape, STD_FLOOR, np.float32)
+    mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)
     for view, item in enumerate(media):
         height, width = item.size[1], item.size[0]
         mean[view, :height, :width], std[view, :height, :width] = moments(item)

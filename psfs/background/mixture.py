@@ -8,12 +8,11 @@ from threading import Lock
 import cv2
 import numpy as np
 
+from psfs.background.config import PlateConfig
 from psfs.footage.media import Media
 
 #: What OpenCV gives pixels of the person; shadows get 127.
 _PERSON = 255
-#: Frames that the mixtures are learnt from where the scene is never empty.
-_SAMPLES = 50
 
 
 class Mixture:
@@ -23,8 +22,11 @@ class Mixture:
     so a frame's mask does not depend on which frames were read before it.
     """
 
-    def __init__(self, media: Sequence[Media], empty: bool) -> None:
-        self._models = [_learnt(view, empty) for view in media]
+    def __init__(
+        self, media: Sequence[Media], empty: bool, config: PlateConfig | None = None
+    ) -> None:
+        samples = (config or PlateConfig()).mixture_samples
+        self._models = [_learnt(view, None if empty else samples) for view in media]
         self._locks = [Lock() for _ in media]  # OpenCV's models are not safe across threads
 
     def __call__(self, view: int, image: np.ndarray) -> np.ndarray:
@@ -33,8 +35,9 @@ class Mixture:
         return np.where(labels == _PERSON, np.uint8(255), np.uint8(0))
 
 
-def _learnt(view: Media, empty: bool) -> cv2.BackgroundSubtractorMOG2:
-    indices = range(view.count) if empty else view.spread(_SAMPLES)
+def _learnt(view: Media, samples: int | None) -> cv2.BackgroundSubtractorMOG2:
+    """Return the model of so many frames spread over the view, or of all."""
+    indices = range(view.count) if samples is None else view.spread(samples)
     model = cv2.createBackgroundSubtractorMOG2(history=len(indices), detectShadows=True)
     for frame in view.frames(indices):
         model.apply(frame)

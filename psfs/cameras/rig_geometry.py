@@ -47,7 +47,7 @@ def axes_meet_ahead(rig: CameraRig) -> np.ndarray:
 def enough_cameras(n_cameras: int, share: float, least: int = 1) -> int:
     """Return how many of `n_cameras` make up `share`, rounded up: `least` of them or more, and
     all if there are fewer."""
-    return min(n_cameras, max(least, math.ceil(share * n_cameras)))
+    return min(n_cameras, max(least, math.ceil(share * n_cameras - 1e-9)))
 
 
 def views_needed(rig: CameraRig) -> int:

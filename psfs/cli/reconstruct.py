@@ -21,10 +21,10 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.common.files import write_json, write_picture
-from psfs.config import ReconstructionConfig
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output import runs
 from psfs.output.preview import preview
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, expected_person, foreground_box
 from psfs.voxels.bounding_volume import finest_pixel

@@ -15,8 +15,9 @@ from psfs.backend import evidence_for
 from psfs.cameras.footprints import footprints
 from psfs.cameras.rig_geometry import enough_cameras, seen_box
 from psfs.common.regions import iou
-from psfs.config import OccupancyConfig, SilhouetteConfig
 from psfs.sequence import Sequence
+from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
 
@@ -115,7 +116,7 @@ class _Judge:
         """A grid around what is occupied even if one camera says it is not."""
         views = list(range(len(self.rig)))
         needed = OccupancyConfig().seeing_cameras(len(views))
-        veto = -int(self.config.counts(np.zeros(1))[0])
+        veto = -int(self.config.evidence.counts(np.zeros(1))[0])
         occupied = np.zeros(self.grid.size, bool)
         for index in self.frames:
             votes = self._votes(index, views)

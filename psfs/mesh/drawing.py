@@ -13,8 +13,8 @@ from scipy import spatial
 
 from psfs.cameras.camera import CameraRig
 from psfs.common.open3d import load_open3d
-from psfs.config import OccupancyConfig
 from psfs.mesh.marching_cubes import CLAY
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.normals import normals_of
 

@@ -14,11 +14,11 @@ from trimesh.visual import ColorVisuals
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
-from psfs.config import OccupancyConfig
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import DEBRIS_SHARE
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 FORMATS = ("ply", "glb", "obj")
@@ -120,7 +120,7 @@ class Mesher:
         for a grid of another shape means other kernels."""
         room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape
         if self._reconstructor is not None and np.all(np.array(box.shape) <= room):
-            self._reconstructor.place(VoxelGrid(box.origin, box.voxel_size, room))
+            self._reconstructor.move_to(VoxelGrid(box.origin, box.voxel_size, room))
             return self._reconstructor
         nx, ny, nz = (-(-max(n, m) // 16) * 16 for n, m in zip(box.shape, room, strict=True))
         grid = VoxelGrid(box.origin, box.voxel_size, (nx, ny, nz))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
-from psfs.config import OccupancyConfig, ReconstructionConfig, SilhouetteConfig
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -95,9 +95,7 @@ class Run:
         """Raises InputError if the parameters are those of another version."""
         config = self.summary["config"]
         try:
-            return ReconstructionConfig(
-                SilhouetteConfig(**config["silhouette"]), OccupancyConfig(**config["occupancy"])
-            )
+            return ReconstructionConfig.from_dict(config)
         except (KeyError, TypeError) as error:
             raise InputError(
                 f"{self.out / SUMMARY}: not the parameters that this version knows ({error}); "

@@ -8,17 +8,8 @@ from scipy import ndimage
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import footprints
-from psfs.config import SilhouetteConfig
-from psfs.silhouettes.appearance import (
-    BINS,
-    KEEP,
-    MIN_SURFACE,
-    PRIOR,
-    REACH,
-    UNIFORM,
-    most_samples,
-    place_odds,
-)
+from psfs.silhouettes.appearance import BINS, location_odds, most_samples
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 
 
@@ -26,10 +17,10 @@ class NumpyForeground:
     """Same results as `Foreground`; `learn` takes the pictures, evidence and surface."""
 
     def __init__(self, rig: CameraRig, config: SilhouetteConfig) -> None:
-        self.rig, self.config = rig, config
+        self.rig, self.config, self.learnt = rig, config, config.appearance
         self.colours = np.zeros(BINS**3, np.int8)
-        self.place = np.zeros((len(rig), *cells(rig)), np.int8)
-        self.marked = np.zeros(self.place.shape, bool)
+        self.location = np.zeros((len(rig), *cells(rig)), np.int8)
+        self.marked = np.zeros(self.location.shape, bool)
         self._memory = np.zeros((BINS,) * 3)
         self._total = 0.0
 
@@ -40,25 +31,25 @@ class NumpyForeground:
         them, flat indices (N,)."""
         marked = self.marks(grid, surface)
         self.marked = marked
-        self.place[:] = 0
-        if len(surface) >= MIN_SURFACE:
-            size = 2 * REACH + 1
+        self.location[:] = 0
+        if len(surface) >= self.learnt.min_surface:
+            size = 2 * self.learnt.reach + 1
             near = [
                 ndimage.convolve(view.astype(int), np.ones((size, size), int), mode="constant")
                 for view in marked
             ]
-            self.place = place_odds(self.config)[np.stack(near)]
+            self.location = location_odds(self.config)[np.stack(near)]
         self._count(images, evidence, marked)
 
-    def forget_place(self) -> None:
-        self.place[:] = 0
+    def forget_location(self) -> None:
+        self.location[:] = 0
 
     def marks(self, grid: VoxelGrid, surface: np.ndarray) -> np.ndarray:
         """(V, rows, columns) bool: cells that show a voxel."""
         centres = grid.centres(surface)
         coarse = self.rig.scaled(1 / CELL)
         extents = footprints(coarse, grid.voxel_size)
-        marked = np.zeros(self.place.shape, bool)
+        marked = np.zeros(self.location.shape, bool)
         last = np.array(marked.shape[:0:-1]) - 1
         for view, camera in enumerate(coarse):
             pixels, depth = camera.project(centres)
@@ -76,15 +67,16 @@ class NumpyForeground:
         seen = evidence[:, middle::CELL, middle::CELL] > 0
         seen &= marked[:, : seen.shape[1], : seen.shape[2]]
         samples = images[:, middle::CELL, middle::CELL][seen].astype(int) * BINS // 256
-        self._memory *= KEEP
-        self._total *= KEEP
-        if len(samples) <= most_samples(self.rig):
+        self._memory *= self.learnt.keep
+        self._total *= self.learnt.keep
+        if len(samples) <= most_samples(self.rig, self.learnt):
             np.add.at(self._memory, tuple(samples.T), 1)
             self._total += len(samples)
         blurred = self._memory
         for axis in range(3):
             blurred = ndimage.convolve1d(blurred, [0.25, 0.5, 0.25], axis, mode="constant")
-        density = (PRIOR + blurred * BINS**3) / (PRIOR + self._total)
-        nats = np.log(UNIFORM + (1 - UNIFORM) * density)
-        counts = np.minimum(np.rint(self.config.ratio_steps * nats), 127)
+        prior, uniform = self.learnt.prior_samples, self.learnt.uniform
+        density = (prior + blurred * BINS**3) / (prior + self._total)
+        nats = np.log(uniform + (1 - uniform) * density)
+        counts = np.minimum(np.rint(self.config.evidence.ratio_steps * nats), 127)
         self.colours = counts.astype(np.int8).ravel()

@@ -4,39 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from psfs.background.chroma_key import (
-    AREA,
-    BRIGHT,
-    DARK,
-    LIGHT_WIDTH,
-    NOISE,
-    ChromaKey,
-)
+from psfs.background.chroma_key import AREA, ChromaKey
+from psfs.background.config import ChromaKeyConfig
 from psfs.common.colours import chromaticity
-from psfs.config import SilhouetteConfig
 
 
 def chroma_ratio(
-    image: np.ndarray, background: ChromaKey, view: int, config: SilhouetteConfig
+    image: np.ndarray, background: ChromaKey, view: int, config: ChromaKeyConfig
 ) -> np.ndarray:
-    """(H, W) log of the screen's density over the foreground's, of chromaticities.
+    """Return (H, W) the log of the screen's density over the foreground's, of chromaticities.
 
     The screen is a normal distribution about its colour, wider for dark pixels, whose chromaticity
     the noise hides; what is more saturated is screen too, for so are shaded folds, and what is
     less so is person: clothes that the screen's light tints keep most of their own colour. Light
     beyond the screen's range counts against it. The foreground is uniform. See `ChromaKey`.
     """
-    key, spread = background.key[view], np.maximum(background.spread[view], config.key_spread)
+    key, spread = background.key[view], np.maximum(background.spread[view], config.spread)
     saturation = np.linalg.norm(key)
     direction = key / saturation
-    place = chromaticity(image)
-    along = np.minimum(place @ direction - saturation, 0)
-    across = place @ np.array([-direction[1], direction[0]])
+    shown = chromaticity(image)
+    along = np.minimum(shown @ direction - saturation, 0)
+    across = shown @ np.array([-direction[1], direction[0]])
     total = image.astype(np.float64).sum(-1) + 1
-    variance = spread**2 + (NOISE / total[..., None]) ** 2
+    variance = spread**2 + (config.noise / total[..., None]) ** 2
     light = total / background.light[view]
-    off = np.maximum(DARK - light, 0) + np.maximum(light - BRIGHT, 0)
-    least = along**2 / variance[..., 0] + across**2 / variance[..., 1] + (off / LIGHT_WIDTH) ** 2
+    off = np.maximum(config.dark - light, 0) + np.maximum(light - config.bright, 0)
+    least = (
+        along**2 / variance[..., 0] + across**2 / variance[..., 1] + (off / config.light_width) ** 2
+    )
     peak = np.log(AREA / (2 * np.pi)) - 0.5 * np.log(variance).sum(-1)
     ratio: np.ndarray = peak - 0.5 * least
     return ratio

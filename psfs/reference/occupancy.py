@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.config import OccupancyConfig
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 
 

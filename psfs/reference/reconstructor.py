@@ -12,7 +12,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.config import ReconstructionConfig, SilhouetteConfig
+from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
@@ -21,6 +21,7 @@ from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 from psfs.voxels.host_voxels import HostVoxels
 
@@ -43,10 +44,10 @@ class NumpyReconstructor:
         self.config = config or ReconstructionConfig()
         silhouette = self.config.silhouette
         scene = background is not None and not isinstance(background, ChromaKey)
-        learning = scene and silhouette.learn
+        learning = scene and silhouette.appearance.learn
         self.foreground = NumpyForeground(rig, silhouette) if learning else None
         self.adaptation = None
-        if background is not None and learning and silhouette.adapt:
+        if background is not None and learning and silhouette.adaptation.rate:
             self.adaptation = NumpyAdaptation(rig, background, silhouette)
             self.background = self.adaptation.background
         self._before: int | None = None
@@ -65,15 +66,16 @@ class NumpyReconstructor:
 
     def __call__(self, frame: Frame) -> HostVoxels:
         before, self._before = self._before, frame.index
-        new = before is None or not follows(before, frame.index)
+        learnt = self.config.silhouette.appearance
+        new = before is None or not follows(before, frame.index, learnt)
         if self.foreground is None:
             return self._carved(frame, self._evidence(frame))
         assert frame.images is not None
         if new:
-            self.foreground.forget_place()
+            self.foreground.forget_location()
         evidence = self._evidence(frame)
         voxels = self._carved(frame, evidence)
-        if new and (before is None or self.config.silhouette.look_again):
+        if new and (before is None or learnt.look_again):
             # Once more, knowing the person.
             self.foreground.learn(frame.images, evidence, self.grid, voxels.surface)
             evidence = self._evidence(frame)
@@ -89,13 +91,14 @@ class NumpyReconstructor:
 
     def _carved(self, frame: Frame, evidence: np.ndarray) -> HostVoxels:
         self._latest = evidence
-        config, step = self.config.occupancy, self.config.silhouette.step
+        config, step = self.config.occupancy, self.config.silhouette.evidence.step
         probability = smooth(occupancy(self.rig, self.grid, evidence, step, config))
         occupied = probability > config.threshold
         surface = surface_voxels(occupied)
         colours = None
         if frame.images is not None:
-            colours = partial(surface_colour, self.rig, self.grid, surface, frame.images, evidence)
+            seen = (frame.images, evidence, self.config.colour)
+            colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
         return HostVoxels(self.grid, probability, surface, int(occupied.sum()), colours)
 
 

@@ -10,11 +10,10 @@ from scipy import ndimage
 from psfs.background.chroma_key import ChromaKey
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
-from psfs.config import SilhouetteConfig
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.silhouettes.appearance import BINS
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
-from psfs.silhouettes.silhouette import FLOOR_LEFT, FULLY_LIT
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -35,40 +34,40 @@ def silhouette_evidence(
     """
     ratios = []
     for view, nats in enumerate(_log_ratios(images, rig, background, config)):
-        ratios.append(config.ratio_steps * nats - _taught(foreground, view, images[view]))
+        ratios.append(config.evidence.ratio_steps * nats - _learnt(foreground, view, images[view]))
     inside = in_pictures(rig)
-    telling = background.screen > 0 if isinstance(background, ChromaKey) else inside
-    counts = np.where(telling, _in_counts(np.stack(ratios), config), 0)
+    seen = background.screen > 0 if isinstance(background, ChromaKey) else inside
+    counts = np.where(seen, _in_counts(np.stack(ratios), config), 0)
     evidence = _evidence_of(counts, inside, config)
     if isinstance(background, ChromaKey):
         return evidence
     for view, (image, mean, std) in enumerate(
         zip(images, background.mean, background.std, strict=True)
     ):
-        mixed = config.ratio_steps * mixed_ratio(image, mean, std, evidence[view], config)
-        mixed -= _taught(foreground, view, image)
+        mixed = config.evidence.ratio_steps * mixed_ratio(image, mean, std, evidence[view], config)
+        mixed -= _learnt(foreground, view, image)
         counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
     return _evidence_of(counts, inside, config)
 
 
-def _taught(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
-    """(H, W) counts that the person's colours and place say for the foreground."""
+def _learnt(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
+    """(H, W) counts that the person's colours and location say for the foreground."""
     if foreground is None:
         return np.zeros(image.shape[:2], int)
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
     colours = foreground.colours[(blue * BINS + green) * BINS + red].astype(int)
-    taught: np.ndarray = colours + _of_pixels(foreground.place[view], image.shape)
-    return taught
+    learnt: np.ndarray = colours + of_pixels(foreground.location[view], image.shape)
+    return learnt
 
 
 def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
-    lowest, highest = config.ratio_range
+    lowest, highest = config.evidence.ratio_range
     counts: np.ndarray = np.floor(np.clip(ratios, lowest, highest) + 0.5).astype(int)
     return counts
 
 
 def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
-    table = config.ratio_counts()[box_sums(counts) - 9 * config.ratio_range[0]]
+    table = config.evidence.ratio_counts()[box_sums(counts) - 9 * config.evidence.ratio_range[0]]
     return np.where(inside, table, 0).astype(np.int8)
 
 
@@ -80,7 +79,7 @@ def mixed_ratio(
     config: SilhouetteConfig,
 ) -> np.ndarray:
     """(H, W) log ratio of the pixels of the rim under N(I; mu + a (I_p - mu_p), sigma), the
-    mixture with a share a <= rim_share of the person that fits best; -inf elsewhere.
+    mixture with a share a <= rim.share of the person that fits best; -inf elsewhere.
 
     A pixel of the rim has positive evidence, and so has p, two pixels away in one of eight
     directions (the best one counts); two pixels in the opposite direction it is negative.
@@ -93,10 +92,10 @@ def mixed_ratio(
         on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
         here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
         shown, person, w = difference[here], difference[ahead], weight[here]
-        share = np.clip(_fitting(w, shown, person), 0, config.rim_share)
+        share = np.clip(_fitting(w, shown, person), 0, config.rim.share)
         least[here] = np.minimum(least[here], _distance_left(w, shown, share, person))
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
-    ratio: np.ndarray = peak - config.rim_cost - 0.5 * least
+    ratio: np.ndarray = peak - config.rim.cost - 0.5 * least
     return ratio
 
 
@@ -105,7 +104,9 @@ def _log_ratios(
 ) -> list[np.ndarray]:
     """(H, W) of every view: log of the background's density over the uniform foreground's."""
     if isinstance(background, ChromaKey):
-        return [chroma_ratio(image, background, v, config) for v, image in enumerate(images)]
+        return [
+            chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)
+        ]
     views = zip(
         images,
         background.mean,
@@ -126,7 +127,7 @@ def box_sums(counts: np.ndarray) -> np.ndarray:
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
     """Evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
-    return np.where(in_pictures(rig), config.mask_counts(masks), 0).astype(np.int8)
+    return np.where(in_pictures(rig), config.evidence.mask_counts(masks), 0).astype(np.int8)
 
 
 def floor_light(
@@ -145,29 +146,29 @@ def floor_light(
         alpha, distance = light_factor(image, mean, _weight(std, config))
         factors.append(alpha)
         left.append(distance)
-    points = floor_points(rig, config.floor)
+    points = floor_points(rig, config.floor.height)
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])
-        lit = (factors[view] > config.floor_lit) & (left[view] < FLOOR_LEFT)
-        where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor)])
+        lit = (factors[view] > config.floor.lit) & (left[view] < config.floor.nearest)
+        where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor.height)])
         brightest = np.zeros(len(where))
         for other, camera in enumerate(rig):
             if other == view:
                 continue
             seen, row, column, _ = camera.look_up(where)
             alpha, distance = factors[other][row, column], left[other][row, column]
-            is_floor = (distance < FLOOR_LEFT) & (alpha < config.shadow_high)
+            is_floor = (distance < config.floor.nearest) & (alpha < config.background.shadow_high)
             brightest[seen] = np.maximum(brightest[seen], np.where(is_floor, alpha, 0))
         cells = np.ones(on_floor.shape)
-        told = (brightest > 0) & (brightest < 1) & ~_of_middles(lit)[on_floor]
-        cells[on_floor] = np.where(told, np.floor(127 * brightest + 0.5) / 127, 1)
+        shaded = (brightest > 0) & (brightest < 1) & ~_of_middles(lit)[on_floor]
+        cells[on_floor] = np.where(shaded, np.floor(127 * brightest + 0.5) / 127, 1)
         between = _between_cells(cells, light.shape[1:])
-        light[view] = np.where(_of_pixels(on_floor, light.shape[1:]), between, np.nan)
+        light[view] = np.where(of_pixels(on_floor, light.shape[1:]), between, np.nan)
     return light
 
 
-def _of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The values (rows, columns) of the cells for each of their pixels (H, W)."""
     return cells.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]]
 
@@ -189,7 +190,7 @@ def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
-    return np.maximum(std, config.sigma_floor).astype(np.float64) ** -2
+    return np.maximum(std, config.background.sigma_floor).astype(np.float64) ** -2
 
 
 def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -236,8 +237,8 @@ def background_ratio(
     The background is N(I; alpha mu, sigma), and the best of two alphas counts: 1, and the light
     factor that fits best within a range. That is the shadow range, at the price of
     ((1 - alpha) / width)^2 / 2. On the floor, where `light` (H, W) is not NaN, it may be darker, at
-    the price of ((1 - alpha) / floor_shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
-    with floor_lit_width where the floor is lit, with floor_shadow_width where it is shaded and
+    the price of ((1 - alpha) / floor.shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
+    with floor.lit_width where the floor is lit, with floor.shadow_width where it is shaded and
     alpha darker than `light`.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
@@ -247,14 +248,14 @@ def background_ratio(
     def distance(alpha: np.ndarray) -> np.ndarray:
         return _distance_left(weight, image, alpha, mean)
 
-    alpha = np.clip(factor, config.shadow_low, config.shadow_high)
-    dimmed = distance(alpha) + ((1 - alpha) / config.shadow_width(mean)) ** 2
+    alpha = np.clip(factor, config.background.shadow_low, config.background.shadow_high)
+    dimmed = distance(alpha) + ((1 - alpha) / config.background.shadow_width(mean)) ** 2
     if light is not None:
-        alpha = np.clip(factor, config.floor_shadow_low, config.shadow_high)
-        lit = ((light - alpha) / config.floor_lit_width) ** 2
-        shaded = (np.maximum(light - alpha, 0) / config.floor_shadow_width) ** 2
-        price = np.where(light > FULLY_LIT, lit, shaded)
-        on_floor = distance(alpha) + price + ((1 - alpha) / config.floor_shadow_depth) ** 2
+        alpha = np.clip(factor, config.floor.shadow_low, config.background.shadow_high)
+        lit = ((light - alpha) / config.floor.lit_width) ** 2
+        shaded = (np.maximum(light - alpha, 0) / config.floor.shadow_width) ** 2
+        price = np.where(light > config.floor.fully_lit, lit, shaded)
+        on_floor = distance(alpha) + price + ((1 - alpha) / config.floor.shadow_depth) ** 2
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
     least = np.minimum(distance(np.ones(factor.shape)), dimmed)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)

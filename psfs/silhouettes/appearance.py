@@ -14,24 +14,10 @@ from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import footprints
-from psfs.config import SilhouetteConfig
+from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 
-#: Colour bins per channel of the histogram.
+#: Colour bins per channel of the histogram: the layout of its tables, 32 KiB of counts.
 BINS = 32
-#: Share of the histogram's weight that a frame leaves of the earlier ones.
-KEEP = 0.9
-#: Weight of the uniform foreground beside the histogram: colours never seen stay possible.
-UNIFORM = 0.1
-#: Samples that the histogram begins with, spread over all colours.
-PRIOR = 200.0
-#: Frames in which more than this share of the cells look like the person are not learnt from.
-MOST = 0.4
-#: Surface voxels below which nobody is there.
-MIN_SURFACE = 64
-#: Cells around a pixel over which the person's place is blurred, for the way to the next frame.
-REACH = 2
-#: A frame so many after the one before is too late for what was learnt of the person's place.
-MAX_GAP = 3
 
 
 class Grid(Protocol):
@@ -65,12 +51,14 @@ class Foreground:
     """Learns from the voxels of a frame what the silhouettes of the next one take for granted.
 
     colours: (BINS^3,) int8, the log of the person's colour density over the uniform one, counts
-    of `config.ratio_steps`; a histogram that forgets. place: (V, cells) int8, the log odds of
-    foreground where the voxels reproject, blurred by what the person may move until the next
-    frame, in the same counts. marks: (V, cells with a border of REACH) uint8, 1 where voxels
-    reproject. They are filled in place by `learn`. Guards against learning one's
-    own mistakes: only pixels that look like foreground and lie where voxels reproject are counted,
-    never a frame that looks like foreground all over, and colours never seen stay possible.
+    of `EvidenceConfig.ratio_steps`; a histogram that forgets. location: (V, rows, columns) int8,
+    the location prior of every cell: log odds of foreground where the voxels reproject, blurred by
+    what the person may move until the next frame, in the same counts. marks: (V, rows, columns)
+    uint8 with a border of `reach` cells, 1 where voxels reproject. `learn` fills them.
+
+    Guards against learning one's own mistakes: only pixels that look like foreground and lie where
+    voxels reproject are counted, never a frame that looks like foreground all over, and colours
+    never seen stay possible.
     """
 
     def __init__(
@@ -80,20 +68,21 @@ class Foreground:
         pictures: Array,
         evidence: Array,
         colours: Array,
-        place: Array,
+        location: Array,
         config: SilhouetteConfig,
     ) -> None:
-        self.colours, self.place = colours, place
+        self.colours, self.location = colours, location
         self._device, self._rig, self._config = device, rig, config
         self._pictures, self._evidence = pictures, evidence
         self._coarse = rig.scaled(1 / CELL)
         self._cameras = device.to_device(self._coarse.packed(), "the cameras")
-        self._odds = device.to_device(place_odds(config), "the odds of foreground")
+        self._odds = device.to_device(location_odds(config), "the odds of foreground")
         self._extents = device.empty((len(rig), 2), np.float32, "the footprints")
         self._geometry = device.empty(4, np.float32, "the grid's position")
-        views, rows, columns = place.shape
-        marked = (views, rows + 2 * REACH, columns + 2 * REACH)
-        self.marks = device.zeros(marked, np.uint8, "the person's place")
+        views, rows, columns = location.shape
+        border = 2 * config.appearance.reach
+        marked = (views, rows + border, columns + border)
+        self.marks = device.zeros(marked, np.uint8, "the location prior")
         self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
         self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
         self._voxels: SurfaceVoxels | None = None
@@ -114,14 +103,14 @@ class Foreground:
         for launch in self._launches:
             launch()
 
-    def forget_place(self) -> None:
-        """Nothing is known of where the person stands in the next frame; colours are kept."""
-        self.place.fill(0)
+    def forget_location(self) -> None:
+        """Forget where the person stands; the colours are kept."""
+        self.location.fill(0)
 
     def _attach(self, voxels: SurfaceVoxels) -> None:
         self._voxels, device = voxels, self._device
         n_bins = BINS**3
-        views, rows, columns = self.place.shape
+        views, rows, columns = self.location.shape
         defines = self._defines(voxels)
 
         def launch(
@@ -151,7 +140,7 @@ class Foreground:
                 odds=self._odds,
                 images=self._pictures,
                 evidence=self._evidence,
-                place=self.place,
+                location=self.location,
                 counts=self._counts,
             ),
             launch("fade", (n_bins + 1,), (64,), **histogram),
@@ -159,32 +148,42 @@ class Foreground:
         ]
 
     def _defines(self, voxels: SurfaceVoxels) -> dict[str, int | float]:
-        config, (_, rows, columns) = self._config, self.place.shape
+        config, (_, rows, columns) = self._config.appearance, self.location.shape
         _, ny, nz = voxels.grid.shape
         return {
             **{"NY": ny, "NZ": nz},
             **{"WIDTH": self._rig.width, "HEIGHT": self._rig.height},
-            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "BINS": BINS, "REACH": REACH},
-            **{"MIN_SURFACE": MIN_SURFACE, "MOST": most_samples(self._rig)},
-            **{"KEEP": KEEP, "UNIFORM": UNIFORM, "PRIOR": PRIOR},
-            "STEPS": float(config.ratio_steps),
+            **{
+                "CELLS_X": columns,
+                "CELLS_Y": rows,
+                "CELL": CELL,
+                "BINS": BINS,
+                "REACH": config.reach,
+            },
+            **{"MIN_SURFACE": config.min_surface, "MOST": most_samples(self._rig, config)},
+            **{"KEEP": float(config.keep), "UNIFORM": float(config.uniform)},
+            "PRIOR": float(config.prior_samples),
+            "STEPS": float(self._config.evidence.ratio_steps),
         }
 
 
-def place_odds(config: SilhouetteConfig) -> np.ndarray:
-    """int8 counts of log odds by how many of the cells within `REACH` show the person."""
-    share = np.linspace(0, 1, (2 * REACH + 1) ** 2 + 1)
-    inside = config.place_outside + share * (config.place_inside - config.place_outside)
-    prior = config.foreground_prior
+def location_odds(config: SilhouetteConfig) -> np.ndarray:
+    """Return int8 counts of the location prior's log odds by how many of the cells within `reach`
+    show the person."""
+    learnt, evidence = config.appearance, config.evidence
+    share = np.linspace(0, 1, (2 * learnt.reach + 1) ** 2 + 1)
+    low, high = learnt.location_outside, learnt.location_inside
+    inside, prior = low + share * (high - low), evidence.foreground_prior
     nats = np.log(inside / (1 - inside)) - np.log(prior / (1 - prior))
-    return np.rint(np.clip(config.ratio_steps * nats, -127, 127)).astype(np.int8)
+    return np.rint(np.clip(evidence.ratio_steps * nats, -127, 127)).astype(np.int8)
 
 
-def most_samples(rig: CameraRig) -> int:
+def most_samples(rig: CameraRig, config: AppearanceConfig) -> int:
+    """Return the cells of all views beyond which a frame is not learnt from."""
     rows, columns = cells(rig)
-    return int(MOST * len(rig) * rows * columns)
+    return int(config.most * len(rig) * rows * columns)
 
 
-def follows(before: int, index: int) -> bool:
+def follows(before: int, index: int, config: AppearanceConfig) -> bool:
     """Does the frame `index` come soon after the frame `before`?"""
-    return 0 <= index - before <= MAX_GAP
+    return 0 <= index - before <= config.max_gap

@@ -10,9 +10,10 @@ from psfs.cameras.rig_geometry import axes_meet
 
 
 def floor_points(rig: CameraRig, height: float) -> np.ndarray:
-    """(V, rows, columns, 2) x and y, m, of the floor that a cell's middle shows; NaN where none.
+    """Return x and y (V, rows, columns, 2), m, of the floor that a cell's middle shows; NaN where
+    it shows none.
 
-    Floor is what lies between the cameras: within a circle around the place that they look at, as
+    Floor is what lies between the cameras: within a circle around the point that they look at, as
     wide as the farthest one.
     """
     rows, columns = cells(rig)

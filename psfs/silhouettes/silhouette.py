@@ -10,33 +10,30 @@ from cl import Array, Device, Launch
 from cl.workgroups import pixel_pack, row_group
 from psfs.background.adaptation import Adaptation
 from psfs.background.chroma_key import ChromaKey, key_launch
+from psfs.background.config import BackgroundConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.config import SilhouetteConfig
 from psfs.silhouettes.appearance import BINS, Foreground
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
 
-#: Squared distance, in standard deviations of the noise, of what may still be the floor in shadow.
-FLOOR_LEFT = 9.0
-#: Light on the floor, told in steps of 1 / 127, above which it is not shaded at all.
-FULLY_LIT = 0.997
-
 
 class Silhouette:
-    """Pictures or masks in, evidence maps out: (V, H, W) int8, in counts of `config.step` nats.
+    """Pictures or masks in, evidence maps out: (V, H, W) int8, in counts of `config.evidence.step`
+    nats.
 
-    A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `SilhouetteConfig.evidence`. One
+    A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `EvidenceConfig.log_odds`. One
     byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
     for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
     hold 0. `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
     from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
-    needs nothing learnt, and where `config.learn` is off. So is `adaptation`, which lets the
-    background follow the light, and where `config.adapt` is 0.
+    needs nothing learnt, and where `AppearanceConfig.learn` is off. So is `adaptation`, which lets
+    the background follow the light, and where `AdaptationConfig.rate` is 0.
     """
 
     def __init__(
@@ -55,7 +52,9 @@ class Silhouette:
         self._sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
         if background is None:
             self.input = device.empty(shape, np.uint8, "the masks")
-            table = device.to_device(self._config.mask_counts(np.arange(256)), "the evidence table")
+            table = device.to_device(
+                self._config.evidence.mask_counts(np.arange(256)), "the evidence table"
+            )
             mapped = {"masks": self.input, "table": table, "evidence": self.evidence}
             size = (rig.width, rig.height)
             self._launches = [
@@ -82,10 +81,14 @@ class Silhouette:
         ratios = device.zeros(bordered, np.int8, "the likelihood ratios")
         scene: dict[str, Array] = {}
         if isinstance(background, ChromaKey):
-            before = [key_launch(device, rig, background, config, self.input, ratios)]
+            before = [
+                key_launch(
+                    device, rig, background, config.chroma_key, config.evidence, self.input, ratios
+                )
+            ]
         else:
             before, scene = self._before_scene(background, ratios)
-        table = device.to_device(config.ratio_counts(), "the evidence table")
+        table = device.to_device(config.evidence.ratio_counts(), "the evidence table")
         mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
         mapped["evidence"] = self.evidence
         launches = [*before, self._launch("silhouette", "silhouette", self._packs(), **mapped)]
@@ -95,24 +98,29 @@ class Silhouette:
         self, background: Background, ratios: Array
     ) -> tuple[list[Launch], dict[str, Array]]:
         """Pictures to log ratios of scene over foreground; and what the scene looks like, the
-        person's colours and his place, which ratios of mixed pixels are told from."""
+        person's colours and the location prior, which the ratios of mixed pixels are made of."""
         device, rig, config = self._device, self.rig, self._config
         rows, columns = cells(rig)
-        planes = device.to_device(background_planes(background, config), "the background")
+        planes = background_planes(background, config.background)
+        scene = device.to_device(planes, "the background")
         colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
-        place = device.zeros((len(rig), rows, columns), np.int8, "the person's place")
+        location = device.zeros((len(rig), rows, columns), np.int8, "the location prior")
         light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         cameras = device.to_device(rig.packed(), "the cameras")
-        floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
-        if config.learn:
+        floor = device.to_device(
+            floor_points(rig, config.floor.height).astype(np.float32), "the floor"
+        )
+        if config.appearance.learn:
             self.foreground = Foreground(
-                device, rig, self.input, self.evidence, colours, place, config
+                device, rig, self.input, self.evidence, colours, location, config
             )
-            if config.adapt:
+            if config.adaptation.rate:
                 frame = (self.input, self.evidence, self.foreground.marks, self._sizes)
-                self.adaptation = Adaptation(device, rig, config, *frame, planes)
-        seen = {"images": self.input, "background": planes, "light": light}
-        known = {"colours": colours, "place": place}
+                self.adaptation = Adaptation(
+                    device, rig, config.adaptation, config.background, *frame, scene
+                )
+        seen = {"images": self.input, "background": scene, "light": light}
+        known = {"colours": colours, "location": location}
         launches = [
             self._launch(
                 "floor_light",
@@ -132,7 +140,7 @@ class Silhouette:
                 ratios=ratios,
             ),
         ]
-        return launches, {"images": self.input, "background": planes, **known}
+        return launches, {"images": self.input, "background": scene, **known}
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
         """New ratios for the pixels of the rim, and the evidence around them once more."""
@@ -152,24 +160,25 @@ class Silhouette:
 
     def _defines(self) -> dict[str, int | float]:
         config, (rows, columns) = self._config, cells(self.rig)
+        floor, evidence, light = config.floor, config.evidence, config.background
         return {
             **{"WIDTH": self.rig.width, "HEIGHT": self.rig.height},
             "VIEWS": len(self.rig),
-            "FLOOR": float(config.floor),
-            "SHADOW_LOW": float(config.shadow_low),
-            "SHADOW_HIGH": float(config.shadow_high),
-            "FLOOR_LOW": float(config.floor_shadow_low),
-            "FLOOR_WEIGHT": float(config.floor_shadow_width**-2),
-            "FLOOR_DEPTH": float(config.floor_shadow_depth**-2),
-            "LIT_WEIGHT": float(config.floor_lit_width**-2),
-            "FULLY_LIT": FULLY_LIT,
-            "FLOOR_LIT": float(config.floor_lit),
-            "FLOOR_LEFT": FLOOR_LEFT,
-            "RIM_SHARE": float(config.rim_share),
-            "RIM_COST": float(config.rim_cost),
-            "STEPS": float(config.ratio_steps),
-            "LOWEST": config.ratio_range[0],
-            "HIGHEST": config.ratio_range[1],
+            "FLOOR": float(floor.height),
+            "SHADOW_LOW": float(light.shadow_low),
+            "SHADOW_HIGH": float(light.shadow_high),
+            "FLOOR_LOW": float(floor.shadow_low),
+            "FLOOR_WEIGHT": float(floor.shadow_width**-2),
+            "FLOOR_DEPTH": float(floor.shadow_depth**-2),
+            "LIT_WEIGHT": float(floor.lit_width**-2),
+            "FULLY_LIT": float(floor.fully_lit),
+            "FLOOR_LIT": float(floor.lit),
+            "FLOOR_LEFT": float(floor.nearest),
+            "RIM_SHARE": float(config.rim.share),
+            "RIM_COST": float(config.rim.cost),
+            "STEPS": float(evidence.ratio_steps),
+            "LOWEST": evidence.ratio_range[0],
+            "HIGHEST": evidence.ratio_range[1],
             "BINS": BINS,
             "CELL": CELL,
             "CELLS_Y": rows,
@@ -187,9 +196,9 @@ class Silhouette:
         return device.launch(kernel, (*size, len(self.rig)), group, **arguments)
 
 
-def background_planes(background: Background, config: SilhouetteConfig) -> np.ndarray:
-    """(V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density over
-    the uniform foreground's, 1 / shadow_width^2."""
+def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:
+    """Return (V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density
+    over the uniform foreground's, 1 / shadow_width^2."""
     sigma = np.maximum(background.std, config.sigma_floor).astype(np.float32)
     peak = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(-1)
     shadow = config.shadow_width(background.mean) ** -2

@@ -8,51 +8,52 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import axes_meet_ahead
 from psfs.common.regions import largest_part_box
+from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
-#: Voxels along the longest side: in the coarse search; by default for things; at most for people.
-_COARSE, _FINE, _FINEST = 64, 150, 400
-#: Share added to each side of the box found, and at least this many coarse voxels.
-_MARGIN, _MARGIN_VOXELS = 0.06, 1.5
-#: Rigs whose cameras stand at least this far away, m, film people: 2 cm voxels serve them.
-_PEOPLE_DISTANCE, _PEOPLE_VOXEL = 1.5, 0.02
 
-
-def default_voxel_size(rig: CameraRig, low: np.ndarray, high: np.ndarray) -> float:
-    """2 cm when the cameras stand as far as people need, else 1/150 of the longest side, m."""
+def default_voxel_size(
+    rig: CameraRig, low: np.ndarray, high: np.ndarray, config: VolumeConfig | None = None
+) -> float:
+    """Return the edge of a voxel, m: 2 cm when the cameras stand as far away as people need, else
+    1/150 of the longest side."""
+    config = config or VolumeConfig()
     middle = (np.asarray(low) + np.asarray(high)) / 2
     distance = np.median(np.linalg.norm(rig.centres - middle, axis=1))
     longest = float(np.max(np.asarray(high) - low))
-    if distance >= _PEOPLE_DISTANCE:
-        return max(_PEOPLE_VOXEL, longest / _FINEST)
-    return longest / _FINE
+    if distance >= config.people_distance:
+        return max(config.people_voxel, longest / config.finest)
+    return longest / config.fine
 
 
 def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
-    """What a pixel covers in the middle of the grid at least, m."""
+    """Return what a pixel covers in the middle of the grid at least, m."""
     distances = np.linalg.norm(rig.centres - (grid.low + grid.high) / 2, axis=1)
     focal = [camera.K[[0, 1], [0, 1]].max() for camera in rig]
     return float(np.min(distances / focal))
 
 
-def reachable_box(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
-    """A box around the point that the cameras look at, as large as they leave room for, m.
+def reachable_box(
+    rig: CameraRig, config: VolumeConfig | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a box around the point that the cameras look at, as large as they leave room for, m.
 
     The point is the nearest one to all optical axes; the box reaches as far as the median
     camera stands from it. Rigs of people's size stand on the floor: nothing below z = -0.1 m.
     """
+    config = config or VolumeConfig()
     target = axes_meet_ahead(rig)
     reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
     low, high = target - reach, target + reach
-    if reach >= _PEOPLE_DISTANCE and low[2] < -0.1 < high[2] - 1.0:
-        low[2] = -0.1
+    if reach >= config.people_distance and low[2] < config.floor < high[2] - config.head_room:
+        low[2] = config.floor
     return low, high
 
 
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Box around the largest connected part of every frame, m, or None if all are empty."""
+    """Return the box, m, around the largest connected part of every frame; None without any."""
     centres = grid.centres()
     votes = np.zeros((len(evidence), grid.size), np.int32)
     seeing = np.zeros(grid.size, np.int32)
@@ -74,7 +75,7 @@ def largest_parts_box(
 
 
 def _widened(evidence: np.ndarray, pixels: float) -> np.ndarray:
-    """Evidence (H, W) without speckle, its foreground widened to voxels `pixels` across."""
+    """Return evidence (H, W) without speckle, its foreground widened to voxels `pixels` across."""
     offset = np.uint8(128)  # between int8 and the 0..255 that OpenCV wants
     smooth = cv2.medianBlur(evidence.view(np.uint8) ^ offset, 5)
     size = max(1, round(pixels))

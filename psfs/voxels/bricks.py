@@ -9,7 +9,7 @@ from cl import Array, Device
 from cl.program import Define
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distorted, distortion_jacobian
-from psfs.config import OccupancyConfig
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
 #: Voxels of a brick along x, y, z, and bricks of a coarse brick.
@@ -59,7 +59,7 @@ class Bricks:
         self.cameras = device.to_device(rig.packed(), "the cameras")
         reach = np.stack([lens_reach(camera) for camera in rig]).astype(np.float32)
         self.reach = device.to_device(reach, "the lenses")
-        self.place(grid)
+        self.move_to(grid)
         lanes = int(self.defines["TILE_LANES"])
         self._launch = device.launch(
             device.kernel(
@@ -83,7 +83,7 @@ class Bricks:
             "geometry": self.geometry,
         }
 
-    def place(self, grid: VoxelGrid) -> None:
+    def move_to(self, grid: VoxelGrid) -> None:
         """Move to a grid of the same shape."""
         self.geometry.set(np.array([*grid.origin, grid.voxel_size], np.float32))
 

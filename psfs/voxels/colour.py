@@ -7,11 +7,9 @@ import numpy as np
 from cl import Array, Device
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import footprints
+from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
-
-#: A voxel is visible where it lies at most this many voxels behind the nearest one.
-TOLERANCE = 1.5
 
 
 class SurfaceColour:
@@ -19,14 +17,21 @@ class SurfaceColour:
     number of cameras that they are the mean of.
 
     All surface voxels are projected into a z-buffer per camera, each as the bounding box of its
-    cube. A camera sees a voxel that lies within `TOLERANCE` voxels of the buffer's depth. The
-    colour is the mean over the cameras that see the voxel within the person's silhouette, where
+    cube. A camera sees a voxel within `config.tolerance` voxels of the buffer's depth. The colour
+    is the mean over the cameras that see the voxel within the person's silhouette, where
     there are none over all that see it, else the picture with least in between.
     """
 
     def __init__(
-        self, device: Device, rig: CameraRig, grid: VoxelGrid, surface: SurfaceList, evidence: Array
+        self,
+        device: Device,
+        rig: CameraRig,
+        grid: VoxelGrid,
+        surface: SurfaceList,
+        evidence: Array,
+        config: ColourConfig | None = None,
     ) -> None:
+        tolerance = float((config or ColourConfig()).tolerance)
         self._grid: VoxelGrid | None = None
         views, height, width = len(rig), rig.height, rig.width
         _, ny, nz = grid.shape
@@ -37,7 +42,7 @@ class SurfaceColour:
         extents = footprints(rig, grid.voxel_size).astype(np.float32)
         defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
         kernels = [
-            device.kernel("reconstruction/colour", name, **defines, TOLERANCE=TOLERANCE)
+            device.kernel("reconstruction/colour", name, **defines, TOLERANCE=tolerance)
             for name in ("nearest_depth", "surface_colour")
         ]
         voxels = {

@@ -8,6 +8,7 @@ from cl import Array, InputError
 from psfs.sequence import Frame
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.colour import SurfaceColour
+from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
@@ -21,14 +22,18 @@ class Voxels:
     """
 
     def __init__(
-        self, grid: VoxelGrid, silhouette: Silhouette, surface: Surface | SparseSurface
+        self,
+        grid: VoxelGrid,
+        silhouette: Silhouette,
+        surface: Surface | SparseSurface,
+        config: ColourConfig,
     ) -> None:
         self.grid = grid
         self.frame: Frame | None = None
         self.surface: Array = surface.list.indices
         self.count: Array = surface.list.count
         self.occupied: Array = surface.list.occupied
-        self._surface, self._silhouette = surface, silhouette
+        self._surface, self._silhouette, self._config = surface, silhouette, config
         self._colour: SurfaceColour | None = None
         self._images: Array | None = None
 
@@ -47,7 +52,7 @@ class Voxels:
         if self._colour is None:
             rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
-                evidence.device, rig, self.grid, self._surface.list, evidence
+                evidence.device, rig, self.grid, self._surface.list, evidence, self._config
             )
         return self._colour(self.grid, self._pictures(self.frame.images))
 

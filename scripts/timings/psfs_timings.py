@@ -117,7 +117,7 @@ def numpy_twin(scene: Scene, runs: int) -> dict[str, Any]:
     evidence = frame_evidence(frame, scene.rig, scene.background, config.silhouette)
 
     def carve() -> None:
-        occupancy(scene.rig, grid, evidence, config.silhouette.step, config.occupancy)
+        occupancy(scene.rig, grid, evidence, config.silhouette.evidence.step, config.occupancy)
 
     return {
         "whole": timed(lambda: twin(next(frames)), runs),

@@ -15,10 +15,8 @@ from helpers import footage
 from helpers.shared import shared_data
 
 from cl import InputError
+from psfs.background.config import PlateConfig
 from psfs.background.gaussian import (
-    PRIOR_FRAMES,
-    STD_FLOOR,
-    STD_PRIOR,
     clipped_moments,
     median_moments,
 )
@@ -100,7 +98,8 @@ def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     plain = Sequence.open(tmp_path, background="gaussian")
     assert plain.read(0).masks is None
     assert plain.background.mean[:, 0, 0, 0].tolist() == [50, 51]
-    single = np.sqrt(PRIOR_FRAMES * STD_PRIOR**2 / (1 + PRIOR_FRAMES))
+    config = PlateConfig()
+    single = np.sqrt(config.prior_frames * config.prior_std**2 / (1 + config.prior_frames))
     np.testing.assert_allclose(plain.background.std, single, rtol=1e-6)
 
 
@@ -117,7 +116,7 @@ def test_views_of_different_sizes_are_padded(tmp_path: Path) -> None:
     assert (images[1, :, :40] == 200).all() and (images[1, :, 40:] == 0).all()
     assert sequence.background_kind == "frames"
     assert (sequence.background.mean[0, 48:] == 0).all()
-    assert (sequence.background.std >= STD_FLOOR).all()
+    assert (sequence.background.std >= PlateConfig().std_floor).all()
 
 
 def test_unequal_counts_use_the_shortest(tmp_path: Path) -> None:
@@ -205,7 +204,7 @@ def test_background_moments() -> None:
     np.testing.assert_array_equal(median_moments(odd)[0], np.median(odd, axis=0))
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
-    assert (mean == 9).all() and (std >= STD_FLOOR).all()
+    assert (mean == 9).all() and (std >= PlateConfig().std_floor).all()
 
 
 def test_prefetch_stops_cleanly_and_passes_errors_on() -> None:

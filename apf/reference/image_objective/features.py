@@ -12,10 +12,10 @@ from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import canny_edges, edge_pictures
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
-from psfs.config import SilhouetteConfig
 from psfs.reference.reprojection import boundary
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.sequence import frame_input
+from psfs.silhouettes.config import SilhouetteConfig
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -108,7 +108,8 @@ class NumpyFeatures:
 
     def _silhouettes(self, frame: Frame) -> np.ndarray:
         """Return the silhouettes (V, H, W) bool."""
-        pictures, config = frame_input(frame, self._background), SilhouetteConfig(learn=False)
+        pictures = frame_input(frame, self._background)
+        config = SilhouetteConfig.without_memory()
         if self._background is None:
             return mask_evidence(pictures, self.rig, config) > 0
         return silhouette_evidence(pictures, self.rig, self._background, config) > 0

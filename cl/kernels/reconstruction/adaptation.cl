@@ -4,8 +4,8 @@
 // better, a pixel takes on the change that the others of the view have seen.
 // Defines: WIDTH, HEIGHT; CELLS_X, CELLS_Y, CELL; PARTS (divides CELL); REACH (cells of border of
 // the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
-// WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/config.py); ENOUGH, grey levels seen that tell
-// a view's change; LOOKED_AT, work-items of a view; GROUP, of view_drift; PACK.
+// WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); ENOUGH, grey levels that
+// say a view's change; LOOKED_AT, work-items of a view; GROUP, of view_drift; PACK.
 #include "reconstruction/background.h"
 #include "common/reduction.h"
 

@@ -1,6 +1,6 @@
-// What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the colours that
-// he wears, and his place in the pictures; twin: reference/appearance.py. Cells are CELL x CELL
-// pixels.
+// What the reconstructed person teaches about the next frame (psfs/silhouettes/appearance.py): the
+// colours that he wears, and the location prior, by where he was; twin: reference/appearance.py.
+// Cells are CELL x CELL pixels.
 // Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
 // NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
 #include "common/camera.h"
@@ -38,7 +38,7 @@ __kernel void mark(__global const float *restrict cameras, __global const float2
 __kernel void observe(__global const uchar *restrict marks, __global const char *restrict odds,
                       __global const int *restrict n_surface,
                       __global const uchar *restrict images, __global const char *restrict evidence,
-                      __global char *restrict place, __global int *restrict counts)
+                      __global char *restrict location, __global int *restrict counts)
 {
     const int x = get_global_id(0), y = get_global_id(1), view = get_global_id(2);
     if (x >= CELLS_X || y >= CELLS_Y) return;
@@ -46,7 +46,7 @@ __kernel void observe(__global const uchar *restrict marks, __global const char 
     int near = 0;
     for (int row = 0; row <= 2 * REACH; ++row)
         for (int column = 0; column <= 2 * REACH; ++column) near += corner[row * MARKS_X + column];
-    place[(view * CELLS_Y + y) * CELLS_X + x] = *n_surface >= MIN_SURFACE ? odds[near] : (char)0;
+    location[(view * CELLS_Y + y) * CELLS_X + x] = *n_surface >= MIN_SURFACE ? odds[near] : (char)0;
 
     const int column = CELL * x + CELL / 2, row = CELL * y + CELL / 2;
     if (!corner[REACH * MARKS_X + REACH] || column >= WIDTH || row >= HEIGHT) return;

@@ -1,4 +1,4 @@
-// Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/config.py);
+// Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/silhouettes/config.py);
 // twin: reference/silhouette.py. A work-item has PACK neighbouring pixels of a row; the last of a
 // row begin earlier where its width is not a multiple.
 // Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_WEIGHT and LIT_WEIGHT (1 /
@@ -70,13 +70,13 @@ inline vint by_colour(__global const char *table, __global const uchar *pixel)
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
 // channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
 // of the light factor. `colours` holds the log of the foreground's density over the uniform one,
-// `place` the log odds of foreground by cell, both in counts; `light` that of floor_light.cl.
+// `location` the log odds of foreground by cell, both in counts; `light` that of floor_light.cl.
 // `ratios` has a border of one pixel.
 __kernel void log_ratio(__global const uchar *restrict images,
                         __global const float *restrict background,
                         __global const int2 *restrict sizes,
                         __global const char *restrict colours,
-                        __global const char *restrict place,
+                        __global const char *restrict location,
                         __global const uchar *restrict light,
                         __global char *restrict ratios)
 {
@@ -109,7 +109,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
 
     const vfloat uniform_ratio = LOAD_PACK(plane + 6 * PIXELS) - 0.5f * nearest;
     const vint known = by_colour(colours, colour) +
-                       by_cell(place + (view * CELLS_Y + y / CELL) * CELLS_X, x);
+                       by_cell(location + (view * CELLS_Y + y / CELL) * CELLS_X, x);
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
     STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
                ratios + ratio_place(view, x, y));
@@ -173,7 +173,7 @@ inline vfloat mixed(__global const uchar *colour, __global const float *plane,
 // higher. `evidence` is that of the ratios as they came. `changed` says which blocks have new
 // ratios; it has a border of one block.
 __kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
-                  __global const char *restrict colours, __global const char *restrict place,
+                  __global const char *restrict colours, __global const char *restrict location,
                   __global const char *restrict evidence, __global char *restrict ratios,
                   __global uchar *restrict changed)
 {
@@ -181,7 +181,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
     if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
     const int begin_x = max(BLOCK * block_x, 2), end_x = min(BLOCK * block_x + BLOCK, WIDTH - 2);
     const int begin_y = max(CELL * block_y, 2), end_y = min(CELL * block_y + CELL, HEIGHT - 2);
-    __global const char *odds = place + (view * CELLS_Y + block_y) * CELLS_X;
+    __global const char *odds = location + (view * CELLS_Y + block_y) * CELLS_X;
     int any = 0;
     for (int y = begin_y; y < end_y; ++y)
         for (int first = begin_x; first < end_x; first += PACK) {

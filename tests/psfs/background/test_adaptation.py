@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers import scenes
 
 from cl import Device, InputError
-from psfs.background.adaptation import PERIOD, Adaptation
+from psfs.background.adaptation import Adaptation
+from psfs.background.config import AdaptationConfig
 from psfs.background.gaussian import Background
 from psfs.cameras.cells import cells
-from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.adaptation import NumpyAdaptation
-from psfs.silhouettes.appearance import REACH
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import background_planes
 
-CONFIG = SilhouetteConfig(adapt=0.1)
+CONFIG = SilhouetteConfig(adaptation=AdaptationConfig(rate=0.1))
 
 
 @pytest.mark.parametrize("views", [1, 3])
@@ -32,17 +30,18 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     images = np.clip(plate.mean + random.normal(0, 8, (*shape, 3)), 0, 255).astype(np.uint8)
     evidence = np.where(random.random(shape) < 0.01, 20, -20).astype(np.int8)
     marks = random.random((views, *cells(rig))) < 0.01
-    bordered = np.pad(marks, ((0, 0), (REACH, REACH), (REACH, REACH))).astype(np.uint8)
-    before = background_planes(plate, CONFIG)
+    reach = CONFIG.appearance.reach
+    bordered = np.pad(marks, ((0, 0), (reach, reach), (reach, reach))).astype(np.uint8)
+    before = background_planes(plate, CONFIG.background)
     planes = device.to_device(before)
     sizes = np.array([camera.size for camera in rig], np.int32)
     inputs = (device.to_device(array) for array in (images, evidence, bordered, sizes))
-    ours = Adaptation(device, rig, CONFIG, *inputs, planes)
+    ours = Adaptation(device, rig, CONFIG.adaptation, CONFIG.background, *inputs, planes)
     twin = NumpyAdaptation(rig, plate, CONFIG)
-    for _ in range(PERIOD + 2):  # some rows of cells are looked at twice
+    for _ in range(CONFIG.adaptation.period + 2):  # some rows of cells are looked at twice
         ours()
         twin(images, evidence, marks)
-    after, expected = planes.get(), background_planes(twin.background, CONFIG)
+    after, expected = planes.get(), background_planes(twin.background, CONFIG.background)
     wrong = ~np.isclose(after, expected, rtol=2e-3, atol=2e-3).all(1)
     assert wrong.mean() < 1e-3  # pixels as far from the background as may be
     assert (after != before).any(1).mean() > 0.5
@@ -50,7 +49,7 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
 
 def shown(rig, background, images: np.ndarray, device: Device, adapt: float) -> np.ndarray:
     """(V, H, W) bool silhouettes of the last of `images` (frames, V, H, W, 3)."""
-    config = ReconstructionConfig(replace(SilhouetteConfig(), adapt=adapt))
+    config = ReconstructionConfig(SilhouetteConfig(adaptation=AdaptationConfig(rate=adapt)))
     reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
     for index, image in enumerate(images):
         reconstruct(scenes.frame(index, image))
@@ -91,5 +90,5 @@ def test_light_may_fade(still: tuple, device: Device) -> None:
 
 
 def test_the_rate_is_checked() -> None:
-    with pytest.raises(InputError, match="adapt is 1"):
-        SilhouetteConfig(adapt=1.0)
+    with pytest.raises(InputError, match="rate is 1"):
+        AdaptationConfig(rate=1.0)

@@ -11,15 +11,16 @@ from helpers import footage, scenes
 
 from cl import Device, InputError
 from psfs.background.chroma_key import ChromaKey, key_from_media
+from psfs.background.config import ChromaKeyConfig
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.common.colours import chromaticity, parse_colour
-from psfs.config import SilhouetteConfig
 from psfs.footage.media import open_media
 from psfs.reconstructor import Reconstructor
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.reference.silhouette import silhouette_evidence
 from psfs.sequence import Sequence
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 GREEN = np.array([64.0, 177.0, 0.0])  # BGR
@@ -61,7 +62,7 @@ def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
 
 
 def test_shadow_is_screen_and_spill_is_person() -> None:
-    background, config = key_of(scenes.ring(1)), SilhouetteConfig()
+    background, config = key_of(scenes.ring(1)), ChromaKeyConfig()
 
     def ratio(*colour: float) -> float:
         return float(chroma_ratio(np.array([[colour]]), background, 0, config)[0, 0])

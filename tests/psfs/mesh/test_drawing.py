@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from helpers import scenes
 
-from psfs.config import OccupancyConfig
 from psfs.mesh.drawing import (
     COLOURINGS,
     Surface,
@@ -19,6 +18,7 @@ from psfs.mesh.drawing import (
     voxel_layer,
 )
 from psfs.mesh.marching_cubes import CLAY
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 

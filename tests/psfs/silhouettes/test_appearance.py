@@ -11,12 +11,12 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 from cl import Device, NumpyDevice
-from psfs.config import ReconstructionConfig, SilhouetteConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.silhouettes.appearance import BINS, follows
+from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.voxels.grid import VoxelGrid
 
@@ -30,7 +30,9 @@ def scene(views: int = 3):
 @pytest.mark.parametrize(("views", "look_again"), [(1, True), (3, True), (3, False)])
 def test_learning_agrees_with_the_twin(device: Device, views: int, look_again: bool) -> None:
     rig, frame, background = scene(views)
-    config = ReconstructionConfig(SilhouetteConfig(look_again=look_again))
+    config = ReconstructionConfig(
+        SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
+    )
     ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
     twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background, config)
     for index in (0, 1, 9):
@@ -40,7 +42,7 @@ def test_learning_agrees_with_the_twin(device: Device, views: int, look_again: b
         assert len(common) >= 0.98 * max(len(cloud), len(expected))
         learnt, learner = ours.silhouette.foreground, twin.foreground
         assert learnt is not None and learner is not None
-        assert (learnt.place.get() != learner.place).mean() < 0.02
+        assert (learnt.location.get() != learner.location).mean() < 0.02
         difference = np.abs(learnt.colours.get().astype(int) - learner.colours)
         assert (difference > 2).mean() < 1e-3 and difference.max() < 20
 
@@ -49,7 +51,9 @@ def test_learning_agrees_with_the_twin(device: Device, views: int, look_again: b
 def test_a_second_look(device: Device, monkeypatch, look_again: bool, lessons: list[int]) -> None:
     """The first frame always gets one, a frame far from the one before if wanted."""
     rig, frame, background = scene()
-    config = ReconstructionConfig(SilhouetteConfig(look_again=look_again))
+    config = ReconstructionConfig(
+        SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
+    )
     ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
     learnt: list[object] = []
     monkeypatch.setattr(ours.silhouette.foreground, "learn", learnt.append)
@@ -78,7 +82,7 @@ def test_the_persons_colour_is_learnt_and_nobody_elses() -> None:
     colours = twin.foreground.colours.reshape((BINS,) * 3)
     own = 128 * BINS // 256
     assert np.unravel_index(colours.argmax(), colours.shape) == (own, own, own)
-    never_seen = SilhouetteConfig().ratio_steps * np.log(0.1)
+    never_seen = SilhouetteConfig().evidence.ratio_steps * np.log(0.1)
     assert colours.min() >= np.floor(never_seen)
 
 
@@ -91,26 +95,26 @@ def test_a_picture_full_of_foreground_teaches_no_colours() -> None:
     assert not learner.colours.any()
 
 
-def test_the_place_is_where_the_person_stood() -> None:
+def test_the_location_is_where_the_person_stood() -> None:
     rig, frame, background = scene()
     twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background)
     twin(frame)
     learner = twin.foreground
     assert learner is not None
-    likely = (learner.place > 0).repeat(4, 1).repeat(4, 2)[:, : rig.height, : rig.width]
+    likely = (learner.location > 0).repeat(4, 1).repeat(4, 2)[:, : rig.height, : rig.width]
     masks = frame.masks > 0
     assert (likely & masks).sum() > 0.95 * masks.sum()
     assert (likely & masks).sum() > 0.6 * likely.sum()
-    learner.forget_place()
-    assert not learner.place.any()
+    learner.forget_location()
+    assert not learner.location.any()
 
 
-def test_nobody_has_no_place() -> None:
+def test_nobody_has_no_location() -> None:
     rig, frame, _ = scene()
     learner = NumpyForeground(rig, SilhouetteConfig())
     evidence = np.zeros((len(rig), rig.height, rig.width), np.int8)
     learner.learn(frame.images, evidence, scenes.small_grid(), np.zeros(0, int))
-    assert not learner.place.any()
+    assert not learner.location.any()
 
 
 def test_the_floor_is_where_rays_meet_it() -> None:
@@ -127,7 +131,9 @@ def test_the_floor_is_where_rays_meet_it() -> None:
 
 
 def test_frames_far_apart_do_not_follow() -> None:
-    assert follows(4, 5) and follows(4, 4) and not follows(4, 40) and not follows(4, 3)
+    config = AppearanceConfig()
+    assert follows(4, 5, config) and follows(4, 4, config)
+    assert not follows(4, 40, config) and not follows(4, 3, config)
 
 
 def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
@@ -137,7 +143,7 @@ def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
     grid = VoxelGrid.covering(np.array([-2.5, -1.0, -0.05]), np.array([2.5, 1.2, 1.95]), 0.03)
     scores = {}
     for learn in (False, True):
-        config = ReconstructionConfig(SilhouetteConfig(learn=learn))
+        config = ReconstructionConfig(SilhouetteConfig(appearance=AppearanceConfig(learn=learn)))
         ours = Reconstructor(device, sequence.rig, grid, sequence.background, config)
         for frame in sequence.frames(slice(37, 41)):
             ours(frame)

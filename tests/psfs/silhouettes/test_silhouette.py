@@ -10,20 +10,23 @@ import pytest
 from helpers import scenes
 
 from cl import Device, InputError
+from psfs.background.config import BackgroundConfig, EvidenceConfig
 from psfs.background.gaussian import Background
-from psfs.config import SilhouetteConfig
 from psfs.reference.silhouette import (
     background_ratio,
     floor_light,
     mask_evidence,
     silhouette_evidence,
 )
+from psfs.silhouettes.config import RimConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIGS = [
     SilhouetteConfig(),
-    SilhouetteConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3),
-    SilhouetteConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0),
+    SilhouetteConfig(
+        evidence=EvidenceConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3)
+    ),
+    SilhouetteConfig(BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
 ]
 
 
@@ -53,7 +56,7 @@ def test_pictures_of_any_width(device: Device, size: tuple[int, int]) -> None:
     expected = silhouette_evidence(images, rig, plate, config)
     assert (expected > 0).mean() > 0.1 and (expected < 0).mean() > 0.1
     assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
-    plain = silhouette_evidence(images, rig, plate, replace(config, rim_cost=100.0))
+    plain = silhouette_evidence(images, rig, plate, replace(config, rim=RimConfig(cost=100.0)))
     assert (plain != expected).mean() > 0.02  # mixed pixels there are
 
 
@@ -81,13 +84,13 @@ def test_masks_agree_with_the_twin(device: Device) -> None:
 
 
 def test_evidence_is_songs(device: Device) -> None:
-    config = replace(SilhouetteConfig(), clamp=1e-3)
+    config = EvidenceConfig(clamp=1e-3)
     slm = np.array([0.0, 0.01, 0.5, 0.8, 1.0])
     expected = np.log(np.clip(slm, 1e-3, 1 - 1e-3) / 0.5)
-    np.testing.assert_allclose(config.evidence(slm, config.clamp), expected)
+    np.testing.assert_allclose(config.log_odds(slm, config.clamp), expected)
     for occlusion in (0.1, 0.5, 0.9):
         other = replace(config, occlusion_prior=occlusion)
-        assert (np.sign(other.evidence(slm, 1e-3)) == np.sign(slm - 0.5)).all()
+        assert (np.sign(other.log_odds(slm, 1e-3)) == np.sign(slm - 0.5)).all()
 
 
 def ratio(colour: list[float], background: list[float], config: SilhouetteConfig) -> float:
@@ -155,12 +158,17 @@ def test_light_on_the_floor(device: Device, views: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"clamp": 0.6}, {"foreground_prior": 1.0}, {"shadow_low": 0.0}, {"sigma_floor": -1.0}],
+    ("part", "wrong"),
+    [
+        (EvidenceConfig, {"clamp": 0.6}),
+        (EvidenceConfig, {"foreground_prior": 1.0}),
+        (BackgroundConfig, {"shadow_low": 0.0}),
+        (BackgroundConfig, {"sigma_floor": -1.0}),
+    ],
 )
-def test_wrong_parameters_are_named(wrong: dict[str, float]) -> None:
+def test_wrong_parameters_are_named(part: type, wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong)).split("_")[0]):
-        SilhouetteConfig(**wrong)
+        part(**wrong)
 
 
 def test_an_arm_of_the_floors_colour_is_no_shade_where_the_floor_is_lit() -> None:

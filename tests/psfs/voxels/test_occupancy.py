@@ -8,9 +8,9 @@ from helpers import scenes
 
 from cl import Device, DeviceError, InputError
 from psfs.cameras.camera import CameraRig
-from psfs.config import OccupancyConfig
 from psfs.reference.occupancy import occupancy
 from psfs.voxels.bricks import Bricks
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupancy import Occupancy
 
@@ -62,7 +62,7 @@ def test_a_moved_grid_gives_what_a_new_one_gives(device: Device) -> None:
     )
     bricks = Bricks(device, rig, grid, evidence, STEP)
     first, there = Occupancy(bricks), Occupancy(Bricks(device, rig, moved, evidence, STEP))
-    bricks.place(moved)
+    bricks.move_to(moved)
     np.testing.assert_array_equal(first().get(), there().get())
 
 

@@ -12,11 +12,11 @@ from scipy import ndimage
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import CameraRig
-from psfs.config import OccupancyConfig, ReconstructionConfig
-from psfs.reconstructor import Reconstructor
+from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.occupancy import occupancy
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks, lens_reach
+from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
