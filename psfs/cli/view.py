@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import trimesh
 
 from cl import select_device
+from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command, add_device_flag, stdout
 from psfs.common.files import write_picture
-from psfs.mesh.drawing import Layer, floor, frusta, steady_layer, voxel_layer
+from psfs.mesh.drawing import Layer, Shape, floor, frusta, steady_layer, voxel_layer
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import KEYS, Player
@@ -19,8 +23,11 @@ from psfs.mesh.preview import mesh_preview
 from psfs.mesh.viewer import has_display, show
 from psfs.output.preview import preview
 from psfs.output.runs import Run
-from psfs.sequence import Sequence as Footage
+from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
+
+#: Opacity of voxels that have something in them.
+_BEHIND = 0.7
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -46,16 +53,22 @@ def add_view_flags(parser: argparse.ArgumentParser, help: str) -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
-    view_run(args)
+    view_run(args, OnTop())
 
 
-def view_run(
-    args: argparse.Namespace,
-    layers: Sequence[Layer] = (),
-    note: Callable[[int], str] = lambda _frame: "",
-) -> None:
-    """Show the run `args.out` in a window, `layers` on top and `note` of each frame in its
-    caption; without a display, or with --png, write a picture of the clouds alone."""
+@dataclass(frozen=True)
+class OnTop:
+    """What is shown of a run besides its clouds."""
+
+    layers: Sequence[Layer] = ()
+    note: Callable[[int], str] = lambda _frame: ""
+    """What the caption says of a frame (its number)."""
+    picture: Callable[[Frame, CameraRig], np.ndarray] | None = None
+    """What is written, (h, w, 3) uint8 BGR, where there is no window; else the clouds."""
+
+
+def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
+    """Show the run `args.out` in a window; without a display, or with --png, write a picture."""
     run = Run.open(args.out)
     frame = run.chosen(args.frame)
     sequence = run.sequence()
@@ -66,26 +79,33 @@ def view_run(
         return cloud, mesher(index) if mesher and len(cloud) else None
 
     if args.png is None and has_display():
-        voxels = voxel_layer(shape, run.grid, "meshes" if args.mesh else "voxels")
-        player = Player(
-            Playback(run.indices, sequence.fps, frame),
-            (voxels, *layers, *_surroundings(run, sequence)),
-            lambda index: f"{_size(run, index)}   {note(index)}".strip(),
-        )
-        show(sequence.name, sequence.rig, run.grid, player)
+        show(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
         return
     path = args.png or args.out / f"view_{frame:06d}.png"
-    cloud, mesh = shape(frame)
-    scene = (sequence.rig, sequence.read(frame), f"{sequence.name}, frame {frame}")
-    write_picture(path, preview(cloud, *scene) if mesh is None else mesh_preview(mesh, *scene))
+    picture = on_top.picture or partial(_picture, shape, sequence.name)
+    write_picture(path, picture(sequence.read(frame), sequence.rig))
     stdout.print(f"wrote {path}", soft_wrap=True)
 
 
-def _surroundings(run: Run, sequence: Footage) -> tuple[Layer, Layer]:
-    return (
+def _player(args: argparse.Namespace, run: Run, shape: Shape, on_top: OnTop) -> Player:
+    sequence = run.sequence()
+    name, opacity = "meshes" if args.mesh else "voxels", _BEHIND if on_top.layers else 1.0
+    layers = (
+        voxel_layer(shape, run.grid, name, opacity),
+        *on_top.layers,
         steady_layer("cameras", frusta(sequence.rig)),
         steady_layer("floor", floor(run.grid)),
     )
+    playback = Playback(run.indices, sequence.fps, run.chosen(args.frame))
+    return Player(playback, layers, lambda n: f"{_size(run, n)}   {on_top.note(n)}".strip())
+
+
+def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarray:
+    cloud, mesh = shape(frame.index)
+    title = f"{name}, frame {frame.index}"
+    if mesh is None:
+        return preview(cloud, rig, frame, title)
+    return mesh_preview(mesh, rig, frame, title)
 
 
 def _size(run: Run, index: int) -> str:

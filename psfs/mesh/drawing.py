@@ -43,14 +43,20 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines. points: (N, 3) m. pairs: (E, 2) int. colours: (E, 3) uint8 RGB."""
+    """Straight lines.
+
+    points: (N, 3) m. pairs: (E, 2) int. colours: (E, 3) uint8 RGB. width: px.
+    """
 
     points: np.ndarray
     pairs: np.ndarray
     colours: np.ndarray
+    width: float = 3.0
 
 
 Drawing = Surface | Lines
+#: The cloud of a frame (its number), and its mesh where meshes are wanted.
+Shape = Callable[[int], tuple[VoxelCloud, trimesh.Trimesh | None]]
 
 
 @dataclass(frozen=True)
@@ -118,13 +124,15 @@ def colour_scale(colouring: str, low: float, high: float) -> tuple[str, np.ndarr
 
 
 def voxel_layer(
-    shape: Callable[[int], tuple[VoxelCloud, trimesh.Trimesh | None]],
+    shape: Shape,
     grid: VoxelGrid,
     name: str = "voxels",
+    opacity: float = 1.0,
 ) -> Layer:
     """Return the layer of the clouds of a run in `grid`, as cubes, or as their meshes, whose
-    vertices take the colour of the nearest voxel. shape: cloud and mesh, if any, of a frame."""
+    vertices take the colour of the nearest voxel."""
     low, high = float(grid.low[2]), float(grid.high[2])
+    bare = np.zeros((0, 3), np.uint8)
 
     @lru_cache(_KEPT)
     def triangles(frame: int) -> tuple[VoxelCloud, Surface, np.ndarray]:
@@ -138,7 +146,7 @@ def voxel_layer(
             vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int32)
             normals = np.array(mesh.vertex_normals)
             _, voxel = spatial.cKDTree(cloud.centres).query(vertices)
-        return cloud, Surface(vertices, faces, normals, np.zeros((0, 3), np.uint8)), voxel
+        return cloud, Surface(vertices, faces, normals, bare, opacity), voxel
 
     @lru_cache(_KEPT)
     def drawing(frame: int, colouring: str) -> Surface | None:

@@ -24,7 +24,6 @@ from psfs.voxels.grid import VoxelGrid
 #: Width and height of the window, px.
 _SIZE = (1280, 800)
 _FIELD_OF_VIEW = 50.0  # degrees
-_LINE_WIDTH = 3.0  # px
 _SHORTEST_TICK = 1 / 30  # s
 _LABEL_COLOUR = (0.25, 0.3, 0.4)
 #: The way that the light falls: from above and from the left of who looks from _FROM.
@@ -272,7 +271,7 @@ def geometry(drawing: Drawing) -> Any:
 def _material(drawing: Drawing) -> Any:
     material = load_open3d().visualization.rendering.MaterialRecord()
     if not isinstance(drawing, Surface):
-        material.shader, material.line_width = "unlitLine", _LINE_WIDTH
+        material.shader, material.line_width = "unlitLine", drawing.width
         return material
     material.shader = "defaultLit" if drawing.opacity == 1 else "defaultLitTransparency"
     material.base_color = [1.0, 1.0, 1.0, drawing.opacity]

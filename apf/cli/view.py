@@ -1,0 +1,49 @@
+"""`apf view OUT TRACK`: voxels and the tracked body in one window."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.kinematics import posed_cones
+from apf.body.toml import load_body
+from apf.results.layers import cone_layer, note_of, skeleton_layer
+from apf.results.overlay import overlay_picture
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.camera import CameraRig
+from psfs.cli.commandline import add_command
+from psfs.cli.view import OnTop, add_view_flags, view_run
+from psfs.sequence import Frame
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "Play a run of psfs reconstruct with a track's skeleton and cones on top"
+    parser = add_command(commands, "view", run, f"{help}.")
+    add_view_flags(parser, help)
+    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
+    parser.add_argument(
+        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    track = Track.open(args.track)
+    folder = args.track if args.track.is_dir() else args.track.parent
+    body = load_body(args.body or folder / "body.toml")
+    if tuple(body.dof_names) != track.dof_names:
+        raise InputError(f"{args.track}: a track of {track.body_name}; the body is {body.name}")
+
+    def picture(frame: Frame, rig: CameraRig) -> np.ndarray:
+        if frame.index not in track.frames:
+            raise InputError(f"{args.track}: frame {frame.index} was not tracked")
+        row = int(np.flatnonzero(track.frames == frame.index)[0])
+        shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
+        cones = posed_cones(body, track.poses[row : row + 1])[0, shown]
+        names = [body.cone_names[i] for i in shown]
+        return overlay_picture(frame, rig, cones, names, track.joints[row], track.edges)
+
+    layers = (skeleton_layer(track), cone_layer(track, body))
+    view_run(args, OnTop(layers, lambda frame: note_of(track, frame), picture))
