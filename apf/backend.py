@@ -33,7 +33,7 @@ from apf.reference.image_objective.features import NumpyFeatures
 from apf.reference.image_objective.objective import NumpyImageObjective
 from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
 from apf.scene import Scene
-from cl import Device, NumpyDevice
+from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
@@ -83,9 +83,14 @@ def device_tracker(
     """Return the tracker of `method` on OpenCL; only the voxels' needs the scene's grid.
 
     seeds: of the runs that it makes at once, where `shares_launches` says that it can; one run with
-    the method's own seed by default. Raises DeviceError on a NumpyDevice.
+    the method's own seed by default. Raises DeviceError on a NumpyDevice, InputError for several
+    runs of a method that cannot make them, or for a scene without the grid that is needed.
     """
-    assert seeds is None or shares_launches(scene.device, method), "several runs for one"
+    if seeds is not None and not shares_launches(scene.opencl, method):
+        raise InputError(
+            f"seeds {list(seeds)} at once by {method.search} over {method.objective}; expected apf "
+            "over voxels, without terms that depend on the track so far"
+        )
     likelihood = _device_likelihood(scene, method, len(seeds or [0]))
     if method.search == "pso":
         return ParticleSwarm(scene, likelihood, method.filter, method.swarm)
@@ -145,10 +150,11 @@ def observer_for(
     """Return what makes of a frame that which the tracker of `method` observes.
 
     Voxels in `grid`, or image features. Footage without pictures has only the silhouettes' outlines
-    for edges.
+    for edges. Raises InputError where voxels are needed and there is no grid.
     """
     if method.uses_voxels:
-        assert grid is not None, "voxels have a grid"
+        if grid is None:
+            raise InputError("no voxel grid; expected one for an objective over voxels")
         return reconstructor_for(
             device, footage.rig, grid, footage.background, reconstruction, sparse=True
         )

@@ -31,7 +31,7 @@ from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.scene import Scene
-from cl import Device, DeviceError, NumpyDevice
+from cl import Device, DeviceError, InputError, NumpyDevice
 
 DEVICE = {"apf": AnnealedParticleFilter, "pso": ParticleSwarm, "sir": SirParticleFilter}
 NUMPY = {
@@ -71,6 +71,8 @@ def test_several_runs_are_made_by_the_annealed_filter_over_voxels_alone(device: 
     tracker = device_tracker(song.scene(), Method.of(n_particles=50, n_layers=2), [0, 7])
     tracker.start(song.pose(0))
     assert len(tracker.step_runs(song.voxels(0))) == 2
+    with pytest.raises(InputError, match=r"\[0, 7\] at once by pso over voxel"):
+        device_tracker(song.scene(), Method.of("pso"), [0, 7])
     with pytest.raises(DeviceError):
         device_tracker(world.scene(NumpyDevice()), Method())
 
@@ -91,6 +93,8 @@ def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
     assert seen.config == replace(method.features, edges="outline")  # there are no pictures
     voxels = observer_for(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
     assert len(voxels.cloud().indices)
+    with pytest.raises(InputError, match="no voxel grid"):
+        observer_for(chosen, Footage(), None, Method())
 
 
 @pytest.mark.parametrize("shape", ["trapezoids", "round ends", "mesh"])

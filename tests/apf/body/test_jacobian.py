@@ -1,0 +1,64 @@
+"""Derivatives of points on the body by the pose, against differences of posed bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import bodies
+
+from apf.body.jacobian import cone_moves, point_jacobian, world_axes
+from apf.body.kinematics import bone_matrices, posed_cones
+from apf.body.model import BodyModel
+
+NAMES = ("song31", "stick", "rymut31_lower")
+STEP = 1e-6
+
+
+def stepped(body: BodyModel, pose: np.ndarray) -> np.ndarray:
+    """(D, D) poses, each with another degree of freedom moved by STEP."""
+    return pose + STEP * np.eye(body.n_dof)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_which_cones_a_degree_of_freedom_slides_or_turns(name: str) -> None:
+    body = bodies.named(name)
+    pose = bodies.random_poses(body, 1)[0]
+    moved = posed_cones(body, stepped(body, pose)) - posed_cones(body, pose[None])
+    shifts = np.abs(moved[..., :8]).max(-1).T > 0.01 * STEP  # of the ends
+    turns = np.abs(moved[..., 8:]).max(-1).T > 0.01 * STEP  # of the directions
+    moves = cone_moves(body)
+    np.testing.assert_array_equal(moves > 0, shifts | turns)
+    np.testing.assert_array_equal(moves == 2, turns)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_points_fixed_to_cones_move_along_normals_as_stated(name: str) -> None:
+    body = bodies.named(name)
+    pose = bodies.random_poses(body, 1)[0]
+    random = np.random.default_rng(3)
+    cone = random.integers(len(body.cones), size=50)
+    bone = np.array([body.cones[c].bone for c in cone])
+    local = random.normal(0, 0.2, (50, 3))  # in the frames of the cones' bones
+    normal = random.normal(size=(50, 3))
+
+    def points(poses: np.ndarray) -> np.ndarray:
+        rotations, origins = bone_matrices(body, poses)
+        return origins[:, bone] + np.einsum("nkab,kb->nka", rotations[:, bone], local)
+
+    here = points(pose[None])[0]
+    slopes = np.sum((points(stepped(body, pose)) - here) / STEP * normal, -1)
+    found = point_jacobian(body, pose, cone, here, normal)
+    np.testing.assert_allclose(found, slopes, atol=1e-4)
+
+
+def test_axes_in_the_world_are_of_unit_length_and_signed() -> None:
+    body = bodies.named("song31")
+    directions, points = world_axes(body, body.rest_pose)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    rotations, origins = bone_matrices(body, body.rest_pose[None])
+    calf = next(i for i, bone in enumerate(body.bones) if bone.name == "l_calf")
+    knee = body.bones[calf].axes[0]
+    column = {"rx": 0, "ry": 1, "rz": 2}[knee.kind]
+    expected = knee.sign * rotations[0, calf, :, column]  # the only axis: it turns about itself
+    np.testing.assert_allclose(directions[knee.dof], expected, atol=1e-12)
+    np.testing.assert_allclose(points[knee.dof], origins[0, calf], atol=1e-12)
