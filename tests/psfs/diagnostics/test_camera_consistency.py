@@ -13,6 +13,7 @@ from helpers import scenes
 from helpers.shared import shared_data
 
 import apf.cli
+import psfs
 from apf.body import load_body
 from apf.synthetic.generate import write_calibration
 from psfs.cli import main
@@ -90,6 +91,21 @@ def test_a_late_camera_is_left_out_and_named(
         assert "camera c2 disagrees" in capsys.readouterr().out
         assert list(json.loads((out / "check.json").read_text())["disagreeing"]) == ["c2"]
     assert volumes["--no-colour"] > volumes["--all-cameras"]
+
+
+def test_the_library_leaves_it_out_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = late_walk(tmp_path / "walk")
+    few: dict = {"frames": slice(0, 1), "voxel_size": 0.05}
+    (without,) = psfs.reconstruct(psfs.open_sequence(folder), **few)
+    assert "left out: camera c2 disagrees" in caplog.text
+    caplog.clear()
+    names = psfs.open_sequence(folder).rig.names
+    for sequence, everyone in (
+        (psfs.open_sequence(folder), True),
+        (psfs.open_sequence(folder, cameras=names), False),  # stated cameras are kept
+    ):
+        (cloud,) = psfs.reconstruct(sequence, all_cameras=everyone, **few)
+        assert without.volume > cloud.volume and not caplog.text
 
 
 @pytest.mark.parametrize("flags", [(), ("--all-cameras",)])
