@@ -36,8 +36,12 @@ class Kernel:
             )
 
     def fresh(self) -> Any:
-        """Return a pyopencl kernel that keeps its own arguments."""
-        return pyopencl.Kernel(self._program, self.name)
+        """Return a pyopencl kernel that keeps its own arguments. Raises DeviceError where the
+        defines leave it out."""
+        try:
+            return pyopencl.Kernel(self._program, self.name)
+        except pyopencl.LogicError as error:
+            raise DeviceError(f"{self} was not built with these defines: {error}") from error
 
     def __str__(self) -> str:
         return f"kernel {self.name} of {self.file}"

@@ -6,13 +6,20 @@ from functools import lru_cache
 
 import numpy as np
 
+from apf.body.cones import FAR_OUT
 from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import AXES, BodyModel
 from cl import Array, Device, Launch
+from cl.program import Define
 from cl.workgroups import pack_defines, pack_size
 
-#: Column of a cone's row where the kernel finds the number of its bone.
-_BONE_COLUMN = 11
+#: Floats of a bone and of a free axis in the body's table, of a posed bone, and of what distances
+#: to a cone need beside it; see kinematics.h and packed_cones.h.
+BONE_FLOATS, AXIS_FLOATS, FRAME_FLOATS, SPAN_FLOATS = 16, 4, 12, 8
+#: Number in a cone's row that says which bone it is on.
+_CONE_BONE = 11
+#: The defines of cones.h.
+CONE_DEFINES: dict[str, Define] = {"CONE_FLOATS": CONE_FLOATS, "FAR_OUT": FAR_OUT}
 _GROUP = 64
 
 
@@ -35,7 +42,7 @@ class Kinematics:
         defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
         return [
             self.device.launch(
-                self.device.kernel("tracking/kinematics", "pose_cones", **defines),
+                self.device.kernel("tracking/kinematics", "pose_cones", **defines, **CONE_DEFINES),
                 pack_size(self.n_particles, defines),
                 (defines["GROUP"],),
                 n_particles=self.n_particles,
@@ -47,12 +54,17 @@ class Kinematics:
 
 
 def body_defines(body: BodyModel) -> dict[str, int]:
-    """Return the defines of kinematics.h."""
+    """Return the defines of kinematics.h and packed_cones.h, beside those of cones.h."""
     return {
         "N_DOF": body.n_dof,
         "N_BONES": len(body.bones),
         "N_LEVELS": max(bone_levels(body)) + 1,
         "N_CONES": len(body.cones),
+        "BONE_FLOATS": BONE_FLOATS,
+        "AXIS_FLOATS": AXIS_FLOATS,
+        "FRAME_FLOATS": FRAME_FLOATS,
+        "SPAN_FLOATS": SPAN_FLOATS,
+        "CONE_BONE": _CONE_BONE,
     }
 
 
@@ -81,7 +93,7 @@ def pack_body(body: BodyModel) -> np.ndarray:
         row[4:7], row[7] = cone.end, cone.radii[1]
         row[8:11] = cone.side / cone.scale[0]
         row[12:15] = np.cross(axis, cone.side) / cone.scale[1]
-        row[_BONE_COLUMN] = cone.bone
+        row[_CONE_BONE] = cone.bone
     tables = (np.array(bones), np.array(axes), cones)
     packed = np.concatenate([table.ravel() for table in tables]).astype(np.float32)
     packed.flags.writeable = False

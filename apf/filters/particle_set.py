@@ -17,6 +17,8 @@ from cl.workgroups import pack_defines
 _LARGEST_GROUP = 1024
 #: To how many bits the exponent's logarithm is found.
 _BITS = 18
+#: The exponent's logarithm to base 2 lies between -20 and 20: errors in float need no larger range.
+LOG2_BETA_LIMIT = 20.0
 
 
 class ParticleSet:
@@ -205,7 +207,9 @@ class ParticleSet:
         )
 
     def _kernel(self, name: str) -> Kernel:
-        return self.device.kernel("tracking/annealing", name, **self._defines)
+        return self.device.kernel(
+            "tracking/annealing", name, **self._defines, LOG2_BETA_LIMIT=LOG2_BETA_LIMIT
+        )
 
 
 def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:

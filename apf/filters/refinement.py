@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 
 from apf.body.jacobian import cone_moves
+from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
-from apf.body.posing import body_defines, pack_body
+from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.filters.config import FilterConfig
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines
 
 _GROUP = 256
+#: Floats that the kernel keeps of a voxel.
+_VOXEL_FLOATS = 9
 
 
 class Refinement:
@@ -35,6 +38,7 @@ class Refinement:
         n = body.n_dof
         block = 64 if device.is_gpu else 256
         self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
+        self._defines["VOXEL_FLOATS"] = _VOXEL_FLOATS
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack
         self._n_parts = -(-config.n_points // block)
@@ -129,16 +133,17 @@ class Refinement:
         return self._n_parts * self._defines["GROUP"], self.n_poses
 
     def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Any) -> Launch:
-        kernel = self.device.kernel("tracking/refinement", name, **self._defines)
+        kernel = self.device.kernel("tracking/refinement", name, **self._defines, **CONE_DEFINES)
         group = (self._defines["GROUP"], *[1] * (len(size) - 1))
         return self.device.launch(kernel, size, group, **arguments)
 
     def _check_room(self, row: int) -> None:
         """row: floats per row of the linear system. The kernel's arrays: `workspace` and system."""
         body, defines = self.body, self._defines
-        packs = 8 * body.n_dof + 12 * len(body.bones) + 24 * len(body.cones)
+        packs = 8 * body.n_dof + FRAME_FLOATS * len(body.bones)
+        packs += (CONE_FLOATS + SPAN_FLOATS) * len(body.cones)
         floats = defines["PACK"] * packs + row * (7 + defines["BLOCK"] + body.n_dof)
-        floats += 9 * defines["BLOCK"] + defines["GROUP"] + self._body.size
+        floats += _VOXEL_FLOATS * defines["BLOCK"] + defines["GROUP"] + self._body.size
         nbytes, room = 4 * floats, self.device.handle.local_mem_size
         if nbytes > room:
             raise InputError(

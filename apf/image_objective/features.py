@@ -121,6 +121,7 @@ class Features:
             HEIGHT=rig.height,
             GROUP=_GROUP,
             PITCH=rig.width + _STRIP,
+            STRIP=_STRIP,
             THRESHOLD2=config.squared_threshold,
             CELL=config.cell,
             FILLED=config.cell_pixels,
@@ -141,7 +142,7 @@ def distance_launches(
     views, height, width = edges.shape
     reach = math.isqrt(len(table) - 2)
     pitch, strips = width + 2 * reach + _STRIP, -(-width // _STRIP)
-    defines = {"WIDTH": width, "HEIGHT": height, "REACH": reach}
+    defines = {"WIDTH": width, "HEIGHT": height, "REACH": reach, "STRIP": _STRIP}
     gaps = device.empty((views, height, pitch), np.uint16, "the edge distances")
     proximity = device.to_device(table, "the proximity table")
     return [

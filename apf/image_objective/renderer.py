@@ -10,10 +10,10 @@ from apf.body.cones import distances
 from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel, Cone
-from apf.body.posing import Kinematics
+from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.scene import Scene
 from cl import Array, InputError, Launch
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 
 #: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
 #: PACK rows in vectors, one lot after the other.
@@ -71,6 +71,7 @@ class Renderer:
             GROUP=rows,
             PACK=pack,
             **({} if pictures is None else {"DRAW": 1}),
+            **CONE_DEFINES,
             **defines,
         )
         count = self.device.launch(
@@ -129,6 +130,8 @@ class FlatRenderer(Renderer):
             N_PARTS=self.n_parts,
             PART_WORDS=_PART_WORDS,
             ROUND_ENDS=int(self.round_ends),
+            CAMERA_FLOATS=CAMERA_FLOATS,
+            **CONE_DEFINES,
         )
         return self.device.launch(
             kernel,
@@ -175,7 +178,9 @@ class MeshRenderer(Renderer):
             "project_vertices",
             N_BONES=len(self._kinematics.body.cones),
             N_BINDS=self.mesh.bones.shape[1],
+            CAMERA_FLOATS=CAMERA_FLOATS,
             **self._sizes,
+            **CONE_DEFINES,
         )
         n_corners = self._sizes["N_CORNERS"]
         return self.device.launch(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.body.posing import body_defines
+from apf.body.posing import CONE_DEFINES, body_defines
 from apf.filters.config import FilterConfig
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
@@ -141,4 +141,4 @@ class LimbColours:
         ]
 
     def _kernel(self, name: str) -> Any:
-        return self.device.kernel("tracking/part_colour", name, **self._defines)
+        return self.device.kernel("tracking/part_colour", name, **self._defines, **CONE_DEFINES)

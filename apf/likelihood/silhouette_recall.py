@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.posing import Kinematics
+from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import pack_defines
+from psfs.cameras.camera import CAMERA_FLOATS
 
 _GROUP = 256
 #: Most cameras that a GPU's work-group looks at together.
@@ -31,6 +32,7 @@ class Coverage:
         self._cameras, self._points = cameras, points
         self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
         together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
+        self._defines["CAMERA_FLOATS"] = CAMERA_FLOATS
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
         shape = (len(rig), self._n_points, 2)
         self._pixels = device.empty(shape, np.float32, "the projected surface samples")
@@ -71,4 +73,6 @@ class Coverage:
         ]
 
     def _kernel(self, name: str) -> Any:
-        return self.device.kernel("tracking/silhouette_recall", name, **self._defines)
+        return self.device.kernel(
+            "tracking/silhouette_recall", name, **self._defines, **CONE_DEFINES
+        )

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
-from apf.body.posing import body_defines, pack_body
+from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.filters.config import FilterConfig
 from apf.likelihood.base import Likelihood
 from apf.likelihood.motion_prior import Smoothness
@@ -16,11 +17,14 @@ from apf.likelihood.silhouette_recall import Coverage
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
+from psfs.cameras.camera import CAMERA_FLOATS
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
 _GROUP = 256
+#: Floats of a cone's outline in a picture: x and y of its corners.
+_OUTLINE_FLOATS = 8
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
@@ -207,10 +211,12 @@ class VoxelLikelihood(Likelihood):
         defines["N_ROWS"] = self._rows.shape[0]
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
+        defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
-        fixed = pack * (2 * body.n_dof + 12 * n_bones + 24 * n_cones + 5 * defines["GROUP"])
+        posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
+        fixed = pack * (2 * body.n_dof + posed + 5 * defines["GROUP"])
         fixed += self._body.nbytes + self._rows.nbytes
-        per_view = pack * (8 * n_cones + 2)
+        per_view = pack * (_OUTLINE_FLOATS * n_cones + 2)
         room = self.device.handle.local_mem_size
         views = (room - fixed) // per_view
         if views < 1:
@@ -236,4 +242,4 @@ class VoxelLikelihood(Likelihood):
         )
 
     def _kernel(self, name: str) -> Any:
-        return self.device.kernel("tracking/likelihood", name, **self._defines)
+        return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

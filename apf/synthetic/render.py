@@ -5,17 +5,20 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from apf.synthetic.body import Flesh
+from apf.synthetic.body import PRIMITIVE_FLOATS, Flesh
 from apf.synthetic.gait import Gait
 from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
 SHADOW_SIZE, SHADOW_STEP = 128, 0.04
 #: Side of the square tiles that primitives are sorted into, px.
 TILE = 16
+#: Sphere tracing: a surface is nearer than HIT, m, and found within MARCH_STEPS; FAR, m, is beyond
+#: anything.
+HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 #: Rows and columns of noise kept to draw each frame's from.
 _NOISE_MARGIN = 64
 
@@ -47,7 +50,7 @@ class Renderer:
         self.picture = device.empty((*shape, 3), np.float32, "the pictures")
         self.mask = device.empty(shape, np.uint8, "the masks")
         self.depth = device.empty(shape, np.float32, "the depths")
-        self._primitives = device.empty((primitives, 32), np.float32)
+        self._primitives = device.empty((primitives, PRIMITIVE_FLOATS), np.float32)
         self._balls = device.empty((balls, 4), np.float32)
         tile_grid = (-(-width // TILE), -(-height // TILE), views)
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
@@ -97,8 +100,8 @@ class Renderer:
         )
 
     def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
-        """primitives (P, 32) and balls (S, 4) float32 as packed by `Flesh`; centre (2,) m of the
-        floor's shadow map."""
+        """Enqueue the pictures of primitives (P, PRIMITIVE_FLOATS) and balls (S, 4), float32 as
+        packed by `Flesh`; centre (2,) m of the floor's shadow map."""
         self._primitives.set(primitives)
         self._balls.set(balls)
         self._bin()
@@ -113,7 +116,8 @@ def _defines(
     """The defines of scene.cl."""
     width, height = rig.width, rig.height
     return {
-        **{"PRIMITIVES": primitives, "BALLS": balls},
+        **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
+        **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, "CAMERA_FLOATS": CAMERA_FLOATS},
         **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
         **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
         **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},

@@ -16,7 +16,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.distortion import distorted, largest_radius2
 
-#: Floats per camera in `CameraRig.packed()`; the same number stands in `camera.h`.
+#: Floats per camera in `CameraRig.packed()`.
 CAMERA_FLOATS = 32
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cl import Array, Device
 from cl.program import Define
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import CAMERA_FLOATS, Camera, CameraRig
 from psfs.cameras.distortion import distorted, distortion_jacobian
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -17,6 +17,8 @@ BRICK = (8, 8, 16)
 COARSE_BRICK = (4, 4, 2)
 #: Pixels of a tile's edge, on two levels.
 TILE, COARSE_TILE = 8, 32
+#: Floats per camera of what `lens_reach` says.
+_REACH_FLOATS = 8
 
 
 class Bricks:
@@ -48,6 +50,11 @@ class Bricks:
             "THRESHOLD": float(config.threshold),
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
+            "CAMERA_FLOATS": CAMERA_FLOATS,
+            "REACH_FLOATS": _REACH_FLOATS,
+            **{"FINE": TILE, "COARSE": COARSE_TILE},
+            **dict(zip(("BX", "BY", "BZ"), BRICK, strict=True)),
+            **dict(zip(("CX", "CY", "CZ"), COARSE_BRICK, strict=True)),
         }
         if not rig.distorted:
             self.defines["NO_DISTORTION"] = 1
@@ -129,7 +136,9 @@ def lens_reach(camera: Camera) -> np.ndarray:
     )
     fx, fy, skew = camera.K[0, 0], camera.K[1, 1], abs(camera.K[0, 1])
     by_x = fx * slopes[0] + skew * slopes[1]
-    return np.array([*by_x, *(fy * slopes[1]), picture, outer, largest, 0.0])
+    reach = np.zeros(_REACH_FLOATS)
+    reach[:7] = *by_x, *(fy * slopes[1]), picture, outer, largest
+    return reach
 
 
 def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:

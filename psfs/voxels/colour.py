@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
+
+#: The bits of infinity, a depth that no voxel has: depths are positive, so their bits are ordered
+#: as they are.
+_FAR = 0x7F800000
 
 
 class SurfaceColour:
@@ -41,6 +45,7 @@ class SurfaceColour:
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = footprints(rig, grid.voxel_size).astype(np.float32)
         defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
+        defines |= {"CAMERA_FLOATS": CAMERA_FLOATS}
         kernels = [
             device.kernel("reconstruction/colour", name, **defines, TOLERANCE=tolerance)
             for name in ("nearest_depth", "surface_colour")
@@ -79,6 +84,3 @@ class SurfaceColour:
         self._splat()
         self._colour()
         return self.colours
-
-
-_FAR = 0x7F800000  # the bits of infinity, see colour.cl

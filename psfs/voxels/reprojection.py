@@ -6,13 +6,12 @@ import numpy as np
 
 from cl import Array, Device, InputError
 from cl.workgroups import pack_defines
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 
-#: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px, as
-#: reprojection.cl has them.
+#: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px.
 _GROUP = 256
 _TILE, _MARK = 32, 8
 #: Bytes that a CPU reads together.
@@ -57,8 +56,16 @@ class Reprojection:
         table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
         _, ny, nz = grid.shape
         self._defines = pack_defines(device, _GROUP) | {
-            "WIDTH": width, "HEIGHT": height, "RADIUS": self.radius, "NY": ny, "NZ": nz
-        }  # fmt: skip
+            "WIDTH": width,
+            "HEIGHT": height,
+            "RADIUS": self.radius,
+            "NY": ny,
+            "NZ": nz,
+            "CAMERA_FLOATS": CAMERA_FLOATS,
+            "TILE": _TILE,
+            "MARK": _MARK,
+            "LOT": 1 if device.is_gpu else _LOT,
+        }
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),

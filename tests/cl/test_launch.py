@@ -241,6 +241,21 @@ def test_every_prototype_is_read(stage: str) -> None:
         assert names and len(set(names)) == len(names)
 
 
+@pytest.mark.parametrize("stage", sorted(STAGES))
+def test_no_kernel_is_built_without_its_defines(device: Device, stage: str) -> None:
+    if "!defined(" not in kernel_source(stage):
+        pytest.skip("needs none")
+    with pytest.raises(pyopencl.RuntimeError, match=r"\.(cl|h) needs [A-Z]"):
+        device.compiled(kernel_source(stage), "any", stage)
+
+
+def test_kernels_that_the_defines_leave_out_are_refused(device: Device) -> None:
+    source = "__kernel void a(int n) {}\n#ifdef MORE\n__kernel void b(int n) {}\n#endif\n"
+    assert list(device.compiled(source, "b", "some.cl", MORE=1).parameters) == ["n"]
+    with pytest.raises(DeviceError, match=r"^kernel b of some.cl was not built with these defines"):
+        device.compiled(source, "b", "some.cl")
+
+
 def test_the_driver_reads_the_same(device: Device) -> None:
     """Where the driver says what a kernel's arguments are called, they are the same."""
     built: Any = pyopencl.Program(device.context, SOURCE)

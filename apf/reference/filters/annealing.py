@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-#: As in annealing.cl: beta lies within 2^-20 and 2^20, and is found to 40 binary digits.
-_LOG2_BETA_LIMIT = 20.0
+from apf.filters.particle_set import LOG2_BETA_LIMIT
+
+#: Halvings of the range of the exponent's logarithm.
 _BISECTIONS = 40
 
 
@@ -18,7 +19,7 @@ def effective_size(errors: np.ndarray, beta: float) -> float:
 def annealing_exponent(errors: np.ndarray, survival_rate: float) -> float:
     """Return beta at which the effective sample size is `survival_rate` of the set (Deutscher &
     Reid 2005), found by bisection of its logarithm."""
-    low, high = -_LOG2_BETA_LIMIT, _LOG2_BETA_LIMIT
+    low, high = -LOG2_BETA_LIMIT, LOG2_BETA_LIMIT
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         if effective_size(errors, 2.0**middle) > survival_rate * len(errors):

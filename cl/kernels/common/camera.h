@@ -3,11 +3,6 @@
 //   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
 #include "common/pack.h"
 
-#define CAMERA_FLOATS 32
-// Corners of shapes further out than this, px, count as unseen: in float the lines between them
-// would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.
-#define FAR_OUT 1e5f
-
 // Project a pack of world points (x, y, z): pixels in *px and *py, returns the depth, which is <= 0
 // when the point has no image (behind the camera, or beyond the radius where the distortion turns
 // back). Selections instead of branches, and operators instead of fmin, rint and the like, which

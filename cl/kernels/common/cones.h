@@ -1,7 +1,6 @@
 // Tapered cones in the world, the counterpart of apf/body/cones.py. A posed cone is
 // CONE_FLOATS floats: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0, where
 // A, B are the end centres and X, Y the unit axes of the elliptic section.
-#define CONE_FLOATS 16
 
 // Corners A + s, A - s, B - s, B + s of the trapezoid that the cone shows to `eye`
 // (Kwolek & Rymut 2016, section 3).

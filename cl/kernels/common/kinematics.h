@@ -3,16 +3,15 @@
 //
 // The table of a body, BODY_FLOATS numbers: per bone its parent, first axis, number of axes, level
 // in the tree (0 for roots), rest rotation (row-major) and offset; per axis its kind (0-5 = tx ty
-// tz rx ry rz), sign, dof, 0; per cone CONE_FLOATS in its bone's frame, element 11 holding the
-// bone.
+// tz rx ry rz), sign, dof, 0; per cone CONE_FLOATS in its bone's frame, element CONE_BONE
+// holding the bone.
+#if !defined(AXIS_FLOATS) || !defined(BONE_FLOATS) || !defined(CONE_BONE) || \
+    !defined(CONE_FLOATS) || !defined(FRAME_FLOATS) || !defined(GROUP) || !defined(N_BONES) || \
+    !defined(N_CONES) || !defined(N_DOF) || !defined(N_LEVELS)
+#error "common/kinematics.h needs AXIS_FLOATS, BONE_FLOATS, CONE_BONE, CONE_FLOATS, FRAME_FLOATS, GROUP, N_BONES, N_CONES, N_DOF and N_LEVELS"
+#endif
 #include "common/pack.h"
 
-#ifndef CONE_FLOATS
-#define CONE_FLOATS 16
-#endif
-#define BONE_FLOATS 16
-#define AXIS_FLOATS 4
-#define FRAME_FLOATS 12
 #define BODY_AXES (N_BONES * BONE_FLOATS)
 #define BODY_CONES (BODY_AXES + N_DOF * AXIS_FLOATS)
 #define BODY_FLOATS (BODY_CONES + N_CONES * CONE_FLOATS)
@@ -112,7 +111,7 @@ inline void place_cones(__local const float *body, __local const vfloat *frames,
     for (int item = get_local_id(0); item < 4 * N_CONES; item += GROUP) {
         const int n = item / 4, part = item % 4;  // end centres and section axes
         __local const float *cone = body + BODY_CONES + n * CONE_FLOATS;
-        __local const vfloat *frame = frames + (int)cone[11] * FRAME_FLOATS;
+        __local const vfloat *frame = frames + (int)cone[CONE_BONE] * FRAME_FLOATS;
         __local vfloat *out = posed + n * CONE_FLOATS + 4 * part;
         const float x = cone[4 * part], y = cone[4 * part + 1], z = cone[4 * part + 2];
         for (int i = 0; i < 3; ++i) {

@@ -1,12 +1,13 @@
 // Posed cones of a pack of particles in local memory; CONE_FLOATS numbers each as cones.h has them.
 // Twin: apf/body/cones.py. Defines: those of kinematics.h.
+#if !defined(FAR_OUT) || !defined(SPAN_FLOATS)
+#error "common/packed_cones.h needs FAR_OUT and SPAN_FLOATS"
+#endif
 #include "common/camera.h"
 #include "common/kinematics.h"
 
 // What distances need beside the cone, SPAN_FLOATS numbers: (axis, -axis . A) / axis . axis, whose
 // product with a point says how far along it is; axis . axis; growth of the radius; -X . A; -Y . A.
-#define SPAN_FLOATS 8
-
 inline void cone_span(__local const vfloat *cone, __local vfloat *span)
 {
     const vpoint a = load_point(cone), b = load_point(cone + 4);

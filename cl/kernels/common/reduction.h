@@ -1,4 +1,7 @@
 // Sums over a work-group of GROUP items. Define: GROUP, a power of two.
+#if !defined(GROUP)
+#error "common/reduction.h needs GROUP"
+#endif
 
 inline float group_sum(__local float *scratch, float value)
 {

@@ -8,6 +8,9 @@
 // N_LABELS, WORDS, pitch), the word of a row beside those of its neighbours.
 // With DRAW also pictures (N, V, height, WIDTH) uchar2: number of the part seen, from 1, and 255 on
 // an edge; without, there need be none.
+#if !defined(GROUP) || !defined(N_LABELS) || !defined(WIDTH)
+#error "image/counting.h needs GROUP, N_LABELS and WIDTH"
+#endif
 #include "image/spans.h"
 
 #define WORDS ((WIDTH + 31) / 32)

@@ -4,7 +4,12 @@
 // from infinity, px. A region is (x0, y0, x1, y1), the ends excluded. `gaps` has PITCH columns,
 // REACH of them left of the picture and REACH + STRIP right of it, which spare the second pass its
 // bounds.
-#define STRIP 8
+#if !defined(HEIGHT) || !defined(REACH) || !defined(STRIP) || !defined(WIDTH)
+#error "image/distance.cl needs HEIGHT, REACH, STRIP and WIDTH"
+#endif
+#if STRIP != 8
+#error "distance.cl: a strip is a vector of 8 numbers"
+#endif
 #define PITCH (WIDTH + 2 * REACH + STRIP)
 
 #if REACH <= 180 // (REACH + 1)^2 + REACH^2 fits into 16 bits

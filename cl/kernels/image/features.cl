@@ -1,12 +1,19 @@
 // What image objectives compare a body with: region of interest and edges per view (Rymut 2016,
 // 2.1); twin: reference/image_objective/features.py. Defines: WIDTH, HEIGHT of the stack of views;
-// CELL, FILLED, MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; PITCH, at least
-// WIDTH + STRIP, of the gradients' rows. A region is (x0, y0, x1, y1), the ends excluded; work-item
-// (0, 0) stands at its corner.
+// CELL, FILLED, MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; STRIP; PITCH, at
+// least WIDTH + STRIP, of the gradients' rows. A region is (x0, y0, x1, y1), the ends excluded;
+// work-item (0, 0) stands at its corner.
+#if !defined(CELL) || !defined(DILATION) || !defined(FILLED) || !defined(GROUP) || \
+    !defined(HEIGHT) || !defined(MARGIN) || !defined(PITCH) || !defined(STRIP) || \
+    !defined(THRESHOLD2) || !defined(WIDTH)
+#error "image/features.cl needs CELL, DILATION, FILLED, GROUP, HEIGHT, MARGIN, PITCH, STRIP, THRESHOLD2 and WIDTH"
+#endif
 
 // Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
 // none of loops whose lengths are known to the device only.
-#define STRIP 8
+#if STRIP != 8
+#error "features.cl: a strip is a vector of 8 numbers"
+#endif
 
 inline int4 joined(int4 a, int4 b)
 {

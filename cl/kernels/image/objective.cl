@@ -1,6 +1,9 @@
 // From counted pixels to the objective functions of Rymut 2016, 4.6; twin:
 // reference/image_objective/objective.py. Defines: N_LABELS, WIDTH of the pictures, GROUP, and
 // KIND, one of 0 WS, 1 SP, 2 AoWS, 3 AoSP, 4 PoSP.
+#if !defined(GROUP) || !defined(KIND) || !defined(N_LABELS) || !defined(WIDTH)
+#error "image/objective.cl needs GROUP, KIND, N_LABELS and WIDTH"
+#endif
 #define WORDS ((WIDTH + 31) / 32)
 #define N_COUNTS (2 + 2 * N_LABELS)
 

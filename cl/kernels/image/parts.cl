@@ -1,6 +1,10 @@
 // All posed cones as parts of all pictures: the flat model of Rymut 2016, 4.3, or the same with the
 // round ends that the cones have in cones.h. Twin: reference/image_objective/render.py. Defines:
 // N_PARTS, and ROUND_ENDS, 0 or 1.
+#if !defined(CAMERA_FLOATS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || !defined(N_PARTS) || \
+    !defined(ROUND_ENDS)
+#error "image/parts.cl needs CAMERA_FLOATS, CONE_FLOATS, FAR_OUT, N_PARTS and ROUND_ENDS"
+#endif
 #include "common/camera.h"
 #include "common/cones.h"
 #include "image/parts.h"

@@ -1,5 +1,8 @@
 // Cones as they show in pictures: a part is a trapezoid with a disc at each end. Define:
 // PART_WORDS, the 32-bit words that the host allocates for each.
+#if !defined(PART_WORDS)
+#error "image/parts.h needs PART_WORDS"
+#endif
 
 // A side of a trapezoid: the pixels right (left) of the line x + slope (row - y) are inside.
 typedef struct {

@@ -3,6 +3,9 @@
 //
 // One work-group per particle and camera, one work-item per PACK rows: of the parts that meet the
 // rows, near ones first, spans of pixels, then 32 pixels at a time as bits. No picture is stored.
+#if !defined(N_PARTS)
+#error "image/render.cl needs N_PARTS"
+#endif
 #include "image/counting.h"
 #include "image/parts.h"
 

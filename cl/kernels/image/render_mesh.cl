@@ -4,6 +4,10 @@
 //
 // A part fills each row from its first pixel to its last, as convex ones do; its edge are the
 // pixels with one of four neighbours outside of it.
+#if !defined(BAND) || !defined(FAR_OUT) || !defined(N_CORNERS) || !defined(N_LINES) || \
+    !defined(N_PARTS) || !defined(N_VERTICES)
+#error "image/render_mesh.cl needs BAND, FAR_OUT, N_CORNERS, N_LINES, N_PARTS and N_VERTICES"
+#endif
 #include "common/camera.h"
 #include "image/counting.h"
 

@@ -1,6 +1,10 @@
-// Skinned meshes in all pictures. Twin: apf/body/mesh.py. Defines: N_VERTICES, N_CORNERS, N_BONES, and
-// N_BINDS bones per vertex. A vertex past N_VERTICES is the middle of a part; its distance says
+// Skinned meshes in all pictures. Twin: apf/body/mesh.py. Defines: N_VERTICES, N_CORNERS, N_BONES,
+// and N_BINDS bones per vertex. A vertex past N_VERTICES is the middle of a part; its distance says
 // which part hides which.
+#if !defined(CAMERA_FLOATS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || !defined(N_BINDS) || \
+    !defined(N_BONES) || !defined(N_CORNERS) || !defined(N_VERTICES)
+#error "image/skin.cl needs CAMERA_FLOATS, CONE_FLOATS, FAR_OUT, N_BINDS, N_BONES, N_CORNERS and N_VERTICES"
+#endif
 #include "common/camera.h"
 #include "common/cones.h"
 

@@ -1,5 +1,8 @@
 // Pixels of PACK rows at once, as 32-bit words: bit i of word w is pixel 32 w + i. A span of pixels
 // is packed as its first one and, in the upper half, the one after its last.
+#if !defined(PACK)
+#error "image/spans.h needs PACK"
+#endif
 #include "common/pack.h"
 
 #if PACK == 1

@@ -6,6 +6,12 @@
 // the marks); PERIOD; MEAN_RATE, VARIANCE_RATE; NEAREST (squared distance); LEAST_VARIANCE;
 // WIDTH_GREY, WIDTH_COLOUR of the light factor (psfs/background/config.py); ENOUGH, grey levels that
 // say a view's change; LOOKED_AT, work-items of a view; GROUP, of view_drift; PACK.
+#if !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || !defined(ENOUGH) || \
+    !defined(LEAST_VARIANCE) || !defined(LOOKED_AT) || !defined(MEAN_RATE) || \
+    !defined(NEAREST) || !defined(PACK) || !defined(PARTS) || !defined(PERIOD) || \
+    !defined(REACH) || !defined(VARIANCE_RATE) || !defined(WIDTH_COLOUR) || !defined(WIDTH_GREY)
+#error "reconstruction/adaptation.cl needs CELL, CELLS_X, CELLS_Y, ENOUGH, LEAST_VARIANCE, LOOKED_AT, MEAN_RATE, NEAREST, PACK, PARTS, PERIOD, REACH, VARIANCE_RATE, WIDTH_COLOUR and WIDTH_GREY"
+#endif
 #include "reconstruction/background.h"
 #include "common/reduction.h"
 

@@ -3,6 +3,12 @@
 // Cells are CELL x CELL pixels.
 // Defines: WIDTH HEIGHT of the pictures; CELLS_X CELLS_Y; CELL; REACH (cells); BINS per channel; NY
 // NZ of the grid; MIN_SURFACE; KEEP; MOST; UNIFORM; PRIOR; STEPS (table entries per nat).
+#if !defined(BINS) || !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(CELLS_X) || \
+    !defined(CELLS_Y) || !defined(HEIGHT) || !defined(KEEP) || !defined(MIN_SURFACE) || \
+    !defined(MOST) || !defined(PRIOR) || !defined(REACH) || !defined(STEPS) || \
+    !defined(UNIFORM) || !defined(WIDTH)
+#error "reconstruction/appearance.cl needs BINS, CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, HEIGHT, KEEP, MIN_SURFACE, MOST, PRIOR, REACH, STEPS, UNIFORM and WIDTH"
+#endif
 #include "common/camera.h"
 #include "reconstruction/voxels.h"
 

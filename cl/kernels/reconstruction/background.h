@@ -1,5 +1,8 @@
 // Packs of neighbouring pixels, in a row, against the background. Defines: WIDTH, HEIGHT; that of
 // pack.h.
+#if !defined(HEIGHT) || !defined(WIDTH)
+#error "reconstruction/background.h needs HEIGHT and WIDTH"
+#endif
 #include "common/pack.h"
 
 #define PIXELS (WIDTH * HEIGHT)

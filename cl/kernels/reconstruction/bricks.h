@@ -1,10 +1,13 @@
 // What a camera can say about a whole box of voxels, from the extremes of its evidence in tiles of
-// pixels. Defines: N_CAMERAS, WIDTH, HEIGHT. Counterpart: psfs/voxels/bricks.py.
+// pixels. Defines: WIDTH, HEIGHT; FINE and COARSE, the edges of tiles, px.
+// Counterpart: psfs/voxels/bricks.py.
+#if !defined(COARSE) || !defined(FINE) || !defined(HEIGHT) || !defined(WIDTH)
+#error "reconstruction/bricks.h needs COARSE, FINE, HEIGHT and WIDTH"
+#endif
 #include "common/camera.h"
 
 // Two levels of tiles; of either one every view's tiles are row-major.
-#define FINE 8
-#define COARSE 32
+#define ALONG (COARSE / FINE)
 #define FINE_X ((WIDTH + FINE - 1) / FINE)
 #define FINE_Y ((HEIGHT + FINE - 1) / FINE)
 #define COARSE_X ((WIDTH + COARSE - 1) / COARSE)
@@ -15,7 +18,6 @@
 // Floats per camera of `reach`: 0-3 largest |d px/du|, |d px/dv|, |d py/du|, |d py/dv| for
 // normalised coordinates (u, v) within radius [5]; 4 largest radius of a pixel of the picture;
 // 5 a larger radius; 6 largest radius that has an image at all.
-#define REACH_FLOATS 8
 // Slack for float rounding, px.
 #define SLACK 1.0f
 

@@ -3,6 +3,10 @@
 // Defines: WIDTH, HEIGHT; STEPS, LOWEST, HIGHEST as in silhouette.cl; AREA of all chromaticities;
 // NOISE, grey levels of a channel; DARK, BRIGHT, the screen's range of light; LIGHT_WEIGHT (1 /
 // variance of the light beyond it).
+#if !defined(AREA) || !defined(BRIGHT) || !defined(DARK) || !defined(LIGHT_WEIGHT) || \
+    !defined(NOISE) || !defined(STEPS)
+#error "reconstruction/chroma_key.cl needs AREA, BRIGHT, DARK, LIGHT_WEIGHT, NOISE and STEPS"
+#endif
 #include "reconstruction/ratios.h"
 
 // `keys` holds, per view: direction of the screen's chromaticity (2), saturation, variance along

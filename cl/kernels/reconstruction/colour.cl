@@ -1,11 +1,13 @@
 // Colours of the surface voxels from the pictures of the cameras that see them (Song et al. 3.3);
 // twin: psfs/reference/colour.py. Defines: WIDTH HEIGHT of the stack of pictures, N_CAMERAS, NY NZ
 // of the grid, TOLERANCE in voxels.
+#if !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(N_CAMERAS) || !defined(TOLERANCE) || \
+    !defined(WIDTH)
+#error "reconstruction/colour.cl needs CAMERA_FLOATS, HEIGHT, N_CAMERAS, TOLERANCE and WIDTH"
+#endif
 #include "common/camera.h"
 #include "reconstruction/voxels.h"
 
-// A depth that no voxel has; depths are positive, so their bits are ordered as they are.
-#define FAR 0x7F800000u
 
 // Depth of the nearest voxel at every pixel: each covers its bounding box, as in reprojection.cl.
 __kernel void nearest_depth(__global const float *restrict cameras,

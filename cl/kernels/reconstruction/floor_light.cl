@@ -1,6 +1,11 @@
 // The light on the floor, as other cameras see it; twin: reference/silhouette.py.
 // Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance);
 // CELL (px), CELLS_X, CELLS_Y of the cells.
+#if !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
+    !defined(FLOOR) || !defined(FLOOR_LEFT) || !defined(FLOOR_LIT) || !defined(SHADOW_HIGH) || \
+    !defined(VIEWS)
+#error "reconstruction/floor_light.cl needs CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, FLOOR, FLOOR_LEFT, FLOOR_LIT, SHADOW_HIGH and VIEWS"
+#endif
 #include "reconstruction/background.h"
 #include "common/camera.h"
 

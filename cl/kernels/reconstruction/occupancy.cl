@@ -1,18 +1,25 @@
 // Voxel occupancy, Song et al. eq. (3)-(9), brick by brick; twin: psfs/reference/occupancy.py.
 // Defines: NX NY NZ of the grid, N_CAMERAS, WIDTH, HEIGHT of the evidence maps, MIN_CAMERAS,
-// THRESHOLD; LANES items per work-group, LANES_Z of them along z; NO_DISTORTION if no camera has
-// any; HALO: 0 for dense, 1 for sparse; CAPACITY (bricks) for sparse.
+// THRESHOLD; BX BY BZ voxels of a brick, CX CY CZ bricks of a coarse one; LANES items per
+// work-group, LANES_Z of them along z; NO_DISTORTION if no camera has any; HALO: 0 for dense, 1 for
+// sparse; CAPACITY (bricks) for sparse.
 //
 // A CPU runs a work-group of one item, whose inner loops along z become vector code (branches are
 // selections for this reason). A camera whose evidence is the same all over a brick (mostly the
 // background's) is added once instead of being looked up for every voxel: that changes nothing
 // but the time. Dense and sparse mode share the functions that project and sum up, so that they
 // agree to the last bit (FP_CONTRACT OFF for more certainty costs PoCL its vector code).
+#if !defined(BX) || !defined(BY) || !defined(BZ) || !defined(CAMERA_FLOATS) || !defined(CX) || \
+    !defined(CY) || !defined(CZ) || !defined(FIND_LANES) || !defined(HALO) || !defined(LANES) || \
+    !defined(LANES_Z) || !defined(MIN_CAMERAS) || !defined(NX) || !defined(NY) || !defined(NZ) || \
+    !defined(N_CAMERAS) || !defined(REACH_FLOATS) || !defined(THRESHOLD) || !defined(TILE_LANES)
+#error "reconstruction/occupancy.cl needs BX, BY, BZ, CAMERA_FLOATS, CX, CY, CZ, FIND_LANES, HALO, LANES, LANES_Z, MIN_CAMERAS, NX, NY, NZ, N_CAMERAS, REACH_FLOATS, THRESHOLD and TILE_LANES"
+#endif
 #include "reconstruction/bricks.h"
 
-#define BX 8
-#define BY 8
-#define BZ 16
+#if BZ != 16
+#error "occupancy.cl: a brick's row along z is a word of 16 bits"
+#endif
 // Voxels of a brick, with its halo.
 #define DX (BX + 2 * HALO)
 #define DY (BY + 2 * HALO)
@@ -37,14 +44,14 @@
 __kernel void evidence_tiles(__global const char *restrict evidence, __global char2 *restrict tiles,
                              __global int *restrict n_active)
 {
-    SCRATCH char2 fine[COARSE / FINE * (COARSE / FINE)];
+    SCRATCH char2 fine[ALONG * ALONG];
     const int lane = get_local_id(0), view = get_group_id(1);
     const int coarse_x = get_group_id(0) % COARSE_X, coarse_y = get_group_id(0) / COARSE_X;
     __global const char *map = evidence + view * (WIDTH * HEIGHT);
     tiles += view * VIEW_TILES;
     if (lane == 0 && view == 0 && get_group_id(0) == 0) *n_active = 0;
-    for (int t = lane; t < 16; t += TILE_LANES) {
-        const int x = coarse_x * 4 + t % 4, y = coarse_y * 4 + t / 4;
+    for (int t = lane; t < ALONG * ALONG; t += TILE_LANES) {
+        const int x = coarse_x * ALONG + t % ALONG, y = coarse_y * ALONG + t / ALONG;
         char low[FINE], high[FINE]; // per column of the tile
         for (int i = 0; i < FINE; ++i) {
             low[i] = 127;
@@ -155,13 +162,12 @@ __kernel void occupancy(__global const float *restrict cameras,
     }
 }
 #else
+#ifndef CAPACITY
+#error "reconstruction/occupancy.cl needs CAPACITY where HALO is 1"
+#endif
 #define BRICKS_X ((NX + BX - 1) / BX)
 #define BRICKS_Y ((NY + BY - 1) / BY)
 #define BRICKS_Z ((NZ + BZ - 1) / BZ)
-// Bricks of a coarse brick along x, y, z.
-#define CX 4
-#define CY 4
-#define CZ 2
 
 // Can a voxel of the box be occupied, or smoothed into being so? Padded voxel (x0, y0, z0) is its
 // first, `n` its number of voxels along the axes.

@@ -1,5 +1,8 @@
 // Log ratios of single pixels, background over foreground, in counts of 1 / STEPS nats.
 // Defines: WIDTH, HEIGHT; LOWEST and HIGHEST (counts); that of pack.h.
+#if !defined(HEIGHT) || !defined(HIGHEST) || !defined(LOWEST) || !defined(WIDTH)
+#error "reconstruction/ratios.h needs HEIGHT, HIGHEST, LOWEST and WIDTH"
+#endif
 #include "common/pack.h"
 
 // Whole counts of a log ratio, within the limits of a single pixel.

@@ -1,15 +1,19 @@
 // Projection of the surface voxels into every camera (Song et al. 2.3.2): silhouette and edge
 // proximity. Twin: reference/reprojection.py. Defines: WIDTH HEIGHT of the stack of maps, RADIUS of
-// the proximity in pixels, NY NZ of the grid, GROUP, and that of pack.h. The maps are made tile by
-// tile, and only those near the silhouette at any cost.
+// the proximity in pixels, NY NZ of the grid, TILE and MARK (px), LOT (1 or 16), GROUP, and that of
+// pack.h. The maps are made tile by tile of TILE x TILE pixels, and only those near the silhouette
+// at any cost.
+#if !defined(CAMERA_FLOATS) || !defined(GROUP) || !defined(HEIGHT) || !defined(LOT) || \
+    !defined(MARK) || !defined(NY) || !defined(NZ) || !defined(PACK) || !defined(RADIUS) || \
+    !defined(TILE) || !defined(WIDTH)
+#error "reconstruction/reprojection.cl needs CAMERA_FLOATS, GROUP, HEIGHT, LOT, MARK, NY, NZ, PACK, RADIUS, TILE and WIDTH"
+#endif
 #include "common/camera.h"
 #include "common/pack.h"
 
-#define TILE 32
 #define TILES_X ((WIDTH + TILE - 1) / TILE)
 // A mark says whether the silhouette touches MARK x MARK pixels. The marks lie behind the stack of
 // silhouettes, which has a row more before and behind. Views are dimension 1 of the kernels.
-#define MARK 8
 #define MARKS_X ((WIDTH + MARK - 1) / MARK)
 #define MARKS_Y ((HEIGHT + MARK - 1) / MARK)
 #define MARKS_PLACE (((size_t)get_global_size(1) * HEIGHT + 2) * WIDTH)
@@ -19,10 +23,9 @@
 #define STRIP 8
 // Strips of rows above or below a tile that its pixels can see.
 #define STRIPS_BEYOND ((RADIUS + STRIP - 1) / STRIP)
-// Neighbours in a row whose distances a CPU finds at once: their bytes, 255 where something is true
-// of their columns, and their squared distances.
-#if PACK == 1
-#define LOT 1
+// LOT neighbours in a row whose distances a CPU finds at once: their bytes, 255 where something is
+// true of their columns, and their squared distances.
+#if LOT == 1
 typedef uchar bytes;
 typedef ushort lot;
 typedef uchar bytes_of_lot;
@@ -31,7 +34,6 @@ typedef ushort lot_anywhere;
 #define IN_BYTES(truth) ((uchar)((truth) ? 255 : 0))
 #define STORE_LOT(values, place) (*(place) = (values))
 #else
-#define LOT 16
 typedef uchar16 bytes;
 typedef ushort16 lot;
 typedef uchar16 bytes_of_lot __attribute__((aligned(1)));

@@ -5,6 +5,12 @@
 // variance of the light factor in shadows and where the light is above FULLY_LIT), FLOOR_DEPTH (1 /
 // variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST
 // and HIGHEST (counts), BINS of a colour channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
+#if !defined(BINS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
+    !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(FLOOR_WEIGHT) || \
+    !defined(FULLY_LIT) || !defined(LIT_WEIGHT) || !defined(PACK) || !defined(RIM_COST) || \
+    !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || !defined(STEPS)
+#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, FLOOR_DEPTH, FLOOR_LOW, FLOOR_WEIGHT, FULLY_LIT, LIT_WEIGHT, PACK, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW and STEPS"
+#endif
 #include "reconstruction/background.h"
 #include "reconstruction/ratios.h"
 

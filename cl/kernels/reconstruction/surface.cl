@@ -2,6 +2,10 @@
 // compaction in ascending order. Twin: psfs/reference/surface.py. Defines: NX NY NZ of the grid
 // (without padding), THRESHOLD, LANES, CAPACITY of the list.
 // Occupied voxels are bits: WORDS ushorts per row along z, voxel z is bit z % 16 of word z / 16.
+#if !defined(CAPACITY) || !defined(LANES) || !defined(NX) || !defined(NY) || !defined(NZ) || \
+    !defined(THRESHOLD)
+#error "reconstruction/surface.cl needs CAPACITY, LANES, NX, NY, NZ and THRESHOLD"
+#endif
 #define WORDS ((NZ + 15) / 16)
 // A group of one item needs no barrier.
 #if LANES > 1

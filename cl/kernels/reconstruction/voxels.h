@@ -1,4 +1,7 @@
 // Where voxels are. Defines: NY, NZ of the grid. geometry: its origin (3) and the voxels' size, m.
+#if !defined(NY) || !defined(NZ)
+#error "reconstruction/voxels.h needs NY and NZ"
+#endif
 
 inline float3 voxel_centre(__global const float *geometry, int voxel)
 {

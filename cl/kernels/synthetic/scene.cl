@@ -3,6 +3,11 @@
 //
 // Defines: those of scene_person.h and scene_room.h; BALLS; SHADOW_SIZE (texels), SHADOW_STEP (m
 // per texel); WIDTH, HEIGHT, VIEWS; TILE (px), TILES_X, TILES_Y.
+#if !defined(BALLS) || !defined(CAMERA_FLOATS) || !defined(HEIGHT) || !defined(PRIMITIVES) || \
+    !defined(SHADOW_SIZE) || !defined(SHADOW_STEP) || !defined(TILE) || !defined(TILES_X) || \
+    !defined(TILES_Y) || !defined(VIEWS) || !defined(WIDTH)
+#error "synthetic/scene.cl needs BALLS, CAMERA_FLOATS, HEIGHT, PRIMITIVES, SHADOW_SIZE, SHADOW_STEP, TILE, TILES_X, TILES_Y, VIEWS and WIDTH"
+#endif
 #include "common/camera.h"
 #include "synthetic/scene_person.h"
 #include "synthetic/scene_room.h"

@@ -1,19 +1,18 @@
 // The person of the synthetic scene: a smooth union of squashed round cones, sphere traced, and its
-// look. Define: PRIMITIVES.
+// look. Defines: PRIMITIVES; PRIMITIVE_FLOATS; HIT, FAR (m) and MARCH_STEPS of the tracing.
 //
 // A primitive is PRIMITIVE_FLOATS floats:
 //   0-11 world -> its frame (3x3 row-major and offset; across axes divided by the squash)
 //   12 length  13 radius at 0  14 taper m  15 m / sqrt(1 - m^2)  16-17 1 / squash  18 blend
 //   19 group  20-23 bounding sphere  24 region  25 region beyond  26 split  27 rest height at 0
 //   28 rest height per length  31 largest radius
+#if !defined(FAR) || !defined(HIT) || !defined(MARCH_STEPS) || !defined(PRIMITIVE_FLOATS)
+#error "synthetic/scene_person.h needs FAR, HIT, MARCH_STEPS and PRIMITIVE_FLOATS"
+#endif
 #include "synthetic/scene_light.h"
 #include "synthetic/scene_noise.h"
 
-#define PRIMITIVE_FLOATS 32
 #define MAX_BLEND 0.07f
-#define MARCH_STEPS 64
-#define HIT 5e-4f
-#define FAR 1e6f // m
 
 // First-order distance (m) to one primitive; *along is the position on its axis.
 inline float primitive_distance(__global const float *g, float3 p, float *along)

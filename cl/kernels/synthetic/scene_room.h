@@ -1,5 +1,9 @@
 // The room of the synthetic scene. Defines: ROOM_X, ROOM_Y, ROOM_Z (half width, half depth, height,
 // m), POSTERS, BOXES.
+#if !defined(BOXES) || !defined(POSTERS) || !defined(ROOM_X) || !defined(ROOM_Y) || \
+    !defined(ROOM_Z)
+#error "synthetic/scene_room.h needs BOXES, POSTERS, ROOM_X, ROOM_Y and ROOM_Z"
+#endif
 #include "synthetic/scene_light.h"
 #include "synthetic/scene_noise.h"
 

@@ -1,13 +1,16 @@
 // One annealing layer's bookkeeping: exponent, weights, resampling, diffusion, mean; of several
 // runs at once, whose particles follow each other and do not mix. Twin:
 // reference/filters/annealing.py. Defines: N_DOF; GROUP, a power of two; for `anneal` N_BETAS,
-// ROUNDS and RUN; that of pack.h.
+// ROUNDS and RUN; LOG2_BETA_LIMIT: exponents are searched between 2^-LOG2_BETA_LIMIT and
+// 2^LOG2_BETA_LIMIT; that of pack.h.
+#if !defined(LOG2_BETA_LIMIT) || !defined(N_BETAS) || !defined(N_DOF) || !defined(PACK) || \
+    !defined(ROUNDS) || !defined(RUN)
+#error "tracking/annealing.cl needs LOG2_BETA_LIMIT, N_BETAS, N_DOF, PACK, ROUNDS and RUN"
+#endif
 #include "common/philox.h"
 #include "common/reduction.h"
 
 #define WHOLE_SET 0xFFFFFFFFu
-// Exponents are searched between 2^-LOG2_BETA_LIMIT and 2^LOG2_BETA_LIMIT.
-#define LOG2_BETA_LIMIT 20.0f
 
 // Effective sample sizes (sum w)^2 / sum w^2 at N_BETAS exponents are found together.
 #define SUMS (2 * N_BETAS)

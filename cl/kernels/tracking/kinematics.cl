@@ -1,5 +1,8 @@
 // Forward kinematics of all particles, one work-group per pack; twin: body/kinematics.py. The
 // tables and the defines are explained in kinematics.h.
+#if !defined(PACK)
+#error "tracking/kinematics.cl needs PACK"
+#endif
 #include "common/kinematics.h"
 
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))

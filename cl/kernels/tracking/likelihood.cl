@@ -1,9 +1,12 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood/voxel.py.
 // Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
 // are in local memory at once, at most GROUP; NO_DISTORTION if no camera has any.
+#if !defined(CAMERA_FLOATS) || !defined(N_ROWS) || !defined(OUTLINE_FLOATS) || !defined(PACK) || \
+    !defined(VIEWS)
+#error "tracking/likelihood.cl needs CAMERA_FLOATS, N_ROWS, OUTLINE_FLOATS, PACK and VIEWS"
+#endif
 #include "common/packed_cones.h"
 
-#define OUTLINE_FLOATS 8
 // Items that look at one camera's map.
 #define VIEW_LANES (GROUP / VIEWS)
 

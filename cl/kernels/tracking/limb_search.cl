@@ -1,6 +1,9 @@
 // What the estimate might be besides the mean of the particles: the mean with one limb somewhere
 // else. Twin: reference/filters/limb_search.py. Defines: N_DOF; N_LIMBS, at least 1; CANDIDATES, 1
 // and two for every limb there is; GROUP, a power of two.
+#if !defined(CANDIDATES) || !defined(GROUP) || !defined(N_DOF) || !defined(N_LIMBS)
+#error "tracking/limb_search.cl needs CANDIDATES, GROUP, N_DOF and N_LIMBS"
+#endif
 #include "common/philox.h"
 
 // Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere:

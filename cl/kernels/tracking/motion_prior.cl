@@ -1,6 +1,9 @@
 // How far poses are from what is expected after the last frame; twin:
 // reference/likelihood/motion_prior.py. Define: N_DOF. motion: N_DOF x (last estimate, expected
 // next), NaN before there is an estimate.
+#if !defined(N_DOF)
+#error "tracking/motion_prior.cl needs N_DOF"
+#endif
 
 // Adds to the errors `weight` times the squared length of the change, scaled. An item per particle.
 __kernel void add_jumps(int n, float weight, __global const float *scales,

@@ -1,6 +1,9 @@
 // What colour each part of the body has, and how badly poses go with it; twin:
 // reference/likelihood/part_colour.py. Defines: those of kinematics.h; DARK, grey levels;
 // LEAST_SAMPLES.
+#if !defined(DARK) || !defined(LEAST_SAMPLES) || !defined(PACK)
+#error "tracking/part_colour.cl needs DARK, LEAST_SAMPLES and PACK"
+#endif
 #include "common/packed_cones.h"
 #include "common/reduction.h"
 

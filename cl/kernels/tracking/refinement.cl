@@ -6,6 +6,9 @@
 // Blake & Zisserman 1987). Every step is one launch of each kernel.
 // Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is
 // one of voxels, the pose the same in all its lanes, or one of columns of the linear system.
+#if !defined(BLOCK) || !defined(PACK) || !defined(VOXEL_FLOATS)
+#error "tracking/refinement.cl needs BLOCK, PACK and VOXEL_FLOATS"
+#endif
 #include "common/packed_cones.h"
 #include "common/reduction.h"
 
@@ -17,8 +20,8 @@
 // Rows or columns that an item works on at once, and parts that it waits for together.
 #define LINES 4
 #define TOGETHER 8
-// A voxel's normal, moment (point x normal), distance, square root of its weight, nearest cone.
-#define VOXEL_FLOATS 9
+// VOXEL_FLOATS are a voxel's normal, moment (point x normal), distance, square root of its weight
+// and nearest cone.
 
 // What a work-group keeps while it adds a part up.
 typedef struct {

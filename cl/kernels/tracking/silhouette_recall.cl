@@ -2,6 +2,10 @@
 // reference/likelihood/silhouette_recall.py. Defines: GROUP and that of pack.h, whose packs are of
 // samples here; VIEWS, the cameras that a work-group looks at together, which divides GROUP;
 // N_CONES.
+#if !defined(CAMERA_FLOATS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || !defined(GROUP) || \
+    !defined(N_CONES) || !defined(PACK) || !defined(VIEWS)
+#error "tracking/silhouette_recall.cl needs CAMERA_FLOATS, CONE_FLOATS, FAR_OUT, GROUP, N_CONES, PACK and VIEWS"
+#endif
 #include "common/camera.h"
 #include "common/cones.h"
 

@@ -1,5 +1,8 @@
 // Particle swarm, synchronous, one global best (Rymut 2016 eq. 2.27-2.31); twin:
 // reference/filters/swarm.py. Define: GROUP, N_DOF.
+#if !defined(GROUP) || !defined(N_DOF)
+#error "tracking/swarm.cl needs GROUP and N_DOF"
+#endif
 #include "common/philox.h"
 
 // Eq. (2.27)-(2.28): velocities and positions of one iteration, from 1 on; the first starts from
