@@ -52,5 +52,5 @@ def stature(body: BodyModel) -> float:
     raise InputError(
         f"the body {body.name} has the joints {', '.join(body.joint_names)}, which do not show how "
         f"tall the person is; expected two of {TOP}, {HIPS} and an ankle "
-        f"({', '.join(ANKLES)}), or a first pose"
+        f"({', '.join(ANKLES)})"
     )

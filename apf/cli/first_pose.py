@@ -74,7 +74,7 @@ def naming_init() -> Iterator[None]:
     try:
         yield
     except StartError as error:
-        raise InputError(f"{error}; give the first pose with --init") from None
+        raise InputError(f"{error}; --init gives a first pose instead") from None
 
 
 def warn_of_doubts(sequence: Sequence, start: Start) -> None:

@@ -66,7 +66,7 @@ def check_startable(body: BodyModel) -> None:
     if lacking:
         raise StartError(
             f"the body {body.name}: its root {body.bones[0].name} has no axes "
-            f"{', '.join(lacking)}; expected them, to stand it on the voxels, or a first pose"
+            f"{', '.join(lacking)}; expected them, to stand it on the voxels"
         )
     try:
         stature(body)
