@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from apf.api import given_start
-from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_height, found_start
 from apf.cli.method_flags import add_method_flags, chosen_method
 from apf.cli.track import write_files
 from apf.filters.method import Method
 from apf.live.budget import sizes
-from apf.live.captures import cameras_of
+from apf.live.captures import box_around, cameras_of
+from apf.live.config import LiveConfig
 from apf.live.error import live_errors
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult
@@ -39,12 +39,6 @@ from psfs.common.files import write_json
 from psfs.volume import automatic_grid
 from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.grid import VoxelGrid
-
-#: The voxels' mean tells where the body has moved to: less noise than `apf track` needs.
-_NOISE = 0.22
-#: Box around the first pose in which voxels of cameras are looked for at first, m: to each side,
-#: below the lowest joint, and its height.
-_SIDE, _BELOW, _HEIGHT = 1.3, 0.2, 2.5
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -77,7 +71,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     add_start_flags(parser)
     parser.add_argument(
-        "--truth", type=Path, metavar="F", help="true joints (npz or TRC): tells the error"
+        "--truth", type=Path, metavar="F", help="true joints (npz or TRC): to state the error"
     )
     parser.add_argument(
         "--scale",
@@ -92,17 +86,14 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> None:
     check_height(args)
+    _check_ranges(args)
     method = chosen_method(args)
     # Frames are not equally far apart, and `Live` itself expects what moves to move on.
-    noise = _NOISE if method.uses_voxels and args.noise is None else method.filter.noise
+    noise = LiveConfig().noise if method.uses_voxels and args.noise is None else method.filter.noise
     method = replace(method, filter=replace(method.filter, velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
-    if args.scale is not None and not 0.05 <= args.scale <= 1:
-        raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
-    if args.budget is not None and not 0.1 <= args.budget <= 1000:
-        raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
     truth = load_truth(args.truth, args.convention) if args.truth else None
     source, grid, body, pose = (
         _captures(args, method) if args.captures else _replay(args, method, device)
@@ -121,17 +112,20 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.described(), "device": device.name})
     write_files(args.output, track, body)
-    summary = {
-        **live.timeline.summary(),
-        "sizes": result.sizes,
-        "scale": scale,
-        "lost": int(track.lost.sum()),
-    }
+    summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
+    summary["lost"] = int(track.lost.sum())
     if truth is not None:
         summary |= live_errors(track, truth, np.array(result.latencies))
     write_json(args.output / "live.json", summary)
     live.timeline.plot(args.output / "timeline.png")
-    _tell(summary, args.output)
+    _print_summary(summary, args.output)
+
+
+def _check_ranges(args: argparse.Namespace) -> None:
+    if args.scale is not None and not 0.05 <= args.scale <= 1:
+        raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
+    if args.budget is not None and not 0.1 <= args.budget <= 1000:
+        raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
 
 
 def _replay(
@@ -162,20 +156,15 @@ def _captures(
     source = cameras_of(Path(args.folder), stated(args), args.captures, args.empty)
     grid = None
     if method.uses_voxels:
-        low, high = np.array(args.volume) if args.volume else _box_around(*start)
+        low, high = np.array(args.volume) if args.volume else box_around(*start)
         size = args.voxel_size or default_voxel_size(source.rig, low, high)
         grid = VoxelGrid.covering(low, high, size)
     return source, grid, *start
 
 
-def _box_around(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner, m, of a box that holds the person in `pose` (D,)."""
-    joints = posed_joints(body, pose[None])[0]
-    low = np.append(joints[:, :2].mean(0) - _SIDE, joints[:, 2].min() - _BELOW)
-    return low, low + np.array([2 * _SIDE, 2 * _SIDE, _HEIGHT])
-
-
-def _track(body: BodyModel, source: Source, result: LiveResult, made_by: dict[str, Any]) -> Track:
+def _track(
+    body: BodyModel, source: Source, result: LiveResult, provenance: dict[str, Any]
+) -> Track:
     """The track of what was found. Searches differ in their layers: those that lack are NaN."""
     most = max(len(estimate.ess) for estimate in result.estimates)
 
@@ -186,7 +175,7 @@ def _track(body: BodyModel, source: Source, result: LiveResult, made_by: dict[st
         replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
         for e in result.estimates
     ]
-    return track_of(body, source.fps, result.frames, estimates, made_by)
+    return track_of(body, source.fps, result.frames, estimates, provenance)
 
 
 def _show(status: Any, result: LiveResult, timeline: Timeline) -> None:
@@ -201,7 +190,7 @@ def _show(status: Any, result: LiveResult, timeline: Timeline) -> None:
     )
 
 
-def _tell(summary: dict[str, Any], folder: Path) -> None:
+def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     """The figures of a run, on standard output."""
     latency = summary["latency_ms"]
     dropped = ", ".join(f"{count} before {stage}" for stage, count in summary["dropped"].items())

@@ -9,45 +9,37 @@ from dataclasses import replace
 import numpy as np
 
 from apf.filters.method import Method
-
-#: With fewer evaluations a search does not follow a person; with more it gains nothing.
-FEWEST, MOST = 960, 6000
-#: Sizes to choose from, each about half as large again as the one before.
-_N_SIZES = 6
-#: Particles come in multiples of this, and there are at least so many.
-_STEP, _FEWEST_PARTICLES = 16, 48
-_FEWEST_LAYERS, _MOST_LAYERS = 6, 15
-#: Share of the layers in which an annealed particle filter moves the trunk alone.
-_TRUNK_SHARE = 1 / 3
-#: Share of a frame's time that is planned with.
-_SHARE = 0.85
-#: The size is chosen anew when the median of so many frames is this far from what is allowed.
-_WINDOW, _TOO_LONG, _WITH_ROOM = 8, 1.2, 0.7
+from apf.live.config import GovernorConfig, SizeConfig
 
 
-def sized(method: Method, evaluations: float) -> Method:
-    """`method` with particles and layers for about so many evaluations of a frame.
+def sized(method: Method, evaluations: float, config: SizeConfig | None = None) -> Method:
+    """Return `method` with particles and layers for about so many evaluations of a frame.
 
     Ten layers for a thousand evaluations, fewer below, more above: a swarm with fewer than six
     does not converge (Rymut 2016, figure 6.9), beyond fifteen it gains little.
     """
-    layers = int(np.clip(round(np.sqrt(evaluations / 10)), _FEWEST_LAYERS, _MOST_LAYERS))
+    config = config or SizeConfig()
+    layers = round(np.sqrt(evaluations / 10))
+    layers = int(np.clip(layers, config.min_layers, config.max_layers))
     if method.search == "sir":
         layers = 1
-    particles = max(_FEWEST_PARTICLES, round(evaluations / layers / _STEP) * _STEP)
+    step = config.particle_step
+    particles = max(config.min_particles, round(evaluations / layers / step) * step)
     size = {"n_particles": particles, "n_layers": layers}
     if method.search == "apf":
-        size["trunk_layers"] = round(_TRUNK_SHARE * layers)
+        size["trunk_layers"] = round(config.trunk_share * layers)
     return replace(method, filter=replace(method.filter, **size))
 
 
-def sizes(method: Method) -> list[Method]:
-    """`method` in the sizes to choose from, ascending."""
-    return [sized(method, count) for count in np.geomspace(FEWEST, MOST, _N_SIZES)]
+def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
+    """Return `method` in the sizes to choose from, ascending."""
+    config = config or SizeConfig()
+    counts = np.geomspace(config.fewest, config.most, config.n_sizes)
+    return [sized(method, count, config) for count in counts]
 
 
 def evaluations(method: Method) -> int:
-    """How often a frame's search scores a pose."""
+    """Return how often a frame's search scores a pose."""
     return method.filter.n_particles * method.filter.n_layers
 
 
@@ -57,7 +49,7 @@ class Governor:
     costs: s that each search takes, ascending. period: s that a frame may take. overlaps: frames
     are processed while others are searched in, else before. generous: a search may take as long as
     the processing does, though the period be exceeded: where processing alone takes too long,
-    smaller searches would hardly make frames faster. `place`: the search chosen.
+    smaller searches would hardly make frames faster. `chosen`: index of the search.
     """
 
     def __init__(
@@ -68,32 +60,35 @@ class Governor:
         *,
         overlaps: bool = False,
         generous: bool = False,
+        config: GovernorConfig | None = None,
     ) -> None:
+        self._config = config or GovernorConfig()
         self.period, self.costs = period, np.maximum.accumulate(costs)
         self._overlaps, self._generous = overlaps, generous
-        self._slower: deque[float] = deque(maxlen=_WINDOW)
-        self.place = self._largest(self.allowed(processing), 1.0)
+        self._slower: deque[float] = deque(maxlen=self._config.window)
+        self.chosen = self._largest(self.allowed(processing), 1.0)
 
     def allowed(self, processing: float) -> float:
-        """s that a search may take beside so many s of processing."""
-        left = _SHARE * self.period - (0.0 if self._overlaps else processing)
+        """Return the s that a search may take beside so many s of processing."""
+        left = self._config.share * self.period - (0.0 if self._overlaps else processing)
         return max(left, processing) if self._generous else left
 
     def revised(self, processing: float, seconds: float) -> bool:
-        """After a frame processed in about `processing` s and searched in for `seconds`: is another
-        search chosen?"""
-        self._slower.append(seconds / self.costs[self.place])
-        if len(self._slower) < _WINDOW:
+        """Choose anew, after a frame processed in about `processing` s and searched in for
+        `seconds`; return whether another search was chosen."""
+        self._slower.append(seconds / self.costs[self.chosen])
+        if len(self._slower) < self._config.window:
             return False
         slower, allowed = float(np.median(self._slower)), self.allowed(processing)
-        before, taken = self.place, slower * self.costs[self.place]
-        if taken > _TOO_LONG * allowed:
-            self.place = self._largest(allowed, slower)
+        before, taken = self.chosen, slower * self.costs[self.chosen]
+        if taken > self._config.too_long * allowed:
+            self.chosen = self._largest(allowed, slower)
         else:
-            self.place = max(before, self._largest(_WITH_ROOM * allowed, slower))
-        if self.place != before:
+            roomy = self._largest(self._config.with_room * allowed, slower)
+            self.chosen = max(before, roomy)
+        if self.chosen != before:
             self._slower.clear()
-        return self.place != before
+        return self.chosen != before
 
     def _largest(self, allowed: float, slower: float) -> int:
         """The largest search within `allowed` s where all take `slower` times their cost."""

@@ -5,6 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.live.config import CaptureConfig
 from apf.live.sources import Cameras
 from psfs.background.gaussian import Background, background_from_plates
 from psfs.cameras.calibration import read_calibration
@@ -16,13 +21,13 @@ from psfs.footage.media import media_in
 from psfs.footage.settings import Settings
 
 
-def cameras_of(folder: Path, said: dict[str, Any], names: list[str], empty: float) -> Cameras:
-    """The captures `names` as the cameras, in this order, of the calibration in `folder`.
+def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: float) -> Cameras:
+    """Open the captures `names` as the cameras, in this order, of the calibration in `folder`.
 
-    `folder` may be the calibration file itself. said: keys of `sequence.toml`, which they win
+    `folder` may be the calibration file itself. stated: keys of `sequence.toml`, which they win
     over. Where `folder/background` shows the empty scene it is the background. Raises InputError.
     """
-    settings = Settings.of(said)
+    settings = Settings.of(stated)
     if folder.is_file():
         calibration, plates = folder, None
     else:
@@ -31,6 +36,16 @@ def cameras_of(folder: Path, said: dict[str, Any], names: list[str], empty: floa
     rig = read_calibration(calibration, settings.unit)
     rig = chosen(turned_rig(rig, z_up_from(settings.up or "z")), settings)
     return Cameras(rig, names, _background(rig, plates, settings), empty)
+
+
+def box_around(
+    body: BodyModel, pose: np.ndarray, config: CaptureConfig | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return lowest and highest corner (3,) m of a box that holds the person in `pose` (D,)."""
+    config = config or CaptureConfig()
+    joints, side = posed_joints(body, pose[None])[0], config.box_side
+    low = np.append(joints[:, :2].mean(0) - side, joints[:, 2].min() - config.box_below)
+    return low, low + np.array([2 * side, 2 * side, config.box_height])
 
 
 def _background(rig: CameraRig, plates: Path | None, settings: Settings) -> Background | None:

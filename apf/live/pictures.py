@@ -1,4 +1,4 @@
-"""Footage made smaller: pictures no finer than what is told from them take less time."""
+"""Footage made smaller: pictures no finer than what is read from them take less time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Smaller:
 
 
 def fitting_factor(rig: CameraRig, grid: VoxelGrid) -> float:
-    """By how much pictures can be halved, and halved again, until a pixel covers a voxel of
-    `grid`."""
+    """Return the factor of pictures that are halved, and halved again, until a pixel covers a voxel
+    of `grid`."""
     halves = int(np.log2(max(grid.voxel_size / finest_pixel(rig, grid), 1.0)))
     return float(0.5**halves)

@@ -16,47 +16,30 @@ from apf.filters.base import Estimate
 from apf.filters.config import SIGMA_FPS
 from apf.filters.method import Method
 from apf.live.budget import Governor
+from apf.live.config import LiveConfig
 from apf.live.pictures import Smaller
 from apf.live.sources import ACQUISITION, Newest, Shot, Source
 from apf.live.timeline import Timeline
 from apf.scene import Scene
-from apf.tracking.recovery import Judge, RecoveryConfig
+from apf.tracking.recovery import Judge
 from cl import Device
-from psfs.reconstructor import ReconstructionConfig, Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
-from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import MeanPlace
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
 
-#: A pose is searched for as widely as the time since the last good one asks for, up to this, s.
-_LONGEST_GAP = 0.5
-#: An error of image objectives (1 is no overlap at all) beyond which a pose is not believed.
-_NOTHING_SEEN = 0.9
-#: Searches in the first frame that the cost of one is measured by, after one to compile.
-_PROBES = 2
-#: How much earlier than needed the processing begins, as a share of what it takes.
-_EARLY = 0.25
-#: Weight of the newest in the running means of durations.
-_SMOOTH = 0.2
-#: Far from the frame before, few particles find no better than this; only beyond it nothing fits.
-_RECOVERY = RecoveryConfig(ratio=3.0, least=0.6, unknown=0.6)
-#: Frames that are dropped leave gaps; time is worth more than a second look at every frame.
-_RECONSTRUCTION = ReconstructionConfig(
-    SilhouetteConfig(appearance=AppearanceConfig(look_again=False))
-)
-
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """A frame as the trackers observe it, and the mean place of its voxels (3,) m; None where there
+    """A frame as the trackers observe it, and the centre of its voxels (3,) m; None where there
     are none."""
 
     shot: Shot
     observation: Any
-    place: np.ndarray | None
+    centre: np.ndarray | None
 
 
 @dataclass
@@ -100,12 +83,14 @@ class Live:
         *,
         follow: bool = False,
         scale: float = 1.0,
+        config: LiveConfig | None = None,
     ) -> None:
+        self._config = config or LiveConfig()
         self.device, self.source, self.body = device, source, body
         self.timeline = Timeline(STAGES)
         self.result = LiveResult()
         self._grid, self._searches, self._pose = grid, searches, pose
-        self._judge = Judge(_RECOVERY)
+        self._judge = Judge(self._config.recovery.for_body(body))
         self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
         self._overlaps = device.is_gpu
         self._processor = device.sibling()
@@ -121,7 +106,7 @@ class Live:
         scene = Scene(device, self._pictures.rig, grid, body)
         self._trackers = [device_tracker(scene, method) for method in searches]
         self._governor = self._prepared(budget)
-        self._tracking_time = float(self._governor.costs[self._governor.place])
+        self._tracking_time = float(self._governor.costs[self._governor.chosen])
         self._tracker = self._chosen()
 
     def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
@@ -176,7 +161,7 @@ class Live:
         while not self._stop.is_set():
             self._free.wait()
             if self._overlaps:
-                begin = self._free_at - (1 + _EARLY) * self._processing_time
+                begin = self._free_at - (1 + self._config.early) * self._processing_time
                 self._stop.wait(max(0.0, begin - self.timeline.now()))
             shot = self._shots.take()
             if shot is None:
@@ -186,7 +171,9 @@ class Live:
             with self.timeline.span(PROCESSING, shot.frame.index):
                 observed = Observed(shot, *self._observe(shot.frame))
                 self._processor.finish()
-            self._processing_time = _smoothed(self._processing_time, self.timeline.now() - start)
+            self._processing_time = self._smoothed(
+                self._processing_time, self.timeline.now() - start
+            )
             self._ready.put(observed)
         self._ready.close()
 
@@ -206,7 +193,7 @@ class Live:
             seconds = self.timeline.now() - start
             self._free.set()
             self._keep(observed, estimate, latency)
-            self._tracking_time = _smoothed(self._tracking_time, seconds)
+            self._tracking_time = self._smoothed(self._tracking_time, seconds)
             if self._governor.revised(self._processing_time, seconds):
                 self._tracker = self._chosen()
 
@@ -215,17 +202,20 @@ class Live:
         voxels have moved to."""
         when, where = self._seen
         gap = max(observed.shot.time - when, 1 / self.source.fps)
-        self._tracker.widen(SIGMA_FPS * min(gap, _LONGEST_GAP))
+        self._tracker.widen(SIGMA_FPS * min(gap, self._config.max_gap))
         self._moved = np.zeros(self.body.n_dof)
-        if where is not None and observed.place is not None:
-            self._moved = self._translation @ (observed.place - where)
+        if where is not None and observed.centre is not None:
+            self._moved = self._translation @ (observed.centre - where)
             self._tracker.push(self._moved)
 
     def _keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost one goes back to the last good pose, instead of
         wandering off."""
         estimate = self._judge.judged(estimate)
-        if not self._searches[0].uses_voxels and estimate.least_error[-1] >= _NOTHING_SEEN:
+        if (
+            not self._searches[0].uses_voxels
+            and estimate.least_error[-1] >= self._config.max_objective_error
+        ):
             estimate = replace(estimate, lost=True)
         if estimate.lost:
             self._tracker.start(self._pose)
@@ -234,7 +224,7 @@ class Live:
         else:
             self._judge.accept(estimate)
             self._pose = estimate.pose
-            self._seen = observed.shot.time, observed.place
+            self._seen = observed.shot.time, observed.centre
         self.result.frames.append(observed.shot.frame.index)
         self.result.estimates.append(estimate)
         self.result.latencies.append(latency)
@@ -253,16 +243,16 @@ class Live:
             smaller.rig,
             self._grid,
             smaller.background,
-            _RECONSTRUCTION,
+            self._config.reconstruction,
             sparse=True,
             follow=follow,
         )
-        place = MeanPlace(
+        mean_of = MeanPlace(
             device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
         )
 
         def observe(frame: Frame) -> tuple[Any, np.ndarray | None]:
-            voxels, mean = reconstruct(smaller(frame)), place()
+            voxels, mean = reconstruct(smaller(frame)), mean_of()
             grid = voxels.grid
             return voxels, None if mean is None else grid.origin + mean * grid.voxel_size
 
@@ -283,13 +273,17 @@ class Live:
             self._processing_time,
             overlaps=self._overlaps,
             generous=budget is None,
+            config=self._config.governor,
         )
+
+    def _smoothed(self, mean: float, value: float) -> float:
+        return mean + self._config.smoothing * (value - mean)
 
     def _cost_of(self, tracker: Any, observation: Any) -> float:
         """s that a search takes at best."""
         tracker.start(self._pose)
         seconds = []
-        for _ in range(1 + _PROBES):
+        for _ in range(1 + self._config.n_probes):
             start = time.perf_counter()
             tracker.step(observation)
             seconds.append(time.perf_counter() - start)
@@ -297,22 +291,18 @@ class Live:
 
     def _chosen(self) -> Any:
         """The tracker of the size that the governor chose, started."""
-        place = self._governor.place
+        chosen = self._governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1
-        search = self._searches[place].filter
+        search = self._searches[chosen].filter
         self.result.sizes.append((frame + 1, search.n_particles, search.n_layers))
-        self._trackers[place].start(self._pose)
-        return self._trackers[place]
+        self._trackers[chosen].start(self._pose)
+        return self._trackers[chosen]
 
 
 def translation(body: BodyModel) -> np.ndarray:
-    """(D, 3) how a pose of `body` changes when the whole of it moves by a vector, m."""
+    """Return (D, 3): how a pose of `body` changes when the whole of it moves by a vector, m."""
     matrix = np.zeros((body.n_dof, 3))
     for axis in body.bones[0].axes:
         if axis.kind in ("tx", "ty", "tz"):
             matrix[axis.dof, "xyz".index(axis.kind[1])] = axis.sign
     return matrix
-
-
-def _smoothed(mean: float, value: float) -> float:
-    return mean + _SMOOTH * (value - mean)

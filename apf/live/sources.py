@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from apf.backend import Footage
+from apf.live.config import CaptureConfig
 from apf.live.timeline import Span, Timeline
 from cl import InputError
 from psfs.background.gaussian import Background, clipped_moments
@@ -24,9 +25,6 @@ from psfs.sequence import Sequence as Recording
 
 #: The stage that sources do.
 ACQUISITION = "acquisition"
-#: s without a new picture after which a camera counts as gone.
-_PATIENCE = 5.0
-_DEFAULT_FPS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +119,15 @@ class Camera:
     `play`, and from then on at its own rate. Raises InputError if it cannot be opened.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, config: CaptureConfig | None = None) -> None:
+        config = config or CaptureConfig()
+        self.name, self._patience = name, config.patience
         self._capture = cv2.VideoCapture(int(name) if name.isdigit() else name)
         if not self._capture.isOpened():
             raise InputError(f"{name}: cannot be opened; expected a USB number, a URL or a video")
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # of a queue the newest is wanted
         rate = self._capture.get(cv2.CAP_PROP_FPS)
-        self.fps = float(rate) if 1 <= rate <= 1000 else _DEFAULT_FPS
+        self.fps = float(rate) if 1 <= rate <= 1000 else config.default_fps
         self._is_file = Path(name).suffix.lower() in VIDEO_SUFFIXES and Path(name).is_file()
         self._condition = threading.Condition()
         self._image: np.ndarray | None = None
@@ -151,10 +150,12 @@ class Camera:
             self._wanted = after + 1
             self._condition.notify_all()
             there = self._condition.wait_for(
-                lambda: self._count > after or self._ended, timeout=_PATIENCE
+                lambda: self._count > after or self._ended, timeout=self._patience
             )
             if not there:
-                raise InputError(f"{self.name}: no picture for {_PATIENCE:g} s; expected a camera")
+                raise InputError(
+                    f"{self.name}: no picture for {self._patience:g} s; expected a camera"
+                )
             new = self._count > after
             return self._count, self._time, self._image if new else None
 
@@ -162,7 +163,7 @@ class Camera:
         with self._condition:
             self._stop = True
             self._condition.notify_all()
-        self._thread.join(_PATIENCE)
+        self._thread.join(self._patience)
         self._capture.release()
 
     def _grab(self) -> None:
@@ -202,7 +203,12 @@ class Cameras:
     has_images = True
 
     def __init__(
-        self, rig: CameraRig, names: Sequence[str], background: Background | None, empty: float
+        self,
+        rig: CameraRig,
+        names: Sequence[str],
+        background: Background | None,
+        empty: float,
+        config: CaptureConfig | None = None,
     ) -> None:
         if len(names) != len(rig):
             raise InputError(
@@ -213,7 +219,7 @@ class Cameras:
         self._cameras: list[Camera] = []
         with ExitStack() as stack:  # what is open is closed if the next cannot be opened
             for name in names:
-                self._cameras.append(Camera(name))
+                self._cameras.append(Camera(name, config))
                 stack.callback(self._cameras[-1].close)
             stack.pop_all()
         self.fps = min(camera.fps for camera in self._cameras)

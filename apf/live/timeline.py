@@ -47,7 +47,7 @@ class Timeline:
 
     @contextmanager
     def span(self, stage: str, frame: int) -> Iterator[None]:
-        """Notes how long the block takes; nothing if it raises."""
+        """Note how long the block takes; nothing if it raises."""
         start = self.now()
         yield
         self.add(Span(stage, frame, start, self.now()))
@@ -57,17 +57,27 @@ class Timeline:
             self._spans.append(span)
 
     def drop(self, stage: str, frame: int) -> None:
-        """`frame` was superseded before `stage` took it."""
+        """Note that `frame` was superseded before `stage` took it."""
         with self._lock:
             self._n_dropped[stage] += 1
             self._dropped.append((stage, frame, self.now()))
 
     def result(self, frame: int, appeared: float) -> float:
-        """The pose of a frame that appeared then is known now; s from the one to the other."""
+        """Note that the pose of a frame that appeared then is known now; return the s between."""
         now = self.now()
-        with self._lock:
-            self._results.append((frame, appeared, now))
+        self.add_result(frame, appeared, now)
         return now - appeared
+
+    def add_result(self, frame: int, appeared: float, known: float) -> None:
+        """Note that the pose of a frame that appeared then was known then, s."""
+        with self._lock:
+            self._results.append((frame, appeared, known))
+
+    @property
+    def spans(self) -> list[Span]:
+        """What the stages did, in the order in which it ended."""
+        with self._lock:
+            return list(self._spans)
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -88,8 +98,7 @@ class Timeline:
     def summary(self) -> dict[str, object]:
         """Latency, rate, durations of the stages and dropped frames, ms, ready for JSON."""
         latencies, intervals = self.latencies(), self.intervals()
-        with self._lock:
-            spans = list(self._spans)
+        spans = self.spans
         durations = {
             stage: np.array([s.end - s.start for s in spans if s.stage == stage])
             for stage in self.stages

@@ -1,0 +1,135 @@
+"""Where live frames come from, and pictures made smaller."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import footage
+
+from apf.live.captures import cameras_of
+from apf.live.pictures import Smaller, fitting_factor
+from apf.live.sources import ACQUISITION, Newest, Replay, Shot
+from apf.live.timeline import Timeline
+from apf.synthetic.scene import SceneConfig, make_rig
+from cl import InputError
+from psfs.sequence import Sequence
+from psfs.voxels.bounding_volume import finest_pixel
+from psfs.voxels.grid import VoxelGrid
+
+STAGES = (ACQUISITION, "processing", "tracking")
+
+
+def test_newest_drops_what_is_older() -> None:
+    dropped: list[int] = []
+    newest = Newest(dropped.append)
+    for number in (1, 2, 3):
+        newest.put(number)
+    assert newest.take() == 3 and dropped == [1, 2]
+    newest.put(4)
+    newest.close()
+    assert newest.take() == 4 and newest.take() is None and dropped == [1, 2]
+
+
+def test_taking_waits_for_another_thread() -> None:
+    newest = Newest(lambda item: None)
+    taken: list[object] = []
+    thread = threading.Thread(target=lambda: taken.extend([newest.take(), newest.take()]))
+    thread.start()
+    newest.put("a picture")
+    newest.close()
+    thread.join(10)
+    assert not thread.is_alive() and taken == ["a picture", None]
+
+
+def acquired(source, stop: threading.Event | None = None) -> tuple[list[Shot], Timeline]:
+    """All shots of a source, none superseded, and its timeline."""
+    shots: list[Shot] = []
+    timeline = Timeline(STAGES)
+    newest = Newest(lambda shot: None)
+    newest.put = shots.append  # type: ignore[method-assign]
+    source.run(newest, timeline, stop or threading.Event())
+    return shots, timeline
+
+
+def test_replay_keeps_the_recordings_time(tmp_path: Path) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "s"))
+    shots, timeline = acquired(Replay(sequence, range(1, 11, 2)))
+    indices = [shot.frame.index for shot in shots]
+    assert len(indices) + timeline.dropped[ACQUISITION] == 5
+    assert indices == sorted(set(indices) & {1, 3, 5, 7, 9})
+    for shot in shots:
+        since = shot.time - shots[0].time
+        assert since == pytest.approx((shot.frame.index - indices[0]) / 25)
+        assert abs(int(shot.frame.images[0, 20, 20, 0]) - footage.grey(shot.frame.index, 0)) < 6
+    stopped = threading.Event()
+    stopped.set()
+    assert acquired(Replay(sequence, range(12)), stopped)[0] == []
+
+
+def test_smaller_footage(tmp_path: Path) -> None:
+    sequence = Sequence.open(footage.native(tmp_path / "s", frames=2))
+    smaller, frame = Smaller(sequence, 0.5), sequence.read(1)
+    assert smaller.rig[0].size == (32, 24)
+    small = smaller(frame)
+    assert small.images.shape == (3, 24, 32, 3) and small.index == 1
+    blocks = frame.images.reshape(3, 24, 2, 32, 2, 3).mean((2, 4))
+    assert np.abs(small.images - blocks).max() <= 0.5
+    blocks = sequence.background.mean.reshape(3, 24, 2, 32, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(smaller.background.mean, blocks, atol=1e-3)
+    # A point is seen in the middle of the pixels that it is the mean of.
+    point = np.array([[0.1, 0.2, 0.9]])
+    before, after = (rig[1].project(point)[0] for rig in (sequence.rig, smaller.rig))
+    np.testing.assert_allclose(after + 0.5, (before + 0.5) / 2)
+    same = Smaller(sequence, 1.0)
+    assert same(frame) is frame and same.background is sequence.background
+
+
+def test_pictures_as_fine_as_voxels() -> None:
+    rig = make_rig(SceneConfig(cameras=4))
+
+    def grid(voxel_size: float) -> VoxelGrid:
+        return VoxelGrid(np.array([0, 0, 1.0]), voxel_size, (2, 2, 2))
+
+    pixel = finest_pixel(rig, grid(0.02))
+    for voxel, factor in ((0.9, 1), (1.9, 1), (2.1, 0.5), (3.9, 0.5), (4.1, 0.25)):
+        assert fitting_factor(rig, grid(voxel * pixel)) == factor
+
+
+def test_captures_of_files(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path / "s", frames=12)
+    videos = [str(folder / "videos" / f"cam{k:02d}.mp4") for k in (1, 2, 3)]
+    cameras = cameras_of(folder, {}, videos, 0.0)
+    assert cameras.fps == 25 and len(cameras.rig) == 3
+    assert abs(cameras.background.mean[1].mean() - 101) < footage.LOSS  # from background/
+    first = cameras.first()
+    assert abs(int(first.images[2, 20, 20, 0]) - footage.grey(0, 2)) < footage.LOSS
+    shots, _ = acquired(cameras)
+    assert 1 <= len(shots) <= 11
+    assert [s.time for s in shots] == sorted(s.time for s in shots)
+    assert all(shot.frame.images.shape == (3, 48, 64, 3) for shot in shots)
+
+
+def test_a_background_filmed_first(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path / "s", frames=8)
+    videos = [str(path) for path in sorted((folder / "videos").iterdir())]
+    cameras = cameras_of(folder / "calibration.toml", {}, videos, 0.12)  # three frames of 25/s
+    levels = np.mean([footage.grey(frame, 0) for frame in range(3)])
+    assert abs(cameras.background.mean[0].mean() - levels) < footage.LOSS
+    assert abs(int(cameras.first().images[0, 9, 9, 0]) - footage.grey(3, 0)) < footage.LOSS
+    cameras.close()
+
+
+def test_bad_captures(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path / "s", frames=2)
+    videos = [str(path) for path in sorted((folder / "videos").iterdir())]
+    footage.write_video(tmp_path / "wide.mp4", [1, 2], size=(80, 48))
+    for names, message in (
+        (videos[:2], "2 captures .* expected 3"),
+        ([*videos[:2], "absent.mp4"], "absent.mp4: cannot be opened"),
+        ([*videos[:2], str(tmp_path / "wide.mp4")], "80 x 48 pixels; camera cam03"),
+    ):
+        with pytest.raises(InputError, match=message):
+            cameras_of(folder, {}, names, 0.0).first()
