@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class NumpyDevice:
-    """Stands for the NumPy twins, so that `--device numpy` can be chosen like any other."""
+    """Stands for the NumPy twins, so that `numpy` can be chosen like any other."""
 
     name: str = "numpy"
 
@@ -45,7 +45,7 @@ class Transfers:
 
 
 def select_device(choice: str = "auto", profile: bool = False) -> Device | NumpyDevice:
-    """The device for `--device auto|gpu|cpu|numpy|NAME`.
+    """Return the device for `auto`, `gpu`, `cpu`, `numpy` or a NAME.
 
     `auto` takes the GPU with the most compute units, else a CPU. NAME is any part of a device's
     name or its platform's, in upper or lower case. Raises DeviceError when there is none such.
@@ -62,7 +62,7 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
         chosen = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()]
     if not chosen:
         found = ", ".join(info.name for info in list_devices()) or "none at all"
-        raise DeviceError(f"no OpenCL device matches --device {choice}; found: {found}")
+        raise DeviceError(f"no OpenCL device matches {choice}; found: {found}")
     return Device(chosen[0], profile=profile)
 
 
@@ -95,7 +95,7 @@ class Device:
 
     @classmethod
     def best(cls, profile: bool = False) -> Device:
-        """The OpenCL device that `--device auto` takes."""
+        """Return the OpenCL device that `auto` takes."""
         device = select_device("auto", profile)
         assert isinstance(device, Device)
         return device

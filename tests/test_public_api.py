@@ -107,6 +107,25 @@ def test_track_takes_a_pose_and_says_what_is_wrong(walk: Path) -> None:
         apf.track(sequence, device="nonsense")
 
 
+def test_what_is_not_there_is_a_missing_file(walk: Path, tmp_path: Path) -> None:
+    """The standard exceptions do: FileNotFoundError, and ValueError for all bad input."""
+    for read in (
+        lambda: psfs.open_sequence(tmp_path / "nowhere"),
+        lambda: psfs.open_sequence(walk, calibration=tmp_path / "none.toml"),
+        lambda: psfs.read_cloud(tmp_path / "none.npz"),
+        lambda: apf.Track.open(tmp_path / "none.npz"),
+        lambda: apf.load_body(tmp_path / "none.toml"),
+        lambda: apf.load_truth(tmp_path / "none.trc"),
+        lambda: apf.load_truth(tmp_path / "none.npz"),
+        lambda: apf.track(psfs.open_sequence(walk), init=tmp_path / "none.txt"),
+    ):
+        with pytest.raises(FileNotFoundError, match="no") as error:
+            read()
+        assert isinstance(error.value, psfs.MissingFileError) and "--" not in str(error.value)
+    with pytest.raises(ValueError, match="cinema"):
+        psfs.open_sequence(walk, background="cinema")
+
+
 def test_the_parts_fit_together(walk: Path) -> None:
     device, sequence = psfs.Device.best(), psfs.open_sequence(walk)
     grid = psfs.automatic_grid(sequence, voxel_size=0.03, device=device)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import written_whole
+from psfs.common.files import unreadable, written_whole
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = {
@@ -77,9 +77,10 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     path = Path(path)
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not text"
-        raise InputError(f"{path}: cannot be read as a TRC file: {reason}") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read as a TRC file: not text") from None
     if len(lines) < 5 or not lines[0].startswith("PathFileType"):
         raise InputError(
             f"{path}: not a TRC file; expected its first line to be PathFileType 4 ..."

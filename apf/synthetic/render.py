@@ -176,7 +176,7 @@ class SyntheticScene:
         if isinstance(device, NumpyDevice):
             raise InputError(
                 "the synthetic scene is rendered with OpenCL only; "
-                "expected --device auto, gpu, cpu or a device's name, found numpy"
+                f"expected an OpenCL device, found {device.name}"
             )
         self.config = config
         self.rig = make_rig(config)

@@ -55,5 +55,5 @@ def matched(
         return ordered, f"{where}: names differ from the cameras'; taken in order: {guess}"
     raise InputError(
         f"{where}: {len(found)} of them ({listed(found)}) for {len(needed)} cameras "
-        f"({listed(needed)}); expected one per camera, or --cameras to choose some"
+        f"({listed(needed)}); expected one per camera, or `cameras` to choose some"
     )

@@ -14,7 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cl import InputError
+from cl import InputError, MissingFileError
+
+
+def unreadable(path: Path, error: OSError) -> InputError:
+    """Return the error to raise for a file that the file system does not give."""
+    kind = MissingFileError if isinstance(error, FileNotFoundError) else InputError
+    return kind(f"{path}: cannot be read: {error.strerror}")
 
 
 def read_numbers(path: Path) -> np.ndarray:
@@ -23,7 +29,7 @@ def read_numbers(path: Path) -> np.ndarray:
     try:
         return np.array(path.read_text().split(), np.float64)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise unreadable(path, error) from None
     except ValueError as error:
         raise InputError(f"{path}: expected numbers only: {error}") from None
 
@@ -34,7 +40,7 @@ def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected {what}") from None
+        raise MissingFileError(f"{path}: no such file; expected {what}") from None
     # A .npy loads as an array, which is no context manager with `files` (AttributeError).
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, AttributeError,
             TypeError, KeyError, NotImplementedError):  # fmt: skip

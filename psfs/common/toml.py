@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
+from psfs.common.files import unreadable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -15,11 +16,12 @@ else:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The contents of a TOML file. Raises InputError if it is missing or malformed."""
+    """Return the contents of a TOML file. Raises InputError if it is missing or malformed."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(f"{path}: cannot be read: {reason}") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: malformed TOML: {' '.join(str(error).split())}") from None

@@ -99,10 +99,10 @@ def rig_warnings(rig: CameraRig) -> list[str]:
     low, high = PLAUSIBLE_EXTENT
     if not low <= extent <= high:
         guess = "millimetres read as metres" if extent > high else "metres read as millimetres"
-        warnings.append(f"the rig is {extent:.3g} m across; {guess}? State the unit (--unit)")
+        warnings.append(f"the rig is {extent:.3g} m across; {guess}? State the `unit`")
     below = [camera.name for camera in rig if camera.centre[2] < 0]
     if len(below) == len(rig):
-        warnings.append("all cameras lie below z = 0; is the up axis right? State it (--up)")
+        warnings.append("all cameras lie below z = 0; is the up axis right? State it as `up`")
     return warnings + _blind_warnings(rig)
 
 

@@ -14,7 +14,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; error
 import cv2
 import numpy as np
 
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.cameras.names import natural_key
 
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -191,7 +191,7 @@ def _read_image(path: Path) -> np.ndarray:
 
 def _open_capture(path: Path) -> cv2.VideoCapture:
     if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a video")
+        raise MissingFileError(f"{path}: no such file; expected a video")
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")

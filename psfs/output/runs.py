@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice
+from cl import Device, InputError, MissingFileError, NumpyDevice
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
@@ -65,6 +65,10 @@ class Run:
             summary = json.loads(path.read_text())
             for key in ("sequence", "grid", "config", "frames"):
                 summary[key]
+        except FileNotFoundError:
+            raise MissingFileError(
+                f"{path}: no such file; expected the summary of a `psfs reconstruct`"
+            ) from None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"{path}: not the summary of a `psfs reconstruct` ({error})"
@@ -87,7 +91,7 @@ class Run:
             return [*full, self.indices[0]][0]
         if number not in self.indices:
             first, last = self.indices[0], self.indices[-1]
-            raise InputError(f"--frame {number}: {self.out} holds frames {first} to {last}")
+            raise InputError(f"{self.out}: no frame {number}; it holds frames {first} to {last}")
         return number
 
     @property

@@ -94,7 +94,7 @@ def test_machines_without_a_device_say_so(choice: str, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(pyopencl, "get_platforms", none)
     assert list_devices() == []
-    with pytest.raises(DeviceError, match=f"--device {choice}; found: none at all"):
+    with pytest.raises(DeviceError, match=f"matches {choice}; found: none at all"):
         select_device(choice)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.cameras.calibration.common import Size, Sizes, read_text
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
 from psfs.cameras.calibration.humaneva import read_humaneva
@@ -58,7 +58,7 @@ def find_calibration(folder: Path) -> Path | None:
             return found[0]
         if found:
             names = ", ".join(path.name for path in found)
-            raise InputError(f"{folder}: several calibrations ({names}); choose by --calibration")
+            raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
     return None
 
 
@@ -71,7 +71,7 @@ def read_calibration(path: str | Path, unit: Unit | None = None, sizes: Sizes = 
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path}: no such calibration file")
+        raise MissingFileError(f"{path}: no such calibration file")
     if path.name in ("intri.yml", "extri.yml"):
         path = path.parent
     if path.is_dir():

@@ -13,6 +13,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
+from psfs.common.files import unreadable
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all, one per camera name, or
@@ -29,7 +30,7 @@ def naming(path: Path) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise type(error)(f"{path}: {error}") from None
 
 
 def read_text(path: Path) -> str:
@@ -38,7 +39,7 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file; expected a calibration") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise unreadable(path, error) from None
 
 
 def numbers(words: Sequence[str], what: str) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.footage.layouts.bodytrack import BODYTRACK
 from psfs.footage.layouts.common import Footage, Layout
 from psfs.footage.layouts.flat import FLAT
@@ -22,8 +22,10 @@ LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, MIDDLEBURY, FLAT)
 def recognised(folder: Path, settings: Settings) -> Layout:
     """The layout of `folder`. Raises InputError if it has none."""
     if not folder.is_dir():
-        found = "a file" if folder.exists() else "no such folder"
-        raise InputError(f"{folder}: {found}; expected a folder with calibrated views")
+        wanted = "expected a folder with calibrated views"
+        if folder.exists():
+            raise InputError(f"{folder}: a file; {wanted}")
+        raise MissingFileError(f"{folder}: no such folder; {wanted}")
     for layout in LAYOUTS:
         if layout.matches(folder, settings):
             return layout

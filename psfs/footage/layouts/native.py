@@ -25,7 +25,9 @@ def calibration_of(folder: Path, settings: Settings) -> Path:
         return folder / settings.calibration
     path = find_calibration(folder)
     if path is None:
-        raise InputError(f"{folder}: no calibration; expected calibration.toml or --calibration")
+        raise InputError(
+            f"{folder}: no calibration; expected calibration.toml, or a path as `calibration`"
+        )
     return path
 
 
