@@ -12,7 +12,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood
 from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
@@ -23,15 +23,14 @@ from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.base import Likelihood
-from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
+from apf.reference.filters.annealed import NumpyAnnealedParticleFilter, numpy_voxel_likelihood
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.reference.image_objective.objective import NumpyImageObjective
-from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
+from apf.reference.likelihood.voxel import NumpyLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
@@ -101,22 +100,26 @@ def device_tracker(
 
 def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     """Return whether one tracker of `method` can make several runs at once."""
-    fits = method.search == "apf" and method.uses_voxels and not method.filter.remembers
+    fits = (
+        method.search == "apf"
+        and method.uses_voxels
+        and not method.filter.likelihood.depends_on_track
+    )
     return fits and isinstance(device, Device)
 
 
 def _device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelihood:
     """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
     if method.uses_voxels:
-        return VoxelLikelihood(scene, method.filter, n_runs)
-    return ImageObjective(scene, method.filter.n_particles, method.image)
+        return voxel_likelihood(scene, method.filter, n_runs)
+    return ImageObjective(scene, method.filter.search.n_particles, method.image)
 
 
 def _numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return what the tracker of `method` searches with on NumPy."""
     if method.uses_voxels:
-        return NumpyVoxelLikelihood(scene, method.filter)
-    return NumpyImageObjective(scene, method.filter.n_particles, method.image)
+        return numpy_voxel_likelihood(scene, method.filter)
+    return NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:

@@ -17,7 +17,6 @@ import argparse
 import math
 import sys
 import time
-from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -136,7 +135,7 @@ def _run(args: argparse.Namespace) -> None:
         "version": version("psfs-apf"),
         "commit": args.commit or checked_out_commit(),
         "device": device.name,
-        "filter": asdict(FilterConfig()),
+        "filter": FilterConfig().settings,
         "folders": {folder.name: str(folder) for folder in folders},
     }
     results = Results.resumed(args.out / "results.json", conditions)

@@ -131,7 +131,7 @@ def test_the_parts_fit_together(walk: Path) -> None:
     grid = psfs.automatic_grid(sequence, voxel_size=0.03, device=device)
     body, pose, _ = apf.fit_to_joints(apf.load_body("song31"), first_joints(walk))
     reconstructor = psfs.Reconstructor(device, sequence.rig, grid, sequence.background)
-    config = apf.FilterConfig(n_particles=40, n_layers=3)
+    config = apf.FilterConfig.of(n_particles=40, n_layers=3)
     scene = apf.Scene(device, sequence.rig, grid, body)
     tracker = apf.AnnealedParticleFilter(scene, config)
     tracker.start(pose)

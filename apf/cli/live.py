@@ -89,8 +89,10 @@ def run(args: argparse.Namespace) -> None:
     _check_ranges(args)
     method = chosen_method(args)
     # Frames are not equally far apart, and `Live` itself expects what moves to move on.
-    noise = LiveConfig().noise if method.uses_voxels and args.noise is None else method.filter.noise
-    method = replace(method, filter=replace(method.filter, velocity=0.0, noise=noise))
+    noise = method.filter.search.noise
+    if method.uses_voxels and args.noise is None:
+        noise = LiveConfig().noise
+    method = replace(method, filter=method.filter.changed(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")

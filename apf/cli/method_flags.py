@@ -86,13 +86,15 @@ def add_method_flags(
         "--likelihood",
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
-        "it is not the usual one; Song et al.'s is edge,silhouette; colour needs pictures "
-        f"(default: {','.join(USUAL_TERMS)}, and two-sided where limbs are looked for)",
+        "it is not the usual one; Song et al.'s is edge,silhouette; part_colour needs pictures "
+        f"(default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are searched for)",
     )
     group = parser.add_argument_group("search")
-    rows = [(FilterConfig, {**_SETTINGS, **_WEIGHTS}), *_PARTS.values()]
-    for config, flags in rows:
-        defaults = {field.name: field.default for field in fields(config)}
+    rows = [(FilterConfig().settings, {**_SETTINGS, **_WEIGHTS})]
+    rows += [
+        ({of.name: of.default for of in fields(part)}, flags) for part, flags in _PARTS.values()
+    ]
+    for defaults, flags in rows:
         for name, (flag, what) in flags.items():
             group.add_argument(
                 flag,

@@ -194,7 +194,7 @@ def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
     n_runs = 1 if args.seeds is None else args.seeds
     if n_runs < 1:
         raise InputError(f"--seeds is {n_runs}; expected at least 1")
-    first = method.filter.seed
+    first = method.filter.search.seed
     seeds = list(range(first, first + n_runs))
     seeded(method, seeds[-1:])
     return seeds

@@ -13,6 +13,12 @@ from apf.scene import Scene
 from cl import Launch
 
 
+def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> VoxelLikelihood:
+    """Return the voxels' likelihood for a filter of these settings and so many runs."""
+    search = config.search
+    return VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
+
+
 class AnnealedParticleFilter(DeviceTracker):
     """Tracks the body of a scene through its voxels. Twin: reference/filters/annealed.py.
 
@@ -32,13 +38,13 @@ class AnnealedParticleFilter(DeviceTracker):
     ) -> None:
         config = config or FilterConfig()
         if likelihood is None:
-            likelihood = VoxelLikelihood(scene, config, len(seeds or [0]))
-        particles = ParticleSet(scene.opencl, scene.body, config, seeds)
+            likelihood = voxel_likelihood(scene, config, len(seeds or [0]))
+        particles = ParticleSet(scene.opencl, scene.body, config.search, seeds)
         super().__init__(scene, likelihood, particles, config)
 
     def _search(self, source: int) -> list[Launch]:
         launches = [self._particles.diffuse(0, source)]
-        for layer in range(self.config.n_layers):
+        for layer in range(self.config.search.n_layers):
             source = 1 - source
             launches += self.likelihood.launcher(self._particles.sets[source])
             launches += self._particles.renew(layer, self.likelihood.errors, source)

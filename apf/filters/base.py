@@ -91,7 +91,7 @@ class DeviceTracker(Tracker):
         size = particles.result.size + self._limb_search.information.size + particles.n_runs
         self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
-        self._layers = [self._frame_launches(0), self._frame_launches(config.n_layers % 2)]
+        self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
         self._n_frames = 0
 
     def start(self, pose: np.ndarray) -> None:

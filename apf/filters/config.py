@@ -1,112 +1,59 @@
-"""The tracker's settings."""
+"""Settings of a filter, made of those of its parts: search, likelihood, refinement, limb search.
+
+"Tuned" says that a default was the best of those tried on the synthetic walks (4 and 8 cameras) and
+the recordings at hand, over several seeds; "by hand" that it was set once and not tried against
+others.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from apf.likelihood.config import LikelihoodConfig
 from cl import InputError
 from psfs.common.ranges import check_range
 
-#: Frame rate that the sigmas of body models are stated for.
+#: Frame rate, 1/s, that the sigmas of body models are stated for.
 SIGMA_FPS = 60.0
 
 
-#: Terms of the voxels' likelihood: the usual ones, and the weights of those off by default.
-USUAL_TERMS = ("edge", "silhouette", "surface", "overlap", "posture")
-_WEIGHTS_OF_OTHERS = {"two-sided": 2.0, "colour": 1.0, "smoothness": 0.01}
-TERMS = (*USUAL_TERMS, *_WEIGHTS_OF_OTHERS)
-
-
-def likelihood_weights(text: str) -> dict[str, float]:
-    """Settings of a FilterConfig for `edge,silhouette=2`: these terms with their default weights or
-    the stated ones, all others 0. Raises InputError for unknown terms and bad weights."""
-    weights = {_weight_name(term): 0.0 for term in TERMS} | {"limb_two_sided": 0.0}
-    for entry in text.split(","):
-        term, _, value = entry.partition("=")
-        if term not in TERMS:
-            raise InputError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
-        name = _weight_name(term)
-        usual = _WEIGHTS_OF_OTHERS.get(term, getattr(FilterConfig, name))
-        try:
-            weights[name] = float(value or usual)
-        except ValueError:
-            raise InputError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
-    return weights
-
-
-def _weight_name(term: str) -> str:
-    return term.replace("-", "_") + "_weight"
-
-
 @dataclass(frozen=True)
-class FilterConfig:
-    """Settings of the annealed particle filter; the defaults are Song et al.'s where they say.
-
-    n_particles, n_layers: size of the search. first_survival, last_survival: effective sample size
-    over number of particles that the exponent beta of the first and the last layer reaches, linear
-    in between. noise: scale of the body's sigma in the first layer; noise_decay: its factor from
-    layer to layer; spread: where positive, noise after the first layer is at most this times the
-    set's own deviation; velocity: share of the last change that is expected again, 0 for Song et
-    al. eq. (13), 1 for constant velocity; trunk_layers: so many first layers move the trunk alone.
-    edge_weight, silhouette_weight: of Song et al. eq. (14) and (15); surface_weight: of the share
-    of surface voxels that the cones leave unexplained, counted once per camera; overlap_weight: of
-    the depth to which parts that must stay apart meet, likewise; two_sided_weight: of the share of
-    the silhouettes that the body leaves uncovered; posture_weight: of the squared distance from
-    rest, in the body's eases, which settles where an arm is that the voxels do not show;
-    colour_weight: of the share of surface voxels whose colour is not that of the part nearest to
-    them, see `LimbColours`, whose colours agree by half at colour_scale and move by the share
-    colour_rate after each frame; smoothness_weight: of the mean squared change since the last
-    frame, in smoothness_scale times the body's sigmas (at 60 frames/s), see `Smoothness`; all six
-    are 0 for Song's likelihood alone. surface_scale: distance, m, at which a voxel is half
-    unexplained; n_points: surface voxels that are looked at, by the refinement at all of them, by
-    each layer at every `point_turns`-th, in turn. sample_spacing: distance, m, between samples on a
-    cone. limb_spread: up to how many sigma (at 60 frames/s) limbs are looked for elsewhere before
-    an estimate is settled, besides anywhere within their limits; 0 for not at all. limb_margin,
-    limb_far_margin: share by which the error must fall for a limb to be moved there, and anywhere;
-    limb_two_sided: least weight of the two-sided term in that error.
-    """
+class SearchConfig:
+    """The particles and the layers in which they are annealed."""
 
     n_particles: int = 200
+    """Particles. Song et al. section 4."""
     n_layers: int = 10
+    """Annealing layers; iterations of a swarm. Song et al. section 4."""
     first_survival: float = 0.5
+    """Effective sample size over number of particles that the exponent beta of the first layer
+    reaches (Deutscher & Reid 2005, who take 0.5 in every layer)."""
     last_survival: float = 0.05
+    """That of the last layer; linear in between. By hand: the mean is of the best particles."""
     noise: float = 0.35
+    """Deviation of the first layer's noise, in the body's sigmas. Tuned on nine sequences, with the
+    refinement behind it."""
     noise_decay: float = 0.8
+    """Its factor from layer to layer. By hand: a tenth is left after ten layers."""
     spread: float = 0.0
+    """Where positive, noise after the first layer is at most this times the set's own deviation
+    (Deutscher & Reid 2005). Off: it did not help with so few particles."""
     velocity: float = 0.5
+    """Share of the last change that is expected again: 0 for Song et al. eq. (13), 1 for constant
+    velocity. Tuned: no legs are swapped at low frame rates."""
     trunk_layers: int = 3
-    edge_weight: float = 4.0
-    silhouette_weight: float = 1.0
-    surface_weight: float = 4.0
-    overlap_weight: float = 1.0
-    two_sided_weight: float = 0.0
-    posture_weight: float = 0.04
-    colour_weight: float = 0.0
-    colour_scale: float = 0.1
-    colour_rate: float = 0.1
-    smoothness_weight: float = 0.0
-    smoothness_scale: float = 1.0
-    surface_scale: float = 0.05
-    n_points: int = 1024
-    point_turns: int = 8
-    sample_spacing: float = 0.06
-    refine_steps: int = 4
-    refine_scale: float = 0.03
-    refine_reach: float = 0.06
-    refine_strength: float = 1350.0
-    refine_width: float = 4.0
-    limb_spread: float = 16.0
-    limb_margin: float = 0.01
-    limb_far_margin: float = 0.05
-    limb_two_sided: float = 2.0
+    """So many first layers move the trunk alone (partitioned sampling, MacCormick & Isard 2000).
+    Tuned on nine sequences."""
     seed: int = 0
+    """Of the random numbers, 0 to 2^64 - 1: the same seed gives the same track."""
 
     def __post_init__(self) -> None:
         check_range("n_particles", self.n_particles, 2, ends=True)
-        for name in ("n_layers", "n_points", "point_turns"):
-            check_range(name, getattr(self, name), 1, ends=True)
+        check_range("n_layers", self.n_layers, 1, ends=True)
         if not 0 <= self.seed < 2**64:
             raise InputError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")
         for name in ("first_survival", "last_survival"):
@@ -116,59 +63,10 @@ class FilterConfig:
                     f"{name} is {rate}; expected between 1 / n_particles = "
                     f"{1 / self.n_particles:.3g} and 1"
                 )
-        check_range("colour_rate", self.colour_rate, 0, 1, ends=True)
-        positive = (
-            "noise", "noise_decay", "surface_scale", "sample_spacing",
-            "refine_scale", "refine_reach", "refine_strength", "refine_width",
-            "colour_scale", "colour_rate", "smoothness_scale",
-        )  # fmt: skip
-        others = (
-            "spread", "velocity", "edge_weight", "silhouette_weight", "surface_weight",
-            "overlap_weight", "two_sided_weight", "posture_weight", "colour_weight",
-            "smoothness_weight", "limb_spread", "limb_margin", "limb_far_margin", "limb_two_sided",
-            "trunk_layers", "refine_steps",
-        )  # fmt: skip
-        for name in positive:
+        for name in ("noise", "noise_decay"):
             check_range(name, getattr(self, name), 0)
-        for name in others:
+        for name in ("spread", "velocity", "trunk_layers"):
             check_range(name, getattr(self, name), 0, ends=True)
-
-    def at_rate(self, fps: float) -> FilterConfig:
-        """Return the config with the noise that `fps` frames per second need, and smoothness that
-        bears it."""
-        longer = SIGMA_FPS / fps
-        return replace(
-            self, noise=self.noise * longer, smoothness_scale=self.smoothness_scale * longer
-        )
-
-    @property
-    def weights(self) -> np.ndarray:
-        """(4,) float32 weights of edge, silhouette, surface and overlap error."""
-        return np.array(
-            [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
-            np.float32,
-        )
-
-    @property
-    def looks_for_limbs(self) -> bool:
-        """Whether limbs are looked for elsewhere before an estimate is settled."""
-        return self.limb_spread > 0 and self.refine_steps > 0
-
-    @property
-    def settling_two_sided(self) -> float:
-        """Weight of the two-sided term where an estimate is settled."""
-        return max(self.two_sided_weight, self.limb_two_sided if self.looks_for_limbs else 0.0)
-
-    @property
-    def remembers(self) -> bool:
-        """Whether the likelihood has terms that depend on the track so far."""
-        return self.colour_weight > 0 or self.smoothness_weight > 0
-
-    @property
-    def refine_shrink(self) -> float:
-        """Factor from step to step that takes `refine_reach` to `refine_scale`."""
-        ratio = self.refine_scale / self.refine_reach
-        return float(min(1.0, ratio ** (1 / max(1, self.refine_steps - 1))))
 
     @property
     def survival_rates(self) -> np.ndarray:
@@ -179,3 +77,172 @@ class FilterConfig:
     def layer_noise(self) -> np.ndarray:
         """(n_layers,) factor of sigma with which the particles of each layer are spread."""
         return self.noise * self.noise_decay ** np.arange(self.n_layers)
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Gauss-Newton steps of the estimate against the surface voxels."""
+
+    steps: int = 4
+    """Steps; 0 for no refinement and no limb search. Tuned: a fifth one changes nothing."""
+    scale: float = 0.03
+    """m, distance at which a voxel is half unexplained in the cost (Geman & McClure 1987). By hand:
+    about a voxel."""
+    reach: float = 0.06
+    """m, the scale that voxels are weighed by in the first step; it shrinks to `scale`, so that
+    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987). By
+    hand."""
+    strength: float = 1350.0
+    """Weight of the voxels' mean cost against the prior's squared distance. By hand."""
+    width: float = 4.0
+    """Deviation of the prior about the particles' mean, in the first layer's noise. By hand: as far
+    as the particles reach."""
+
+    def __post_init__(self) -> None:
+        check_range("refinement_steps", self.steps, 0, ends=True)
+        for name in ("scale", "reach", "strength", "width"):
+            check_range(f"refinement_{name}", getattr(self, name), 0)
+
+    @property
+    def shrink(self) -> float:
+        """Factor from step to step that takes `reach` to `scale`."""
+        ratio = self.scale / self.reach
+        return float(min(1.0, ratio ** (1 / max(1, self.steps - 1))))
+
+
+@dataclass(frozen=True)
+class LimbSearchConfig:
+    """The search for limbs elsewhere, before a frame's estimate is final."""
+
+    reach: float = 16.0
+    """Limbs are looked for within up to so many of the body's sigmas, and anywhere within their
+    limits; 0 for not at all. Tuned on the synthetic walks."""
+    near_margin: float = 0.01
+    """Share by which the error must fall for a limb to be moved within that reach. Tuned."""
+    far_margin: float = 0.05
+    """Share by which it must fall for a limb to be moved anywhere. Tuned: with 0.03 limbs were
+    moved that had been right."""
+    least_recall: float = 2.0
+    """Least weight of the silhouette recall in that error: two legs may hide in the silhouette of
+    one. Tuned on the synthetic walks."""
+
+    def __post_init__(self) -> None:
+        for name in ("reach", "near_margin", "far_margin", "least_recall"):
+            check_range(f"limb_search_{name}", getattr(self, name), 0, ends=True)
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """All settings of a filter.
+
+    `FilterConfig.of(n_particles=100, surface_weight=2.0, limb_search_reach=0.0)` sets single ones:
+    those of search and likelihood by their own names, those of the smaller parts after the part's.
+    """
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    limb_search: LimbSearchConfig = field(default_factory=LimbSearchConfig)
+
+    @classmethod
+    def of(cls, **settings: Any) -> FilterConfig:
+        """Return the defaults but for single `settings`. Raises InputError for bad values and
+        TypeError for unknown names."""
+        return cls().changed(**settings)
+
+    def changed(self, **settings: Any) -> FilterConfig:
+        """Return these settings but for single ones, named as in `of`."""
+        unknown = sorted(settings.keys() - self.settings.keys())
+        if unknown:
+            raise TypeError(f"no setting of a filter: {', '.join(unknown)}")
+        changed: FilterConfig = _changed(self, "", settings)
+        return changed
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Every single setting by its name in `of`."""
+        return dict(_listed(self, ""))
+
+    @property
+    def searches_limbs(self) -> bool:
+        """Whether limbs are looked for elsewhere before an estimate is final."""
+        return self.limb_search.reach > 0 and self.refinement.steps > 0
+
+    def at_rate(self, fps: float) -> FilterConfig:
+        """Return the settings for `fps` frames/s: deviations that are stated for 60 frames/s grow
+        with the time between frames."""
+        longer = SIGMA_FPS / fps
+        return self.changed(
+            noise=self.search.noise * longer,
+            motion_prior_scale=self.likelihood.motion_prior.scale * longer,
+        )
+
+
+#: Parts whose settings have names of their own; those of all others begin with the part's.
+_UNPREFIXED = ("search", "likelihood")
+
+
+def _inner(part_name: str) -> str:
+    return "" if part_name in _UNPREFIXED else f"{part_name}_"
+
+
+def _listed(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of every single setting of a config."""
+    for entry in fields(part):
+        value = getattr(part, entry.name)
+        if is_dataclass(value):
+            yield from _listed(value, _inner(entry.name))
+        else:
+            yield prefix + entry.name, value
+
+
+def _changed(part: Any, prefix: str, settings: dict[str, Any]) -> Any:
+    """Return a config with those of `settings` whose names are its own and its parts'."""
+    values = {}
+    for entry in fields(part):
+        value = getattr(part, entry.name)
+        if is_dataclass(value):
+            values[entry.name] = _changed(value, _inner(entry.name), settings)
+        elif prefix + entry.name in settings:
+            values[entry.name] = settings[prefix + entry.name]
+    return replace(part, **values)
+
+
+#: Settings that weigh the likelihood's terms: the usual ones, which are on by default,
+_USUAL_TERMS = {
+    "edge": "edge_weight",
+    "silhouette": "silhouette_weight",
+    "surface": "surface_weight",
+    "overlap": "overlap_weight",
+    "posture": "posture_prior_weight",
+}
+#: and the others with the weight that they have when they are chosen by name. Silhouette recall
+#: weighs as in the limb search; the others by hand.
+_OTHER_TERMS = {
+    "silhouette_recall": ("silhouette_recall_weight", 2.0),
+    "part_colour": ("part_colour_weight", 1.0),
+    "motion_prior": ("motion_prior_weight", 0.01),
+}
+USUAL_TERMS = tuple(_USUAL_TERMS)
+TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
+
+
+def likelihood_weights(text: str) -> dict[str, float]:
+    """Return the settings of a FilterConfig for `edge,silhouette=2`: these terms with their default
+    weights or the stated ones, all others 0, in the limb search, too.
+
+    Raises InputError for unknown terms and bad weights.
+    """
+    defaults = FilterConfig().settings
+    usual = {term: (name, defaults[name]) for term, name in _USUAL_TERMS.items()} | _OTHER_TERMS
+    weights = {name: 0.0 for name, _ in usual.values()} | {"limb_search_least_recall": 0.0}
+    for entry in text.split(","):
+        term, _, value = entry.partition("=")
+        if term not in TERMS:
+            raise InputError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
+        name, weight = usual[term]
+        try:
+            weights[name] = float(value or weight)
+        except ValueError:
+            raise InputError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
+    return weights

@@ -1,4 +1,4 @@
-"""How far each layer's particles are spread: by the body's sigma, the trunk first if wanted."""
+"""Standard deviations of each layer's noise: the body's sigmas, the trunk first if wanted."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from apf.body.limbs import trunk_mask
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
+from apf.filters.config import SearchConfig
 
 
-def layer_sigmas(body: BodyModel, config: FilterConfig) -> np.ndarray:
-    """(n_layers, D) deviation of each degree of freedom, before `FilterConfig.layer_noise`.
+def layer_sigmas(body: BodyModel, config: SearchConfig) -> np.ndarray:
+    """Return (n_layers, D) deviation of each degree of freedom, before `SearchConfig.layer_noise`.
 
     With `trunk_layers`, so many first layers move the trunk alone, and the noise of all else
     begins to shrink afterwards (partitioned sampling, MacCormick & Isard 2000).

@@ -19,12 +19,12 @@ _GROUP = 64
 
 
 def limb_ranges(body: BodyModel) -> np.ndarray:
-    """(D, 2) lowest and highest value of a degree of freedom that may be anywhere."""
+    """Return (D, 2) lowest and highest value of a degree of freedom that may be anywhere."""
     return np.clip(body.limits, -np.pi, np.pi)
 
 
 def n_near(n: int) -> int:
-    """How many of `n` poses, the mean among them, have their limb near where it was."""
+    """Return how many of `n` poses, the mean among them, have their limb near where it was."""
     return (n + 1) // 2
 
 
@@ -51,21 +51,20 @@ class LimbSearch:
         config: FilterConfig,
         seeds: Sequence[int] | None = None,
     ) -> None:
-        self.device = device
-        self.config = config
-        self.likelihood = likelihood
+        self.device, self.config, self.likelihood = device, config, likelihood
         self.n_dof = n = body.n_dof
+        self._n_particles = config.search.n_particles
         limbs = limb_masks(body)
-        self._n_limbs = len(limbs) if config.looks_for_limbs else 0
+        self._n_limbs = len(limbs) if config.searches_limbs else 0
         self._per_run = 1 + 2 * self._n_limbs
-        seeds = tuple(seeds or [config.seed])
+        seeds = tuple(seeds or [config.search.seed])
         self._n_runs = n_runs = len(seeds)
         n_candidates = n_runs * self._per_run
         self._refinement = Refinement(device, body, config, n_candidates)
         self._candidates = device.empty((n_candidates, n), np.float32)
         self._errors = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
-        n_poses = n_runs * config.n_particles if self._n_limbs else 1
+        n_poses = n_runs * self._n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
         self._sigma = device.to_device(body.sigma.astype(np.float32))
         self._limits = device.to_device(body.limits)
@@ -80,21 +79,24 @@ class LimbSearch:
         frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
         """
         likelihood, candidates = self.likelihood, self._candidates
-        if self.config.refine_steps == 0 or likelihood.points is None:
+        if self.config.refinement.steps == 0 or likelihood.points is None:
             return []
+        least_recall, stride = (
+            self.config.limb_search.least_recall,
+            self.config.likelihood.point_turns,
+        )
         if self._n_limbs:
+            errors = likelihood.errors
             launches = [
                 self._propose(frame, result, self._poses),
-                *likelihood.rescoring_launcher(
-                    self._poses, likelihood.errors, self.config.point_turns
-                ),
+                *likelihood.rescoring_launcher(self._poses, errors, stride, least_recall),
                 self._choose(),
             ]
         else:
             launches = [self._propose(frame, result, candidates)]
         launches += self._refinement.launcher(likelihood.points, candidates)
         if self._n_limbs:
-            launches += likelihood.rescoring_launcher(candidates, self._errors)
+            launches += likelihood.rescoring_launcher(candidates, self._errors, 1, least_recall)
         return [*launches, self._accept(result)]
 
     def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
@@ -105,8 +107,8 @@ class LimbSearch:
             None,
             n=n,
             n_near=n_near(n),
-            layer=self.config.n_layers,
-            spread=self.config.limb_spread,
+            layer=self.config.search.n_layers,
+            reach=self.config.limb_search.reach,
             seeds=self._seeds,
             frames=frame,
             sigma=self._sigma,
@@ -122,8 +124,8 @@ class LimbSearch:
             self._kernel("choose"),
             (_GROUP * self._per_run, self._n_runs),
             (_GROUP, 1),
-            n=self.config.n_particles,
-            n_near=n_near(self.config.n_particles),
+            n=self._n_particles,
+            n_near=n_near(self._n_particles),
             errors=self.likelihood.errors,
             poses=self._poses,
             candidates=self._candidates,
@@ -134,7 +136,7 @@ class LimbSearch:
             self._kernel("accept"),
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
             None,
-            margins=(self.config.limb_margin, self.config.limb_far_margin),
+            margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
             errors=self._errors,
             candidates=self._candidates,
             informations=self._refinement.information,

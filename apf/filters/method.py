@@ -16,7 +16,9 @@ SEARCHES = ("apf", "pso", "sir")
 #: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
 OBJECTIVES = ("voxel", *OBJECTIVE_KINDS)
 
-#: What a search changes in the defaults of FilterConfig.
+#: What a search changes in the defaults of FilterConfig. By hand: a swarm has no annealing, so that
+#: more particles spread wider at once; it compares errors of different iterations, which therefore
+#: look at the same points; and its parent, the best of all, is a poor guide to velocity.
 SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
     "apf": {},
     "pso": {"n_particles": 300, "point_turns": 1, "noise": 0.5, "velocity": 0.0},
@@ -57,8 +59,9 @@ class Method:
 
     @classmethod
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
-        """With the search's own defaults; `settings` are FilterConfig's."""
-        config = FilterConfig(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
+        """Return a method with the search's own defaults and single `settings` of its filter, named
+        as in `FilterConfig.of`."""
+        config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
         return cls(search, objective, config)
 
     @property
@@ -67,7 +70,7 @@ class Method:
 
     def described(self) -> dict[str, Any]:
         """What was used, for a track's `config`."""
-        used = {"method": self.search, "objective": self.objective, "filter": asdict(self.filter)}
+        used = {"method": self.search, "objective": self.objective, "filter": self.filter.settings}
         if self.search == "pso":
             used["swarm"] = asdict(self.swarm)
         if self.search == "sir":

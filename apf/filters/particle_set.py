@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
+from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Kernel, Launch
 from cl.workgroups import pack_defines
 
-#: Items that work on all particles.
+#: Work-items that anneal all particles of a run: as many as a work-group can have everywhere.
 _LARGEST_GROUP = 1024
-#: To how many bits the exponent's logarithm is found.
+#: Bits to which the exponent's logarithm is found: more than single precision tells apart.
 _BITS = 18
 #: The exponent's logarithm to base 2 lies between -20 and 20: errors in float need no larger range.
 LOG2_BETA_LIMIT = 20.0
@@ -27,7 +27,7 @@ class ParticleSet:
 
     `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
     the host reads after a frame: means (R, D), deviations (R, D), then per layer and run effective
-    sample size, beta and least error. `parents` (N,): of the next layer, by place in the run.
+    sample size, beta and least error. `parents` (N,): of the next layer, by number in the run.
     `motion` (R, D, 2): last estimate, and how far the next frame's particles move. `frame` (R,)
     counts the frames.
     """
@@ -36,7 +36,7 @@ class ParticleSet:
         self,
         device: Device,
         body: BodyModel,
-        config: FilterConfig,
+        config: SearchConfig,
         seeds: Sequence[int] | None = None,
     ) -> None:
         self.device = device
@@ -59,7 +59,7 @@ class ParticleSet:
         self._seeds = device.to_device(seed_words(self.seeds))
 
     def start(self, pose: np.ndarray) -> None:
-        """All particles of all runs at `pose` (D,), frame number 0."""
+        """Put all particles of all runs at `pose` (D,), frame number 0."""
         n = self.config.n_particles
         for poses in self.sets:
             poses.set(np.tile(pose.astype(np.float32), (poses.shape[0], 1)))
@@ -68,7 +68,7 @@ class ParticleSet:
         self.motion.fill(0)
 
     def restart(self, run: int, pose: np.ndarray) -> None:
-        """All particles of one run at `pose` (D,), its frame number 0; waits for the device."""
+        """Put all particles of one run at `pose` (D,), its frame number 0; wait for the device."""
         n = self.config.n_particles
         particles = slice(run * n, (run + 1) * n)
         for poses in self.sets:
@@ -78,8 +78,8 @@ class ParticleSet:
         _replace(self.motion, slice(run, run + 1), np.float32(0))
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
-        """What ends a layer, whose set `source` has `errors` (N,), and begins the next, if there is
-        one, in the other set."""
+        """Return what ends a layer, whose set `source` has `errors` (N,), and begins the next, if
+        there is one, in the other set."""
         last = layer == self.config.n_layers - 1
         if self.device.is_gpu and not last and self.config.spread == 0:
             return [self._anneal_diffuse(layer, errors, source)]
@@ -96,7 +96,8 @@ class ParticleSet:
         self.motion.set(motion)
 
     def diffuse(self, layer: int, source: int) -> Launch:
-        """Draw the parents of set `source` and spread them by the layer's noise into the other."""
+        """Return what draws the parents of set `source` and spreads them by the layer's noise into
+        the other (Song et al. eq. 11)."""
         launch = self.device.launch(
             self._kernel("diffuse"),
             (-(-self.n_dof // self._pack), self.config.n_particles, self.n_runs),
@@ -124,7 +125,8 @@ class ParticleSet:
             launch.set(noise=factor * self.config.layer_noise[layer])
 
     def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
-        """Weights from `errors` (N,) at the layer's survival rate, and the next parents.
+        """Return what weighs by `errors` (N,) at the layer's survival rate (Song et al. eq. 10;
+        Deutscher & Reid 2005), and draws the next parents.
 
         A positive `beta` is the exponent whatever the survival."""
         return self.device.launch(
@@ -145,8 +147,8 @@ class ParticleSet:
         )
 
     def _anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
-        """`anneal` of a layer and `diffuse` of the next by one launch: on a GPU, work-groups that
-        all do the first take less time than another launch."""
+        """Return `anneal` of a layer and `diffuse` of the next in one launch: on a GPU, work-groups
+        that all do the first take less time than another launch."""
         config, n = self.config, self.config.n_particles
         n_packs = -(-self.n_dof // self._pack)
         n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
@@ -175,7 +177,7 @@ class ParticleSet:
         return launch
 
     def estimate(self, source: int) -> Launch:
-        """Weighted mean and deviation of set `source`."""
+        """Return what takes weighted mean and deviation of set `source` (Song et al. eq. 12)."""
         return self.device.launch(
             self._kernel("estimate"),
             (self.n_dof * self._group, self.n_runs),
@@ -186,12 +188,13 @@ class ParticleSet:
             result=self.result,
         )
 
-    def end_frame(self, shift: Array, information: Array, misfit: Array, report: Array) -> Launch:
-        """End the frame: the next one's particles move by `shift` (R, D) and the motion. `report`
-        (n,) gets all that the host reads: `result`, `information` (R, ..) and `misfit` (R,)."""
+    def end_frame(self, shift: Array, information: Array, misfits: Array, report: Array) -> Launch:
+        """Return what ends the frame: the next one's particles move by `shift` (R, D) and the
+        motion. `report` (n,) gets all that the host reads: `result`, `information` (R, ..) and
+        `misfits` (R,)."""
         return self.device.launch(
-            self._kernel("settle"),
-            (self.result.size + information.size + misfit.size,),
+            self._kernel("end_frame"),
+            (self.result.size + information.size + misfits.size,),
             None,
             n_runs=self.n_runs,
             velocity=self.config.velocity,
@@ -201,7 +204,7 @@ class ParticleSet:
             result=self.result,
             shift=shift,
             information=information,
-            misfits=misfit,
+            misfits=misfits,
             motion=self.motion,
             report=report,
         )
@@ -213,7 +216,7 @@ class ParticleSet:
 
 
 def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
-    """The defines of annealing.cl for `n` particles."""
+    """Return the defines of annealing.cl for `n` particles."""
     n_betas, largest = (4, _LARGEST_GROUP) if device.is_gpu else (1, 1)
     defines = pack_defines(device, min(largest, max(64, 1 << (n - 1).bit_length() >> 1)))
     rounds = math.ceil(_BITS / math.log2(n_betas + 1))
@@ -222,7 +225,7 @@ def _defines(device: Device, n: int, n_dof: int) -> dict[str, int]:
 
 
 def seed_words(seeds: Sequence[int]) -> np.ndarray:
-    """(R, 2) uint32: lower and upper half of each seed."""
+    """Return (R, 2) uint32: lower and upper half of each seed."""
     return np.array([[seed & 0xFFFFFFFF, seed >> 32] for seed in seeds], np.uint32)
 
 

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps of the estimate against the surface voxels (kernel: refinement.cl)."""
+"""Gauss-Newton steps of the estimate against the surface voxels (kernels: refinement.cl)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from cl.workgroups import pack_defines
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.
 _VOXEL_FLOATS = 9
+#: Voxels that a work-group adds up: as many groups as a GPU has room for, few for a CPU.
+_GPU_BLOCK, _CPU_BLOCK = 64, 256
 
 
 class Refinement:
@@ -33,15 +35,15 @@ class Refinement:
     ) -> None:
         self.device = device
         self.body = body
-        self.config = config
+        self.config, self._n_points = config.refinement, config.likelihood.n_points
         self.n_poses = n_poses
         n = body.n_dof
-        block = 64 if device.is_gpu else 256
+        block = _GPU_BLOCK if device.is_gpu else _CPU_BLOCK
         self._defines = body_defines(body) | pack_defines(device, _GROUP) | {"BLOCK": block}
         self._defines["VOXEL_FLOATS"] = _VOXEL_FLOATS
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack
-        self._n_parts = -(-config.n_points // block)
+        self._n_parts = -(-self._n_points // block)
         self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
         self._check_room(row)
@@ -58,22 +60,22 @@ class Refinement:
         self._parts = [device.empty(shape, np.float32, "the refinement") for _ in range(2)]
 
     def launcher(self, points: Array, results: Array) -> list[Launch]:
-        """The launches that refine `results` (n_poses, D), arguments set; none with `refine_steps`
-        0."""
-        config, reach, poses = self.config, self.config.refine_reach, results
-        if config.refine_steps == 0:
+        """Return the launches that refine `results` (n_poses, D) on `points` (K, 4); none with 0
+        steps."""
+        config, reach, poses = self.config, self.config.reach, results
+        if config.steps == 0:
             return []
         launches = [self._system(points, poses, reach, 0)]
-        for step in range(config.refine_steps):
-            reach = max(config.refine_scale, reach * config.refine_shrink)
+        for step in range(config.steps):
+            reach = max(config.scale, reach * config.shrink)
             launches += self._step(step, points, results, poses, reach)
             poses = self._poses[step % 2]
-        return [*launches, self._end(config.refine_steps, results, poses)]
+        return [*launches, self._end(config.steps, results, poses)]
 
     def _step(
         self, step: int, points: Array, results: Array, poses: Array, reach: float
     ) -> list[Launch]:
-        """From `poses` on to the next ones, and the linear system there."""
+        """Return the launches from `poses` on to the next ones, and of the linear system there."""
         taken = self._taken(results, poses, step) | {
             "first": step == 0,
             "limits": self._limits,
@@ -103,10 +105,10 @@ class Refinement:
         )
 
     def _voxels(self, points: Array, reach: float) -> dict[str, Any]:
-        """What the linear system is made of, by the kernels' names."""
+        """Return what the linear system is made of, by the kernels' names."""
         return {
-            "n_points": self.config.n_points,
-            "scale": self.config.refine_scale,
+            "n_points": self._n_points,
+            "scale": self.config.scale,
             "reach": reach,
             "points": points,
             "table": self._body,
@@ -114,12 +116,12 @@ class Refinement:
         }
 
     def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Any]:
-        """What a step reads and keeps, by the kernels' names. strength, weight: of the voxels'
-        mean in the cost, and of a voxel in the linear system."""
-        strength = self.config.refine_strength / self.config.n_points
+        """Return what a step reads and keeps, by the kernels' names. strength, weight: of the
+        voxels' mean in the cost, and of a voxel in the linear system."""
+        strength = self.config.strength / self._n_points
         return {
             "strength": strength,
-            "weight": strength / self.config.refine_scale**2,
+            "weight": strength / self.config.scale**2,
             "sigma": self._sigma,
             "means": results,
             "poses": poses,
@@ -129,7 +131,7 @@ class Refinement:
         }
 
     def _size(self) -> tuple[int, int]:
-        """A work-group for every part of every pose's voxels."""
+        """Return the global size: a work-group for every part of every pose's voxels."""
         return self._n_parts * self._defines["GROUP"], self.n_poses
 
     def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Any) -> Launch:
@@ -138,7 +140,8 @@ class Refinement:
         return self.device.launch(kernel, size, group, **arguments)
 
     def _check_room(self, row: int) -> None:
-        """row: floats per row of the linear system. The kernel's arrays: `workspace` and system."""
+        """Raise InputError if local memory does not hold the kernels' arrays, `workspace` and
+        system; row: floats per row of the linear system."""
         body, defines = self.body, self._defines
         packs = 8 * body.n_dof + FRAME_FLOATS * len(body.bones)
         packs += (CONE_FLOATS + SPAN_FLOATS) * len(body.cones)
@@ -153,5 +156,5 @@ class Refinement:
 
 
 def prior_deviation(body: BodyModel, config: FilterConfig) -> np.ndarray:
-    """(D,) how far the refined pose may be from the particles' mean."""
-    return np.maximum(config.refine_width * config.noise * body.sigma, 1e-6)
+    """Return (D,) how far the refined pose may be from the particles' mean."""
+    return np.maximum(config.refinement.width * config.search.noise * body.sigma, 1e-6)

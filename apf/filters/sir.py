@@ -17,12 +17,11 @@ from psfs.common.ranges import check_range
 
 @dataclass(frozen=True)
 class SirConfig:
-    """sigma_z of Rymut 2016 eq. (2.42); 0 finds it anew in each frame.
-
-    Then it is such that the effective sample size is `first_survival` of the particles.
-    """
+    """The observation model of Rymut 2016 eq. (2.42)."""
 
     sigma_z: float = 0.0
+    """Deviation of 1 - f; 0, the default, finds it anew in each frame, such that the effective
+    sample size is `SearchConfig.first_survival` of the particles (Rymut does not state his)."""
 
     def __post_init__(self) -> None:
         check_range("sigma_z", self.sigma_z, 0, ends=True)
@@ -52,11 +51,12 @@ class SirParticleFilter(DeviceTracker):
         check_layers(config)
         self.sir = sir or SirConfig()
         device = scene.opencl
-        self._squared = device.empty((config.n_particles,), np.float32, "the errors")
-        super().__init__(scene, likelihood, ParticleSet(device, scene.body, config), config)
+        self._squared = device.empty((config.search.n_particles,), np.float32, "the errors")
+        particles = ParticleSet(device, scene.body, config.search)
+        super().__init__(scene, likelihood, particles, config)
 
     def _search(self, source: int) -> list[Launch]:
-        particles, n = self._particles, self.config.n_particles
+        particles, n = self._particles, self.config.search.n_particles
         squared = self.device.launch(
             self.device.kernel("tracking/sir", "squared_errors"),
             (n,),
@@ -76,5 +76,5 @@ class SirParticleFilter(DeviceTracker):
 
 def check_layers(config: FilterConfig) -> None:
     """Raise InputError unless there is one layer."""
-    if config.n_layers != 1:
-        raise InputError(f"a particle filter with {config.n_layers} layers; expected 1")
+    if config.search.n_layers != 1:
+        raise InputError(f"a particle filter with {config.search.n_layers} layers; expected 1")

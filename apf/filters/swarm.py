@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker
-from apf.filters.config import FilterConfig
+from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
@@ -19,15 +19,18 @@ _GROUP = 256
 
 @dataclass(frozen=True)
 class SwarmConfig:
-    """Factors of Rymut 2016 eq. (2.27): inertia (w), cognitive (c1), social (c2).
+    """Factors of Rymut 2016 eq. (2.27), who does not state his.
 
-    Rymut does not state his. These contract faster than those that Clerc & Kennedy (2002) derive
-    for long searches (0.73, 1.5, 1.5), which ten iterations are not.
+    By hand: these contract faster than those that Clerc & Kennedy (2002) derive for long searches
+    (0.73, 1.5, 1.5), which ten iterations are not.
     """
 
     inertia: float = 0.6
+    """w, share of its velocity that a particle keeps, from 0 to less than 1."""
     cognitive: float = 1.2
+    """c1, pull of a particle's own best."""
     social: float = 1.2
+    """c2, pull of the best of all."""
 
     def __post_init__(self) -> None:
         factors = (self.inertia, self.cognitive, self.social)
@@ -46,7 +49,7 @@ class Swarm(ParticleSet):
     """
 
     def __init__(
-        self, device: Device, body: BodyModel, config: FilterConfig, swarm: SwarmConfig
+        self, device: Device, body: BodyModel, config: SearchConfig, swarm: SwarmConfig
     ) -> None:
         super().__init__(device, body, config)
         self.swarm = swarm
@@ -77,10 +80,10 @@ class Swarm(ParticleSet):
             poses=self.sets[0],
         )
 
-    def remember(self, iteration: int, errors: Array) -> Launch:
-        """Eq. (2.29)-(2.30), from the `errors` (N,) of the poses."""
+    def update_bests(self, iteration: int, errors: Array) -> Launch:
+        """Return the launch of eq. (2.29)-(2.30), from the `errors` (N,) of the poses."""
         return self.device.launch(
-            self._swarm_kernel("remember"),
+            self._swarm_kernel("update_bests"),
             (_GROUP,),
             (_GROUP,),
             n=self.config.n_particles,
@@ -115,14 +118,14 @@ class ParticleSwarm(DeviceTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        config = replace(config, trunk_layers=0)  # particles scatter once a frame, all of the body
-        self._swarm = Swarm(scene.opencl, scene.body, config, swarm or SwarmConfig())
+        config = config.changed(trunk_layers=0)  # particles scatter once a frame, all of the body
+        self._swarm = Swarm(scene.opencl, scene.body, config.search, swarm or SwarmConfig())
         super().__init__(scene, likelihood, self._swarm, config)
 
     def _search(self, source: int) -> list[Launch]:
         swarm, launches = self._swarm, []
-        for iteration in range(self.config.n_layers):
+        for iteration in range(self.config.search.n_layers):
             launches.append(swarm.move(iteration) if iteration else swarm.scatter())
             launches += self.likelihood.launcher(swarm.sets[0])
-            launches.append(swarm.remember(iteration, self.likelihood.errors))
+            launches.append(swarm.update_bests(iteration, self.likelihood.errors))
         return launches

@@ -41,7 +41,7 @@ def find_start(
     best the body is tracked to both ends, and its shape fitted to all. Then once more from the
     frame that fits best, with that shape. All that several times, while it does not fit well.
 
-    noise: of a tracker from one of `voxels` to the next, see `FilterConfig`. height: known stature,
+    noise: of a tracker from one of `voxels` to the next, see `SearchConfig`. height: known stature,
     m. keep_shape: the template is the person's own body. progress: called every now and then.
 
     A body without head or feet is looked for in that part of the voxels that it is a model of.
@@ -57,7 +57,7 @@ def find_start(
         other = (seed + (len(found) << 32)) % 2**64
         task = SearchTask(height, keep_shape, other, way)
         search = PoseSearch(scene, task, config)
-        tracking = replace(config.filter, noise=noise, seed=other)
+        tracking = config.filter.changed(noise=noise, seed=other)
         found.append(_attempt(_Fitting(search, shown, every, clouds, tracking, progress)))
     best = min(found, key=lambda attempt: attempt.fit.cost)
     if best.registration_error > config.acceptance.hopeless:

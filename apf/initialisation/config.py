@@ -189,8 +189,8 @@ class AcceptanceConfig:
 
 
 def _start_likelihood() -> FilterConfig:
-    return FilterConfig(
-        surface_weight=1.0, two_sided_weight=2.0, sample_spacing=0.04, point_turns=4
+    return FilterConfig.of(
+        surface_weight=1.0, silhouette_recall_weight=2.0, sample_spacing=0.04, point_turns=4
     )
 
 

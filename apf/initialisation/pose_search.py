@@ -94,9 +94,9 @@ class PoseSearch:
         """Return the best hypothesis of that shape near that pose."""
         if self._near is None or np.any(self._near[0] != shape):  # takes longer than a step
             search = self.config.search
-            config = replace(
-                self.config.filter, n_particles=search.n_particles_near, noise=search.near_noise,
-                trunk_layers=0, limb_spread=0.0, seed=self.task.seed,
+            config = self.config.filter.changed(
+                n_particles=search.n_particles_near, noise=search.near_noise, trunk_layers=0,
+                limb_search_reach=0.0, seed=self.task.seed,
             )  # fmt: skip
             body = self.model.body(shape)
             self._near = shape, filter_for(replace(self.scene, body=body), config)
@@ -140,9 +140,9 @@ class PoseSearch:
 
     def _searcher(self, body: BodyModel, n_particles: int) -> Any:
         search = self.config.search
-        config = replace(
-            self.config.filter, n_particles=n_particles, noise=search.noise,
-            noise_decay=search.noise_decay, trunk_layers=0, seed=self.task.seed,
+        config = self.config.filter.changed(
+            n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
+            trunk_layers=0, seed=self.task.seed,
         )  # fmt: skip
         return filter_for(replace(self.scene, body=body), config)
 

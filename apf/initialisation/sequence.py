@@ -42,7 +42,7 @@ def start_of(
         stored(device, reconstruct(frame))
         for frame in sequence.frames(slice(frames.start, frames.stop, frames.step))
     ]
-    noise = FilterConfig().at_rate(sequence.fps / frames.step).noise
+    noise = FilterConfig().at_rate(sequence.fps / frames.step).search.noise
     scene = Scene(device, sequence.rig, grid, template)
     return find_start(scene, voxels, noise, height, keep_shape, seed, progress, every, config)
 

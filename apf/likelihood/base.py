@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from cl import Array, Launch
+
+
+class PointSubset(NamedTuple):
+    """Every `stride`-th of K surface points from number `first` on; after the last the first again,
+    so that all subsets of a stride have the same size."""
+
+    first: int
+    stride: int
 
 
 class Likelihood:
@@ -31,9 +39,12 @@ class Likelihood:
         """Return the launches that score `poses` (N, D) float32 into `errors`."""
         raise NotImplementedError
 
-    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
+    def rescoring_launcher(
+        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+    ) -> list[Launch]:
         """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same: every
-        `stride`-th of `points`. Needed by the limb search alone, which needs `points`, too."""
+        `stride`-th of `points`, and silhouette recall with a weight of at least `least_recall`.
+        Asked for by the limb search, where there are `points`."""
         raise NotImplementedError
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:

@@ -1,5 +1,4 @@
-"""The other side of the silhouettes: how much of them the body leaves uncovered (kernel:
-silhouette_recall.cl)."""
+"""How much of the silhouettes the body covers (kernels: silhouette_recall.cl)."""
 
 from __future__ import annotations
 
@@ -8,21 +7,24 @@ from typing import Any
 import numpy as np
 
 from apf.body.posing import CONE_DEFINES, Kinematics
+from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS
 
 _GROUP = 256
-#: Most cameras that a GPU's work-group looks at together.
+#: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
 _VIEWS = 8
 
 
-class Coverage:
-    """Share of the surface samples `points` (K, 4) that no part of a pose covers in the pictures.
+class SilhouetteRecall:
+    """Share of the surface samples `points` (K, 4) that no part of a pose covers in the pictures:
+    1 less the silhouettes' recall.
 
     Song et al. eq. (15) asks only whether the body lies within the silhouettes: two legs may hide
-    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42).
+    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42). Twin:
+    reference/likelihood/silhouette_recall.py.
     """
 
     def __init__(self, scene: Scene, cameras: Array, points: Array) -> None:
@@ -36,6 +38,7 @@ class Coverage:
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
         shape = (len(rig), self._n_points, 2)
         self._pixels = device.empty(shape, np.float32, "the projected surface samples")
+        self._kinematics: dict[int, Kinematics] = {}  # by number of poses: launches share buffers
         self.observe = device.launch(
             self._kernel("project_points"),
             (-(-self._n_points // self._defines["PACK"]), self._n_views),
@@ -48,21 +51,23 @@ class Coverage:
         )
 
     def launcher(
-        self, poses: Array, place: tuple[int, int], weight: float, errors: Array
+        self, poses: Array, subset: PointSubset, weight: float, errors: Array
     ) -> list[Launch]:
-        """The launches that add `weight` times the share to `errors` (n,) of `poses` (n, D), once
-        per camera; place: first sample looked at, and stride. `observe()` before, in every frame.
-        """
-        kinematics = Kinematics(self.device, self.body, poses.shape[0])
+        """Return the launches that add `weight` times the share of the samples in `subset` to
+        `errors` (n,) of `poses` (n, D), once per camera; `observe()` before, in every frame."""
+        n = poses.shape[0]
+        if n not in self._kinematics:
+            self._kinematics[n] = Kinematics(self.device, self.body, n)
+        kinematics = self._kinematics[n]
         return [
             *kinematics.launcher(poses),
             self.device.launch(
                 self._kernel("add_uncovered"),
-                (poses.shape[0] * self._defines["GROUP"],),
+                (n * self._defines["GROUP"],),
                 (self._defines["GROUP"],),
                 n_points=self._n_points,
-                first=place[0],
-                stride=place[1],
+                first_point=subset.first,
+                stride=subset.stride,
                 n_views=self._n_views,
                 weight=weight,
                 cones=kinematics.cones,

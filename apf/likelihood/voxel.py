@@ -9,11 +9,11 @@ import numpy as np
 from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
-from apf.filters.config import FilterConfig
-from apf.likelihood.base import Likelihood
-from apf.likelihood.motion_prior import Smoothness
-from apf.likelihood.part_colour import LimbColours
-from apf.likelihood.silhouette_recall import Coverage
+from apf.likelihood.base import Likelihood, PointSubset
+from apf.likelihood.config import LikelihoodConfig
+from apf.likelihood.motion_prior import MotionPrior
+from apf.likelihood.part_colour import PartColours
+from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
@@ -25,21 +25,24 @@ from psfs.voxels.reprojection import Reprojection
 _GROUP = 256
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
+#: Fewest rows and columns of samples on a cone: the shortest one, too, shows its outline.
+_FEWEST_SAMPLES = (4, 3)
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
-    """(C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for those
-    that are not looked for in the images."""
+    """Return (C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for
+    those that are not looked for in the images."""
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
     columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
-    sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), (4, 3)).astype(np.int32)
+    sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), _FEWEST_SAMPLES).astype(np.int32)
     sampling[[not cone.in_images for cone in body.cones]] = 0
     return sampling
 
 
 def sample_rows(sampling: np.ndarray) -> np.ndarray:
-    """(R, 4) float32 for rows, columns (C, 2) of every cone: cone, place of the row along it, n
-    columns, 1 / n. The longest first: rows that are worked on together are about as long."""
+    """Return (R, 4) float32 for rows, columns (C, 2) of every cone: cone, the row's share of the
+    way along it, n columns, 1 / n. The longest first: rows that are worked on together are about as
+    long."""
     rows = [
         (cone, (row + 0.5) / n_rows, n_columns, 1 / n_columns)
         for cone, (n_rows, n_columns) in enumerate(sampling)
@@ -50,25 +53,34 @@ def sample_rows(sampling: np.ndarray) -> np.ndarray:
 
 
 class VoxelLikelihood(Likelihood):
-    """Scores poses of a scene's body by its voxels: by their reprojection into the
-    cameras, and by the surface voxels themselves.
+    """Scores poses of a scene's body by its voxels: by their reprojection into the cameras, and by
+    the surface voxels themselves.
 
-    `errors` is Song et al. eq. (16) with the sign put right, and more terms (see `FilterConfig`).
-    Those of `n_runs` trackings have room in it and, one each, in `misfits`. Raises InputError for
-    several with terms that depend on the track so far.
+    `errors` is Song et al. eq. (16) with the sign put right, and more terms, see
+    `LikelihoodConfig`. It has room for the particles of `n_runs` runs, `misfits` for one number
+    each. velocity: share of the last change that the motion prior expects again. Twin:
+    reference/likelihood/voxel.py. Raises InputError for several runs with terms that depend on the
+    track so far.
     """
 
     points: Array
     misfits: Array
 
-    def __init__(self, scene: Scene, config: FilterConfig, n_runs: int = 1) -> None:
-        if n_runs > 1 and config.remembers:
+    def __init__(
+        self,
+        scene: Scene,
+        config: LikelihoodConfig,
+        n_particles: int,
+        n_runs: int = 1,
+        velocity: float = 0.0,
+    ) -> None:
+        if n_runs > 1 and config.depends_on_track:
             raise InputError(
-                f"{n_runs} runs at once: the likelihood's terms colour and smoothness depend on "
-                "the track so far; expected neither"
+                f"{n_runs} runs at once: the likelihood's terms part_colour and motion_prior "
+                "depend on the track so far; expected neither"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
-        self.device, self.rig, self.config = device, rig, config
+        self.device, self.rig, self.config, self._scene = device, rig, config, scene
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
         self._reprojection = Reprojection(device, rig, scene.voxel_grid)
@@ -79,32 +91,33 @@ class VoxelLikelihood(Likelihood):
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
-        habits = np.stack([body.rest_pose, 1 / body.posture_sigma], -1)
-        self._habits = device.to_device(habits.astype(np.float32))
+        posture = np.stack([body.rest_pose, 1 / body.posture_sigma], -1)
+        self._posture = device.to_device(posture.astype(np.float32), "the posture prior")
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._n_launchers = 0
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
-        self.errors = device.empty((n_runs * config.n_particles,), np.float32, "the errors")
+        self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((n_runs,), np.float32)
-        self._coverage: Coverage | None = None
-        if config.settling_two_sided > 0:
-            self._coverage = Coverage(scene, self._cameras, self.points)
-        self._colours: LimbColours | None = None
-        if config.colour_weight > 0:
-            self._colours = LimbColours(device, body, self._body, self.points, config)
-        self._smoothness: Smoothness | None = None
-        if config.smoothness_weight > 0:
-            self._smoothness = Smoothness(device, body, config)
+        self._recall: SilhouetteRecall | None = None
+        if config.silhouette_recall_weight > 0:
+            self._recall = SilhouetteRecall(scene, self._cameras, self.points)
+        self.part_colours: PartColours | None = None
+        if config.part_colour.weight > 0:
+            self.part_colours = PartColours(device, body, self._body, self.points, config)
+        self.motion_prior: MotionPrior | None = None
+        if config.motion_prior.weight > 0:
+            self.motion_prior = MotionPrior(device, body, config.motion_prior, velocity)
 
     def forget(self) -> None:
-        """A new track begins: no colour is known, no pose expected."""
-        for term in (self._colours, self._smoothness):
+        """Forget colours and the expected pose: a new track begins."""
+        for term in (self.part_colours, self.motion_prior):
             if term is not None:
                 term.forget()
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """The launches that end a frame: its estimate is the first of `pose` (.., D)."""
-        terms = (self._colours, self._smoothness)
+        """Return the launches that learn from a frame whose estimate is the first of `pose`
+        (.., D)."""
+        terms = (self.part_colours, self.motion_prior)
         return [
             launch for term in terms if term is not None for launch in term.learning_launcher(pose)
         ]
@@ -120,42 +133,47 @@ class VoxelLikelihood(Likelihood):
             position = [*voxels.grid.origin, voxels.grid.voxel_size]
             self._sample_surface.set(origin_size=position)
         self._sample_surface()
-        if self._coverage is not None:
-            self._coverage.observe()
-        if self._colours is not None:
-            self._colours.observe(voxels)
+        if self._recall is not None:
+            self._recall.observe()
+        if self.part_colours is not None:
+            self.part_colours.observe(voxels)
 
     def launcher(self, poses: Array) -> list[Launch]:
-        """The launches that score `poses` (N, D) float32 into `errors`, arguments set.
+        """Return the launches that score `poses` (N, D) float32 into `errors`.
 
-        Every launcher looks at another share of the surface samples than the one before.
+        Every launcher looks at another subset of the surface samples than the one before.
         """
         config, turn = self.config, self._n_launchers
         self._n_launchers += 1
-        place = (turn % config.point_turns % config.n_points, config.point_turns)
-        return self._every_term(poses, place, self.errors, config.two_sided_weight)
+        subset = PointSubset(turn % config.point_turns % config.n_points, config.point_turns)
+        return self._every_term(poses, subset, self.errors, config.silhouette_recall_weight)
 
-    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Launch]:
-        """The launches that score all of `poses` (n, D) into `errors` (n,), by every `stride`-th
-        surface sample, the same in every frame. The two-sided term counts at least as
-        `FilterConfig.limb_two_sided` says."""
-        return self._every_term(poses, (0, stride), errors, self.config.settling_two_sided)
+    def rescoring_launcher(
+        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+    ) -> list[Launch]:
+        """Return the launches that score all of `poses` (n, D) into `errors` (n,) by every
+        `stride`-th surface sample, the same in every frame, and by silhouette recall with a weight
+        of at least `least_recall`."""
+        recall_weight = max(self.config.silhouette_recall_weight, least_recall)
+        return self._every_term(poses, PointSubset(0, stride), errors, recall_weight)
 
     def _every_term(
-        self, poses: Array, place: tuple[int, int], errors: Array, two_sided: float
+        self, poses: Array, subset: PointSubset, errors: Array, recall_weight: float
     ) -> list[Launch]:
         config = self.config
-        weights = config.weights, config.posture_weight
-        launches = [self._launch(poses.shape[0], poses, place, *weights, errors)]
-        if self._coverage is not None and two_sided > 0:
-            launches += self._coverage.launcher(poses, place, two_sided, errors)
+        weights = config.weights, config.posture_prior_weight
+        launches = [self._launch(poses.shape[0], poses, subset, *weights, errors)]
+        if recall_weight > 0:
+            if self._recall is None:  # for rescoring alone; before the first frame
+                self._recall = SilhouetteRecall(self._scene, self._cameras, self.points)
+            launches += self._recall.launcher(poses, subset, recall_weight, errors)
         n_views = len(self.rig)
-        if self._colours is not None:
-            weight = n_views * config.colour_weight
-            launches += self._colours.launcher(poses, place, weight, errors)
-        if self._smoothness is not None:
-            weight = n_views * config.smoothness_weight
-            launches += self._smoothness.launcher(poses, weight, errors)
+        if self.part_colours is not None:
+            weight = n_views * config.part_colour.weight
+            launches += self.part_colours.launcher(poses, subset, weight, errors)
+        if self.motion_prior is not None:
+            weight = n_views * config.motion_prior.weight
+            launches += self.motion_prior.launcher(poses, weight, errors)
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
@@ -163,18 +181,20 @@ class VoxelLikelihood(Likelihood):
         (.., D) fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share
         of the surface voxels that it leaves unexplained."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        return [self._launch(self.misfits.size, poses, (0, 1), weights, 0.0, self.misfits)]
+        return [
+            self._launch(self.misfits.size, poses, PointSubset(0, 1), weights, 0.0, self.misfits)
+        ]
 
     def _launch(
         self,
         n: int,
         poses: Array,
-        place: tuple[int, int],
+        subset: PointSubset,
         weights: np.ndarray,
-        posture: float,
+        posture_weight: float,
         errors: Array,
     ) -> Launch:
-        """Score the first `n` of `poses`; place: first surface sample looked at, and stride."""
+        """Return the launch that scores the first `n` of `poses` by a subset of the samples."""
         config = self.config
         return self.device.launch(
             self._kernel("score_poses"),
@@ -190,20 +210,20 @@ class VoxelLikelihood(Likelihood):
             maps=self._reprojection.maps,
             row_table=self._rows,
             n_points=config.n_points,
-            first_point=place[0],
-            stride=place[1],
+            first_point=subset.first,
+            stride=subset.stride,
             scale=config.surface_scale,
             points=self.points,
             n_pairs=self._n_pairs,
             pairs=self._pairs,
-            habits=self._habits,
+            posture=self._posture,
             weights=weights,
-            posture=posture,
+            posture_weight=posture_weight,
             errors=errors,
         )
 
     def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
-        """The defines of likelihood.cl, with as many cameras at once as local memory holds.
+        """Return the defines of likelihood.cl, with as many cameras at once as local memory holds.
 
         Raises InputError if the body is too large even for one.
         """

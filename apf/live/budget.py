@@ -28,7 +28,7 @@ def sized(method: Method, evaluations: float, config: SizeConfig | None = None) 
     size = {"n_particles": particles, "n_layers": layers}
     if method.search == "apf":
         size["trunk_layers"] = round(config.trunk_share * layers)
-    return replace(method, filter=replace(method.filter, **size))
+    return replace(method, filter=method.filter.changed(**size))
 
 
 def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
@@ -40,7 +40,7 @@ def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:
 
 def evaluations(method: Method) -> int:
     """Return how often a frame's search scores a pose."""
-    return method.filter.n_particles * method.filter.n_layers
+    return method.filter.search.n_particles * method.filter.search.n_layers
 
 
 class Governor:

@@ -293,7 +293,7 @@ class Live:
         """The tracker of the size that the governor chose, started."""
         chosen = self._governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1
-        search = self._searches[chosen].filter
+        search = self._searches[chosen].filter.search
         self.result.sizes.append((frame + 1, search.n_particles, search.n_layers))
         self._trackers[chosen].start(self._pose)
         return self._trackers[chosen]

@@ -93,7 +93,7 @@ def track_take(
         report("start")
         start = start_of(
             device, sequence, grid, template, selection,
-            height=height, keep_shape=keep_shape, seed=method.filter.seed,
+            height=height, keep_shape=keep_shape, seed=method.filter.search.seed,
             progress=lambda: report("start"),
         )  # fmt: skip
         given = start.body, start.pose
@@ -102,7 +102,7 @@ def track_take(
     began = time.perf_counter()
     tracks = track_seeds(
         device, sequence, grid, body, pose, method,
-        [method.filter.seed] if seeds is None else list(seeds),
+        [method.filter.search.seed] if seeds is None else list(seeds),
         selection=selection, progress=lambda: report("tracking"),
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)

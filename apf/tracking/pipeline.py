@@ -44,7 +44,7 @@ def track_sequence(
     again if there is none).
     """
     method = method or Method()
-    seeds = [method.filter.seed]
+    seeds = [method.filter.search.seed]
     return track_seeds(
         device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress
     )[0]

@@ -21,7 +21,7 @@ _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
 
 def seeded(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for impossible ones."""
-    return [replace(method, filter=replace(method.filter, seed=seed)) for seed in seeds]
+    return [replace(method, filter=method.filter.changed(seed=seed)) for seed in seeds]
 
 
 def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:
@@ -42,9 +42,10 @@ def watched(
     """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
     `tracker`, if there is one, which searches by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
-    search = method.filter
+    search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
-    wider = replace(method, filter=replace(search, noise=config.wider * search.noise, **longer))
+    wide = method.filter.changed(noise=config.wider * search.noise, **longer)
+    wider = replace(method, filter=wide)
 
     def everywhere(voxels: Any) -> list[np.ndarray]:
         try:

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from apf.filters.annealed import AnnealedParticleFilter
-from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
+from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood
+from apf.reference.filters.annealed import numpy_voxel_likelihood
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor
@@ -57,7 +55,7 @@ def _run(args: argparse.Namespace) -> None:
     found, quick = places(), args.quick
     runs = 8 if quick else 40
     problem = make_problem(6 if quick else 20)
-    settings = {"views": VIEWS, "shape": SHAPE, "scored": SCORED, "filter": asdict(problem.config)}
+    settings = {"views": VIEWS, "shape": SHAPE, "scored": SCORED, "filter": problem.config.settings}
     results = Results.begin("apf", args, settings)
     results.section("numpy", partial(by_twin, problem), quick=False)
     for place in found:
@@ -75,7 +73,7 @@ def by_twin(problem: Problem) -> dict[str, Any]:
     """Scoring by the NumPy twin."""
     scene, grid, device = problem.scene, grid_of(problem.shape), NumpyDevice()
     reconstruct = NumpyReconstructor(device, scene.rig, grid, scene.background)
-    likelihood = NumpyVoxelLikelihood(problem.on(device), problem.config)
+    likelihood = numpy_voxel_likelihood(problem.on(device), problem.config)
     likelihood.observe(reconstruct(scene.frames[0]))
     poses = spread(problem, _SCORED_BY_TWIN)
     scoring = timed(lambda: likelihood(poses), 3, warm_up=0)
@@ -99,7 +97,7 @@ def on_place(place: Place, problem: Problem, runs: int) -> dict[str, Any]:
 def spread(problem: Problem, n: int) -> np.ndarray:
     """(n, D) float32 poses, spread as a first layer spreads them."""
     noise = np.random.default_rng(0).normal(size=(n, problem.body.n_dof))
-    poses = problem.pose + problem.config.noise * problem.body.sigma * noise
+    poses = problem.pose + problem.config.search.noise * problem.body.sigma * noise
     return poses.astype(np.float32)
 
 
@@ -107,8 +105,8 @@ def scoring(place: Place, problem: Problem, n: int, runs: int) -> Timing:
     """Wall-clock time to score `n` poses once, voxels and maps being there."""
     device, scene, grid = place.device(), problem.scene, grid_of(problem.shape)
     reconstruct = Reconstructor(device, scene.rig, grid, scene.background)
-    config = replace(problem.config, n_particles=n)
-    likelihood = VoxelLikelihood(problem.on(device), config)
+    config = problem.config.changed(n_particles=n)
+    likelihood = voxel_likelihood(problem.on(device), config)
     likelihood.observe(reconstruct(scene.frames[0]))
     launches = likelihood.launcher(device.to_device(spread(problem, n)))
 

@@ -54,7 +54,7 @@ class Problem:
         """With other settings of the filter, `shape` or `cameras`."""
         scene = self.scene.part(changes.pop("cameras", len(self.scene.rig)))
         shape = changes.pop("shape", self.shape)
-        return replace(self, scene=scene, shape=shape, config=replace(self.config, **changes))
+        return replace(self, scene=scene, shape=shape, config=self.config.changed(**changes))
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -73,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
     settings = {
         "views": VIEWS,
         "shape": SHAPE,
-        "filter": asdict(problem.config),
+        "filter": problem.config.settings,
         "frames": frames,
         "repetitions": repetitions,
         "distinct_frames": len(problem.scene.frames),

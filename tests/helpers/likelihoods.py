@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +19,7 @@ from helpers import bodies, scenes
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.grid import VoxelGrid
 
-CONFIG = FilterConfig(n_particles=37, n_points=100)
+CONFIG = FilterConfig.of(n_particles=37, n_points=100)
 
 
 def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:
@@ -62,9 +61,11 @@ class Setup:
     ) -> None:
         self.body, self.rig, self.maps = body, rig, maps
         self.poses = poses.astype(np.float32)
-        self.config = replace(config, n_particles=len(poses), first_survival=0.9, last_survival=0.6)
-        grid = grid or scenes.small_grid(0.1)
-        self.likelihood = VoxelLikelihood(Scene(device, rig, grid, body), self.config)
+        self.config = config.likelihood
+        scene = Scene(device, rig, grid or scenes.small_grid(0.1), body)
+        self.likelihood = VoxelLikelihood(
+            scene, self.config, len(poses), velocity=config.search.velocity
+        )
         self.likelihood.points.fill(0)
         self.on_device = device.to_device(self.poses)
 
@@ -84,11 +85,12 @@ class Setup:
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
         )
         posture = posture_errors(self.body, self.poses.astype(float))
-        return errors + len(self.rig) * self.config.posture_weight * posture
+        return errors + len(self.rig) * self.config.posture_prior_weight * posture
 
 
 def only(name: str, **settings: Any) -> FilterConfig:
     """Settings by which one term alone counts, once."""
     terms = ("edge", "silhouette", "surface", "overlap", "posture")
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
-    return replace(CONFIG, **weights, **settings)
+    weights["posture_prior_weight"] = weights.pop("posture_weight")
+    return CONFIG.changed(**weights, **settings)

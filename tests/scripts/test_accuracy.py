@@ -114,13 +114,13 @@ def test_tables_in_markdown(tmp_path: Path) -> None:
 
 
 def test_methods_and_objectives() -> None:
-    assert method_of(BASE, 3).filter.seed == 3
+    assert method_of(BASE, 3).filter.search.seed == 3
     song = method_of(replace(BASE, objective="edge+silhouette"), 0)
-    assert song.uses_voxels and song.filter.weights[2:].tolist() == [0, 0]
+    assert song.uses_voxels and song.filter.likelihood.weights[2:].tolist() == [0, 0]
     thesis = method_of(replace(BASE, method="pso", objective="sp", particles=96), 0)
-    assert not thesis.uses_voxels and thesis.filter.n_particles == 96
-    filter_ = method_of(replace(BASE, method="sir"), 0).filter
-    assert (filter_.n_particles, filter_.n_layers) == (2000, 1)
+    assert not thesis.uses_voxels and thesis.filter.search.n_particles == 96
+    search = method_of(replace(BASE, method="sir"), 0).filter.search
+    assert (search.n_particles, search.n_layers) == (2000, 1)
     for wrong in ({"method": "luck"}, {"objective": "edge+smell"}):
         with pytest.raises(InputError, match="expected"):
             method_of(replace(BASE, **wrong), 0)
@@ -153,7 +153,7 @@ def test_seeds_are_tracked_at_once_where_possible() -> None:
     device = Device.best()
     assert together(device, BASE, [0, 2, 3]) == [[0, 2, 3]]
     assert together(device, replace(BASE, objective="edge+silhouette"), [0, 1]) == [[0, 1]]
-    for other in ({"method": "pso"}, {"objective": "sp"}, {"objective": "surface+smoothness"}):
+    for other in ({"method": "pso"}, {"objective": "sp"}, {"objective": "surface+motion_prior"}):
         assert together(device, replace(BASE, **other), [0, 1]) == [[0], [1]]
 
 
@@ -163,7 +163,7 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     chosen = thesis_plan(tmp_path / "walk", 4, ["6.4"])
     (settings,) = chosen.values()
     methods = [method_of(setting, 0) for setting in settings]
-    scored = [m.filter.n_particles * m.filter.n_layers for m in methods]
+    scored = [m.filter.search.n_particles * m.filter.search.n_layers for m in methods]
     assert scored == [960, 2040, 3040, 5120] * 2
     assert {(m.search, m.objective) for m in methods} == {("sir", "sp"), ("pso", "sp")}
     results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})

@@ -20,6 +20,11 @@ from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
 from apf.scene import Scene
 
 
+def numpy_voxel_likelihood(scene: Scene, config: FilterConfig) -> NumpyVoxelLikelihood:
+    """Return the voxels' likelihood for a filter of these settings."""
+    return NumpyVoxelLikelihood(scene, config.likelihood, config.search.velocity)
+
+
 class NumpyAnnealedParticleFilter(NumpyTracker):
     """Song et al. eq. (10)-(13), step by step; same signature as AnnealedParticleFilter."""
 
@@ -32,11 +37,11 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
     ) -> None:
         config = config or FilterConfig()
         if likelihood is None:
-            likelihood = NumpyVoxelLikelihood(scene, config)
+            likelihood = numpy_voxel_likelihood(scene, config)
         super().__init__(scene, likelihood, config)
 
     def _search(self) -> Estimate:
-        config, body = self.config, self.body
+        config, body = self.config.search, self.body
         history = []
         for layer in range(config.n_layers):
             self._poses = diffuse(

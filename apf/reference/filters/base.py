@@ -25,7 +25,7 @@ class NumpyTracker(Tracker):
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""
-        n = self.config.n_particles
+        n = self.config.search.n_particles
         self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
@@ -44,7 +44,7 @@ class NumpyTracker(Tracker):
         misfit = likelihood.misfit(pose)
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
-        self._last, self._drift = pose, pose - found.pose + self.config.velocity * change
+        self._last, self._drift = pose, pose - found.pose + self.config.search.velocity * change
         self._frame += 1
         likelihood.learn(pose)
         return replace(found, pose=pose, information=information, misfit=misfit)
@@ -54,7 +54,7 @@ class NumpyTracker(Tracker):
 
     def _noise(self, layer: int) -> np.ndarray:
         """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
-        config = self.config
+        config = self.config.search
         shape = (config.n_particles, self.body.n_dof)
         deviation = config.layer_noise[layer] * layer_sigmas(self.body, config)[layer]
         if config.spread > 0 and layer > 0:

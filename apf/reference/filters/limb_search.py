@@ -17,16 +17,16 @@ from apf.reference.likelihood.voxel import NumpyLikelihood
 def propose(
     body: BodyModel, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1 (first)
-    to `limb_spread` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
+    """Return poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1
+    (first) to `reach` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
     each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
-    limbs, n = limb_masks(body), config.n_particles
+    limbs, n = limb_masks(body), config.search.n_particles
     near = n_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
     far = np.arange(n) >= near
-    scale = config.limb_spread ** (np.arange(-1, n - 1) / max(1, near - 2))
-    noise = normals(config.seed, frame, config.n_layers, n, body.n_dof)
-    share = uniforms(config.seed, frame, config.n_layers, n, body.n_dof)
+    scale = config.limb_search.reach ** (np.arange(-1, n - 1) / max(1, near - 2))
+    noise = normals(config.search.seed, frame, config.search.n_layers, n, body.n_dof)
+    share = uniforms(config.search.seed, frame, config.search.n_layers, n, body.n_dof)
     lower, upper = limb_ranges(body).T
     moved = np.where(far[:, None], lower + share * (upper - lower),
                      mean + scale[:, None] * body.sigma * noise)  # fmt: skip
@@ -38,21 +38,23 @@ def propose(
 def searched(
     body: BodyModel, likelihood: NumpyLikelihood, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The estimate (D,), and the matrix of its last linear system (see `refined`)."""
+    """Return the estimate (D,), and the matrix of its last linear system (see `refined`)."""
     assert likelihood.points is not None
     candidates = [mean]
-    n_limbs = len(limb_masks(body)) if config.looks_for_limbs else 0
+    n_limbs = len(limb_masks(body)) if config.searches_limbs else 0
     if n_limbs:
         poses, which = propose(body, mean, config, frame)
-        errors = likelihood.rescore(poses, config.point_turns)
+        least_recall = config.limb_search.least_recall
+        errors = likelihood.rescore(poses, config.likelihood.point_turns, least_recall)
         for kind in range(2 * n_limbs):
             tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
     found = [refined(body, pose, likelihood.points, config) for pose in candidates]
     best = 0
     if n_limbs:
-        errors = likelihood.rescore(np.stack([pose for pose, _ in found]), 1)
-        margins = np.repeat([config.limb_margin, config.limb_far_margin], n_limbs)
-        gains = errors[0] * (1 - margins) - errors[1:]
+        refined_poses = np.stack([pose for pose, _ in found])
+        errors = likelihood.rescore(refined_poses, 1, config.limb_search.least_recall)
+        margins = (config.limb_search.near_margin, config.limb_search.far_margin)
+        gains = errors[0] * (1 - np.repeat(margins, n_limbs)) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
     return found[best]

@@ -16,31 +16,31 @@ def refined(
     """Return the pose (D,) that fits the points (K, 3) m best, near the particles' `mean` (D,).
 
     It minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance from `mean` in prior
-    deviations: the best of the poses met in `refine_steps` steps.
+    deviations: the best of the poses met in `steps` steps.
 
-    The steps weigh voxels by a scale that shrinks from `refine_reach` to `refine_scale`, so that
+    The steps weigh voxels by a scale that shrinks from `reach` to `scale`, so that
     those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).
 
     Also return the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
-    if config.refine_steps == 0:
+    if config.refinement.steps == 0:
         return mean, np.zeros((body.n_dof, body.n_dof))
     prior = prior_deviation(body, config) ** -2
     if len(points) == 0:
         return mean, np.diag(prior)
-    weight = config.refine_strength / (len(points) * config.refine_scale**2)
-    pose, best, least, reach = mean, mean, np.inf, config.refine_reach
-    for step in range(config.refine_steps + 1):
+    weight = config.refinement.strength / (len(points) * config.refinement.scale**2)
+    pose, best, least, reach = mean, mean, np.inf, config.refinement.reach
+    for step in range(config.refinement.steps + 1):
         distance, rows = distance_jacobian(body, pose, points)
-        unexplained = np.mean(distance**2 / (distance**2 + config.refine_scale**2))
-        cost = config.refine_strength * unexplained + np.sum(prior * (pose - mean) ** 2)
+        unexplained = np.mean(distance**2 / (distance**2 + config.refinement.scale**2))
+        cost = config.refinement.strength * unexplained + np.sum(prior * (pose - mean) ** 2)
         if cost < least:
             best, least = pose, cost
         weighted = rows * (weight / (1 + distance**2 / reach**2) ** 2)[:, None]
         matrix = weighted.T @ rows + np.diag(prior)
-        if step == config.refine_steps:
+        if step == config.refinement.steps:
             break
         vector = weighted.T @ distance + prior * (pose - mean)
         pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
-        reach = max(config.refine_scale, reach * config.refine_shrink)
+        reach = max(config.refinement.scale, reach * config.refinement.shrink)
     return best, matrix

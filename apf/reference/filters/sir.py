@@ -36,7 +36,7 @@ class NumpySirParticleFilter(NumpyTracker):
         self.sir = sir or SirConfig()
 
     def _search(self) -> Estimate:
-        config, body = self.config, self.body
+        config, body = self.config.search, self.body
         poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
         self.likelihood.turn = self._frame % 2
         squared = self.likelihood(poses) ** 2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from apf.body.model import BodyModel
@@ -35,11 +33,11 @@ class NumpyParticleSwarm(NumpyTracker):
         config: FilterConfig,
         swarm: SwarmConfig | None = None,
     ) -> None:
-        super().__init__(scene, likelihood, replace(config, trunk_layers=0))
+        super().__init__(scene, likelihood, config.changed(trunk_layers=0))
         self.swarm = swarm or SwarmConfig()
 
     def _search(self) -> Estimate:
-        config, body, swarm = self.config, self.body, self.swarm
+        config, body, swarm = self.config.search, self.body, self.swarm
         poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
         velocities = np.zeros_like(poses)
         bests, best_errors = poses.copy(), np.full(len(poses), np.inf)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
-from apf.likelihood.motion_prior import jump_scales
+from apf.likelihood.config import MotionPriorConfig
+from apf.likelihood.motion_prior import change_factors
 
 
-def jump_errors(
-    body: BodyModel, poses: np.ndarray, expected: np.ndarray, config: FilterConfig
+def motion_errors(
+    body: BodyModel, poses: np.ndarray, expected: np.ndarray, config: MotionPriorConfig
 ) -> np.ndarray:
     """Return (N,) the mean over the degrees of freedom of the squared distance of poses (N, D) from
     the one `expected` (D,), in sigmas; 0 where that is NaN."""
     if np.isnan(expected).any():
         return np.zeros(len(poses))
-    return np.sum((jump_scales(body, config) * (poses - expected)) ** 2, 1)
+    return np.sum((change_factors(body, config) * (poses - expected)) ** 2, 1)
 
 
 def expectation(motion: np.ndarray, pose: np.ndarray, velocity: float) -> np.ndarray:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.cones import distances
-from apf.likelihood.part_colour import DARK, LEAST_SAMPLES
+from apf.likelihood.config import LikelihoodConfig
 
 
-def chromaticities(colours: np.ndarray) -> np.ndarray:
+def chromaticities(colours: np.ndarray, dark: float) -> np.ndarray:
     """Return (K, 3) chromaticity x, y and whether a camera sees it, of colours (K, 4).
 
     A colour is RGB 0..255 and the number of cameras. Its chromaticity is
-    (R, G, B) / (R + G + B + DARK) in the plane R + G + B = 0.
+    (R, G, B) / (R + G + B + dark) in the plane R + G + B = 0.
     """
     rgb = colours[:, :3].astype(float)
-    red, green, blue = (rgb / (rgb.sum(1, keepdims=True) + DARK)).T
+    red, green, blue = (rgb / (rgb.sum(1, keepdims=True) + dark)).T
     plane = [(red - green) / np.sqrt(2), (red + green - 2 * blue) / np.sqrt(6)]
     seen = colours[:, 3] > 0
     return np.stack([*plane, np.ones(len(rgb))], -1) * seen[:, None]
@@ -44,8 +44,7 @@ def learnt(
     points: np.ndarray,
     samples: np.ndarray,
     cones: np.ndarray,
-    scale: float,
-    rate: float,
+    config: LikelihoodConfig,
 ) -> np.ndarray:
     """Return the parts' colours (C, 3) after a frame whose pose is cones (C, 16).
 
@@ -57,12 +56,12 @@ def learnt(
         return parts
     away = np.abs(distances(points, cones))
     nearest = away.argmin(1)
-    weights = samples[:, 2] / (1 + (away.min(1) / scale) ** 2)
+    weights = samples[:, 2] / (1 + (away.min(1) / config.surface_scale) ** 2)
     for part in range(len(cones)):
         mine = weights * (nearest == part)
-        if mine.sum() >= LEAST_SAMPLES:
+        if mine.sum() >= config.part_colour.least_samples:
             mean = mine @ samples[:, :2] / mine.sum()
-            share = rate if parts[part, 2] > 0 else 1.0
+            share = config.part_colour.rate if parts[part, 2] > 0 else 1.0
             parts[part, :2] += share * (mean - parts[part, :2])
             parts[part, 2] = 1.0
     return parts

@@ -11,9 +11,9 @@ import numpy as np
 from apf.body.cones import distances, outlines, overlap_errors
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
+from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import cone_sampling
-from apf.reference.likelihood.motion_prior import expectation, jump_errors
+from apf.reference.likelihood.motion_prior import expectation, motion_errors
 from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
@@ -90,10 +90,10 @@ def total_errors(
     points: np.ndarray,
     sampling: np.ndarray,
     pairs: Sequence[tuple[int, int]],
-    config: FilterConfig,
+    config: LikelihoodConfig,
 ) -> np.ndarray:
     """(N,) exponent of Song et al. eq. (16) with its sign put right, surface and overlap error and
-    the two-sided term added once per camera. Cameras without a sample are replaced by the mean of
+    silhouette recall added once per camera. Cameras without a sample are replaced by the mean of
     the others."""
     errors = np.zeros(len(cones))
     seeing = np.zeros(len(cones))
@@ -114,8 +114,8 @@ def total_errors(
     if config.surface_weight > 0:
         mean = mean + config.surface_weight * surface_errors(points, cones, config.surface_scale)
     mean = mean + config.overlap_weight * overlap_errors(cones, pairs)
-    if config.two_sided_weight > 0:
-        mean = mean + config.two_sided_weight * uncovered_errors(rig, cones, points)
+    if config.silhouette_recall_weight > 0:
+        mean = mean + config.silhouette_recall_weight * uncovered_errors(rig, cones, points)
     return len(rig) * mean
 
 
@@ -138,7 +138,7 @@ class NumpyLikelihood:
         """Return the errors (N,) of poses (N, D)."""
         raise NotImplementedError
 
-    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
         """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
         raise NotImplementedError
 
@@ -155,10 +155,10 @@ class NumpyLikelihood:
 
 class NumpyVoxelLikelihood(NumpyLikelihood):
     """The same as `VoxelLikelihood`, in float64: `observe(voxels)`, then `likelihood(poses)`,
-    which looks at share number `turn` of the surface samples."""
+    which looks at subset number `turn` of the surface samples."""
 
-    def __init__(self, scene: Scene, config: FilterConfig) -> None:
-        self.body, self.rig, self.config = scene.body, scene.rig, config
+    def __init__(self, scene: Scene, config: LikelihoodConfig, velocity: float = 0.0) -> None:
+        self.body, self.rig, self.config, self._velocity = scene.body, scene.rig, config, velocity
         self._reprojection = NumpyReprojection(NumpyDevice(), scene.rig, scene.voxel_grid)
         self._sampling = cone_sampling(scene.body, config.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
@@ -166,60 +166,62 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self.forget()
 
     def forget(self) -> None:
-        """A new track begins: no colour is known, no pose expected."""
+        """Forget colours and the expected pose: a new track begins."""
         self.parts = np.zeros((len(self.body.cones), 3))
         self.motion = np.full((self.body.n_dof, 2), np.nan)
 
     def learn(self, pose: np.ndarray) -> None:
-        """End a frame whose estimate is `pose` (D,)."""
-        config = self.config
-        self.motion = expectation(self.motion, pose, config.velocity)
-        if config.colour_weight > 0:
+        """Learn from a frame whose estimate is `pose` (D,)."""
+        self.motion = expectation(self.motion, pose, self._velocity)
+        if self.config.part_colour.weight > 0:
             cones = posed_cones(self.body, pose[None])[0]
-            scale, rate = config.surface_scale, config.colour_rate
-            self.parts = learnt(self.parts, self.points, self._colours, cones, scale, rate)
+            colours = (self.points, self._colours, cones)
+            self.parts = learnt(self.parts, *colours, self.config)
 
     def observe(self, voxels: HostVoxels) -> None:
         """Take the voxels of a frame. Raises InputError if a term lacks pictures."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
-        if self.config.colour_weight > 0:
+        if self.config.part_colour.weight > 0:
             if voxels.colours is None:
                 raise InputError(
-                    "the likelihood's term colour: the frame has no pictures to colour its voxels "
-                    "with; expected images"
+                    "the likelihood's term part_colour: the frame has no pictures to colour its "
+                    "voxels with; expected images"
                 )
             colours = sampled_surface(voxels.colours(), self.config.n_points)
-            self._colours = chromaticities(colours)
+            self._colours = chromaticities(colours, self.config.part_colour.dark)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Errors (N,) of poses (N, D)."""
+        """Return the errors (N,) of poses (N, D)."""
         return self._errors(poses, self.turn, self.config.point_turns, self.config)
 
-    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
-        """Errors (N,) of poses (N, D) by every `stride`-th surface sample."""
-        settling = replace(self.config, two_sided_weight=self.config.settling_two_sided)
-        return self._errors(poses, 0, stride, settling)
+    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
+        """Return errors (N,) of poses (N, D) by every `stride`-th surface sample, and by silhouette
+        recall with a weight of at least `least_recall`."""
+        weight = max(self.config.silhouette_recall_weight, least_recall)
+        return self._errors(poses, 0, stride, replace(self.config, silhouette_recall_weight=weight))
 
-    def _errors(self, poses: np.ndarray, turn: int, turns: int, config: FilterConfig) -> np.ndarray:
+    def _errors(
+        self, poses: np.ndarray, turn: int, turns: int, config: LikelihoodConfig
+    ) -> np.ndarray:
         body, rig = self.body, self.rig
         cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
-        errors = errors + len(rig) * config.posture_weight * posture_errors(body, poses)
-        if config.colour_weight > 0:
+        errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
+        if config.part_colour.weight > 0:
             samples = share(self._colours, turn, turns)
-            found = colour_errors(seen, samples, self.parts, cones, config.colour_scale)
-            errors = errors + len(rig) * config.colour_weight * found
-        if config.smoothness_weight > 0:
-            found = jump_errors(body, poses, self.motion[:, 1], config)
-            errors = errors + len(rig) * config.smoothness_weight * found
+            found = colour_errors(seen, samples, self.parts, cones, config.part_colour.scale)
+            errors = errors + len(rig) * config.part_colour.weight * found
+        if config.motion_prior.weight > 0:
+            found = motion_errors(body, poses, self.motion[:, 1], config.motion_prior)
+            errors = errors + len(rig) * config.motion_prior.weight * found
         return errors
 
     def misfit(self, pose: np.ndarray) -> float:
-        """See `VoxelLikelihood.misfit_launcher`, of a pose (D,)."""
+        """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""
         config = replace(
             self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
-            overlap_weight=0.0, two_sided_weight=0.0,
+            overlap_weight=0.0, silhouette_recall_weight=0.0,
         )  # fmt: skip
         cones = posed_cones(self.body, pose[None])
         errors = total_errors(self.rig, cones, self._maps, self.points, self._sampling, (), config)

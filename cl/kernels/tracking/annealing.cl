@@ -40,10 +40,10 @@ inline void group_sums(__local float *scratch, float values[SUMS])
     for (; length > 8; length /= 8) {
         const int next = length / 8;
         for (int item = lane; item < SUMS * next; item += GROUP) {
-            __local float *place = scratch + item / next * GROUP + item % next;
+            __local float *first = scratch + item / next * GROUP + item % next;
             float sum = 0.0f;
-            for (int part = 0; part < 8; ++part) sum += place[part * next];
-            *place = sum;
+            for (int part = 0; part < 8; ++part) sum += first[part * next];
+            *first = sum;
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
@@ -305,16 +305,16 @@ void estimate(int n, __global const float *weights, __global const float *poses,
 // motion: runs x N_DOF x (last estimate, what to add).
 // report: all that the host reads: result (n_result), information (n_information), misfits
 // (n_runs).
-__kernel void settle(int n_runs, float velocity, int n_result, int n_information,
-                     __global const uint *frames, __global const float *result,
-                     __global const float *shift, __global const float *information,
-                     __global const float *misfits, __global float2 *motion,
-                     __global float *report)
+__kernel void end_frame(int n_runs, float velocity, int n_result, int n_information,
+                        __global const uint *frames, __global const float *result,
+                        __global const float *shift, __global const float *information,
+                        __global const float *misfits, __global float2 *motion,
+                        __global float *report)
 {
-    const int id = get_global_id(0), place = id - n_result - n_information;
+    const int id = get_global_id(0), run = id - n_result - n_information;
     if (id < n_result) report[id] = result[id];
-    else if (place < 0) report[id] = information[id - n_result];
-    else if (place < n_runs) report[id] = misfits[place];
+    else if (run < 0) report[id] = information[id - n_result];
+    else if (run < n_runs) report[id] = misfits[run];
     if (id >= n_runs * N_DOF) return;
     const float pose = result[id];
     // The first frame's change is the start's error, not a motion.

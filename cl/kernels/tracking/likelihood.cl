@@ -35,15 +35,15 @@ inline void take_sample(__global const float *camera, __global const uchar *chan
                         vfloat x, vfloat y, vint *error, vint *count)
 {
     const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
-    const vint place = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
-#define PIXEL(l) channel[LANE_OF(place, l)]
+    const vint pixel = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
+#define PIXEL(l) channel[LANE_OF(pixel, l)]
     const vint value = PACK_OF(vint, PIXEL);
 #undef PIXEL
     *error += inside ? 255 - value : 0;
     *count += inside & 1;
 }
 
-// One row of a cone, x = its number, y = place along it: samples at the two outlines and z
+// One row of a cone, x = its number, y = share of the way along it: samples at both outlines and z
 // evenly between them, w = 1 / z.
 inline void take_row(__global const float *camera, __global const uchar *map, int width,
                      __local const vfloat *outlines, float4 row, samples *sums)
@@ -79,18 +79,18 @@ inline void score_views(int first_view, int n_views, int width, int height,
                      outlines + item * OUTLINE_FLOATS);
     barrier(CLK_LOCAL_MEM_FENCE);
 
-    const int view = lane / VIEW_LANES, place = lane % VIEW_LANES;
+    const int view = lane / VIEW_LANES, view_lane = lane % VIEW_LANES;
     samples sums = {0, 0, 0, 0};
     if (view < here) {
         __global const uchar *map = maps + 2 * (size_t)(first_view + view) * width * height;
-        for (int r = place; r < N_ROWS; r += VIEW_LANES)
+        for (int r = view_lane; r < N_ROWS; r += VIEW_LANES)
             take_row(cameras + (first_view + view) * CAMERA_FLOATS, map, width,
                      outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], &sums);
     }
     partial[lane] = sums;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int size = VIEW_LANES; size > 1; size = (size + 1) / 2) {
-        const int other = place + (size + 1) / 2;
+        const int other = view_lane + (size + 1) / 2;
         if (view < VIEWS && other < size) {
             const samples more = partial[lane + (size + 1) / 2];
             partial[lane].edge += more.edge;
@@ -100,7 +100,7 @@ inline void score_views(int first_view, int n_views, int width, int height,
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
-    if (place == 0 && view < here) {
+    if (view_lane == 0 && view < here) {
         sums = partial[lane];
         const vint seen = (sums.n_edge > 0) & (sums.n_inside > 0);
         const vfloat edge = TO_FLOAT(sums.edge) / (255.0f * TO_FLOAT(sums.n_edge));
@@ -162,15 +162,15 @@ inline vfloat overlap(int n_pairs, __global const int2 *pairs, __local const vfl
     return sum;
 }
 
-// Sum over this item's share of the degrees of freedom of the squared distance from rest, in eases:
-// habits has (rest, 1 / ease), the latter 0 where no value is easier than another.
-inline vfloat strain(__global const float2 *habits, __global const float *poses, int first,
+// Sum over this item's share of the degrees of freedom of the squared distance from rest, in the
+// posture's sigmas: posture has (rest, 1 / sigma), the latter 0 where all values are as likely.
+inline vfloat posture_error(__global const float2 *posture, __global const float *poses, int first,
                      int n_particles)
 {
     vfloat sum = 0.0f;
     for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
 #define VALUE(l) poses[lane_index(first, 0x##l, n_particles) * N_DOF + dof]
-        const vfloat bent = habits[dof].y * (PACK_OF(vfloat, VALUE) - habits[dof].x);
+        const vfloat bent = posture[dof].y * (PACK_OF(vfloat, VALUE) - posture[dof].x);
 #undef VALUE
         sum += bent * bent;
     }
@@ -187,7 +187,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  __global const uchar *maps, __global const float4 *row_table,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
-                 __global const float2 *habits, float4 weights, float posture,
+                 __global const float2 *posture, float4 weights, float posture_weight,
                  __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
@@ -213,7 +213,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                unexplained(n_points, first_point, stride, n, scale, points, cones, spans);
     if (weights.w > 0.0f && n_pairs > 0)
         sum += weights.w / (3 * n_pairs) * overlap(n_pairs, pairs, cones, spans);
-    if (posture > 0.0f) sum += posture * strain(habits, poses, first, n_particles);
+    if (posture_weight > 0.0f)
+        sum += posture_weight * posture_error(posture, poses, first, n_particles);
     sums[lane] = sum;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {

@@ -7,10 +7,10 @@
 #include "common/philox.h"
 
 // Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere:
-// spread by 1 (particle 1) to `spread` (particle n_near - 1) sigma, evenly in the logarithm, or,
+// reach by 1 (particle 1) to `reach` (particle n_near - 1) sigma, evenly in the logarithm, or,
 // from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
 // limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb.
-__kernel void propose(int n, int n_near, int layer, float spread, __global const uint2 *seeds,
+__kernel void propose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
@@ -23,7 +23,7 @@ __kernel void propose(int n, int n_near, int layer, float spread, __global const
     if (particle > 0 && limbs[(particle - 1) % N_LIMBS * N_DOF + dof]) {
         const uint4 counter = {frames[run], layer, particle, dof};
         if (particle < n_near) {
-            const float scale = pow(spread, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
+            const float scale = pow(reach, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
             const vwords counters = {counter.x, counter.y, counter.z, counter.w};
             value += scale * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
         } else {

@@ -6,22 +6,22 @@
 #endif
 
 // Adds to the errors `weight` times the squared length of the change, scaled. An item per particle.
-__kernel void add_jumps(int n, float weight, __global const float *scales,
-                        __global const float2 *motion, __global const float *poses,
-                        __global float *errors)
+__kernel void add_motion_errors(int n, float weight, __global const float *factors,
+                                __global const float2 *motion, __global const float *poses,
+                                __global float *errors)
 {
     const int particle = get_global_id(0);
     if (particle >= n || isnan(motion[0].y)) return;
     float sum = 0.0f;
     for (int dof = 0; dof < N_DOF; ++dof) {
-        const float jump = scales[dof] * (poses[particle * N_DOF + dof] - motion[dof].y);
-        sum += jump * jump;
+        const float change = factors[dof] * (poses[particle * N_DOF + dof] - motion[dof].y);
+        sum += change * change;
     }
     errors[particle] += weight * sum;
 }
 
 // Ends a frame with this pose: the next one is expected `velocity` times the change further on.
-__kernel void expect(float velocity, __global const float *pose, __global float2 *motion)
+__kernel void expect_motion(float velocity, __global const float *pose, __global float2 *motion)
 {
     const int dof = get_global_id(0);
     if (dof >= N_DOF) return;

@@ -28,8 +28,8 @@ __kernel void sample_colours(int n_points, __global const int *count,
 
 // What it costs (n_points, N_CONES) if a sample lies on a part: d^2 / (d^2 + scale^2), d between
 // their chromaticities; 0 where one of them is not known.
-__kernel void compare(int n_points, float scale, __global const float4 *samples,
-                      __global const float4 *parts, __global float *costs)
+__kernel void compare_colours(int n_points, float scale, __global const float4 *samples,
+                              __global const float4 *parts, __global float *costs)
 {
     const int c = get_global_id(0), k = get_global_id(1);
     if (c >= N_CONES || k >= n_points) return;
@@ -43,10 +43,10 @@ __kernel void compare(int n_points, float scale, __global const float4 *samples,
 // that a camera sees, each at the part whose surface is nearest to it. One work-group per pack of
 // particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void add_miscoloured(int n_particles, __global const float *poses, __global const float *table,
-                     int n_points, int first_point, int stride, float weight,
-                     __global const float4 *points, __global const float4 *samples,
-                     __global const float *costs, __global float *errors)
+void add_colour_errors(int n_particles, __global const float *poses, __global const float *table,
+                       int n_points, int first_point, int stride, float weight,
+                       __global const float4 *points, __global const float4 *samples,
+                       __global const float *costs, __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -60,8 +60,8 @@ void add_miscoloured(int n_particles, __global const float *poses, __global cons
     vfloat sum = 0.0f;
     float number = 0.0f;
     for (int i = lane; i < n; i += GROUP) {
-        const int place = first_point + i * stride;
-        const int k = place < n_points ? place : place - n_points;
+        const int at = first_point + i * stride;
+        const int k = at < n_points ? at : at - n_points;
         if (samples[k].z == 0.0f) continue;
         const float4 point = points[k];
         const vpoint here = {point.x, point.y, point.z};
@@ -97,9 +97,9 @@ void add_miscoloured(int n_particles, __global const float *poses, __global cons
 // scale^2 / (d^2 + scale^2), d the distance to its surface; 0 where no camera sees the sample.
 // One work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void find_parts(__global const float *pose, __global const float *table, int n_points, float scale,
-                __global const float4 *points, __global const float4 *samples,
-                __global float2 *nearest_parts)
+void find_nearest_parts(__global const float *pose, __global const float *table, int n_points,
+                        float scale, __global const float4 *points,
+                        __global const float4 *samples, __global float2 *nearest_parts)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -126,8 +126,8 @@ void find_parts(__global const float *pose, __global const float *table, int n_p
 // Moves every part's colour towards the mean of the samples nearest to it by the share `rate`; all
 // the way if it was not known. One work-group per part.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void learn(int n_points, float rate, __global const float4 *samples,
-           __global const float2 *nearest_parts, __global float4 *parts)
+void learn_colours(int n_points, float rate, __global const float4 *samples,
+                   __global const float2 *nearest_parts, __global float4 *parts)
 {
     __local float scratch[GROUP];
     const int part = get_group_id(0), lane = get_local_id(0);

@@ -32,7 +32,7 @@ typedef struct {
 } workspace;
 
 // A number that is the same in all lanes.
-inline float single(__local const vfloat *place) { return *(__local const float *)place; }
+inline float single(__local const vfloat *pack) { return *(__local const float *)pack; }
 
 // Motion of the body by every degree of freedom as its moment and velocity, 6 x ROW: a point p
 // with normal n moves by moment . (p x n) + velocity . n along the normal.
@@ -59,7 +59,7 @@ inline void find_twists(__local const float *body, __local const vfloat *hinges,
 }
 
 // What the linear system needs of a voxel, see VOXEL_FLOATS: its normal is the unit gradient of the
-// distance; along the side the radius changes with the place.
+// distance; along the side the radius changes.
 inline void describe(float4 point, float distance, float root, int nearest,
                      __local const vfloat *posed, __local const vfloat *spans,
                      __local float *voxel)
@@ -288,12 +288,12 @@ void refine_step(int first, int n_parts, float strength, float weight,
 {
     __local vfloat system[N_DOF * ROW_PACKS];
     __local float scratch[GROUP];
-    const int which = get_group_id(0), place = which * N_DOF;
+    const int which = get_group_id(0), offset = which * N_DOF;
     parts += which * n_parts * PART;
-    keep_best(first, true, n_parts, strength, parts, sigma, poses + place, means + place, scratch,
-              least + which, shifts + place);
-    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
-    move_on(system, limits, poses + place, next + place);
+    keep_best(first, true, n_parts, strength, parts, sigma, poses + offset, means + offset, scratch,
+              least + which, shifts + offset);
+    sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
+    move_on(system, limits, poses + offset, next + offset);
 }
 
 // `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
@@ -308,14 +308,14 @@ void refine_on(int first, int n_points, float scale, float reach, float strength
 {
     __local workspace work;
     __local vfloat system[N_DOF * ROW_PACKS];
-    const int which = get_group_id(1), place = which * N_DOF, n_parts = get_num_groups(0);
+    const int which = get_group_id(1), offset = which * N_DOF, n_parts = get_num_groups(0);
     parts += which * n_parts * PART;
-    keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + place,
-              means + place, work.scratch, least + which, shifts + place);
-    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
-    move_on(system, limits, poses + place, next + place);
+    keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + offset,
+              means + offset, work.scratch, least + which, shifts + offset);
+    sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
+    move_on(system, limits, poses + offset, next + offset);
     barrier(CLK_GLOBAL_MEM_FENCE);
-    add_up(n_points, scale, reach, points, next + place, table, moves, &work,
+    add_up(n_points, scale, reach, points, next + offset, table, moves, &work,
            next_parts + (which * n_parts + get_group_id(0)) * PART);
 }
 
@@ -329,13 +329,13 @@ void refine_end(int n_parts, float strength, float weight, __global const float 
 {
     __local vfloat system[N_DOF * ROW_PACKS];
     __local float scratch[GROUP];
-    const int lane = get_local_id(0), which = get_group_id(0), place = which * N_DOF;
+    const int lane = get_local_id(0), which = get_group_id(0), offset = which * N_DOF;
     parts += which * n_parts * PART;
     information += which * (N_DOF * (N_DOF + 1) / 2);
-    keep_best(false, true, n_parts, strength, parts, sigma, poses + place, means + place, scratch,
-              least + which, shifts + place);
-    sum_parts(n_parts, weight, parts, sigma, poses + place, means + place, system);
-    for (int dof = lane; dof < N_DOF; dof += GROUP) means[place + dof] += shifts[place + dof];
+    keep_best(false, true, n_parts, strength, parts, sigma, poses + offset, means + offset, scratch,
+              least + which, shifts + offset);
+    sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
+    for (int dof = lane; dof < N_DOF; dof += GROUP) means[offset + dof] += shifts[offset + dof];
     for (int e = lane; e < N_DOF * N_DOF; e += GROUP) {
         const int i = e / N_DOF, j = e % N_DOF;
         if (j <= i) information[i * (i + 1) / 2 + j] = ((__local float *)system)[j * ROW + i];

@@ -84,17 +84,17 @@ inline vfloat within_edges(__local const float4 *edges, vfloat x, vfloat y)
 }
 
 // Adds to the errors, once per camera, `weight` times the mean over the cameras of the share of
-// samples (every `stride`-th from `first` on) that lie in no part's trapezoid; cameras that see
-// none are left out. cones: (N, C, 16) posed. One work-group per particle.
+// samples (every `stride`-th from `first_point` on) that lie in no part's trapezoid; cameras that
+// see none are left out. cones: (N, C, 16) posed. One work-group per particle.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void add_uncovered(int n_points, int first, int stride, int n_views, float weight,
+void add_uncovered(int n_points, int first_point, int stride, int n_views, float weight,
                    __global const float *cones, __global const float *cameras,
                    __global const float2 *pixels, __global float *errors)
 {
     __local float4 edges[VIEWS * N_CONES * 3];
     __local float seen[GROUP], uncovered[GROUP];
     const int particle = get_group_id(0), lane = get_local_id(0);
-    const int view = lane / VIEW_LANES, place = lane % VIEW_LANES;
+    const int view = lane / VIEW_LANES, view_lane = lane % VIEW_LANES;
     const int n = (n_points + stride - 1) / stride;
     cones += particle * N_CONES * CONE_FLOATS;
     float sum = 0.0f, seeing = 0.0f;
@@ -106,9 +106,9 @@ void add_uncovered(int n_points, int first, int stride, int n_views, float weigh
         barrier(CLK_LOCAL_MEM_FENCE);
         vint n_seen = 0, n_uncovered = 0;
         __global const float2 *samples = pixels + (begin + view) * n_points;
-        for (int k = place * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
-#define PLACE(l) (first + lane_index(k, 0x##l, n) * stride)
-#define SAMPLE(l) samples[PLACE(l) < n_points ? PLACE(l) : PLACE(l) - n_points]
+        for (int k = view_lane * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
+#define POINT(l) (first_point + lane_index(k, 0x##l, n) * stride)
+#define SAMPLE(l) samples[POINT(l) < n_points ? POINT(l) : POINT(l) - n_points]
 #define X(l) SAMPLE(l).x
 #define Y(l) SAMPLE(l).y
 #define THERE(l) (k + 0x##l < n)
@@ -124,7 +124,7 @@ void add_uncovered(int n_points, int first, int stride, int n_views, float weigh
         uncovered[lane] = PACK_SUM(TO_FLOAT(n_uncovered));
         barrier(CLK_LOCAL_MEM_FENCE);
         for (int half_size = VIEW_LANES / 2; half_size > 0; half_size /= 2) {
-            if (place < half_size) {
+            if (view_lane < half_size) {
                 seen[lane] += seen[lane + half_size];
                 uncovered[lane] += uncovered[lane + half_size];
             }

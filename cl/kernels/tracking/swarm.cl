@@ -33,10 +33,10 @@ __kernel void move(int n, int iteration, float inertia, float cognitive, float s
 // result: the global best (N_DOF), the deviation of the particles' bests from it (N_DOF), then per
 // iteration the number of particles that improved, 0 and the least error.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void remember(int n, int iteration, int last, __global uint *frame,
-              __global const float *errors, __global const float *poses,
-              __global float *bests, __global float *best_errors, __global int *parents,
-              __global float *result)
+void update_bests(int n, int iteration, int last, __global uint *frame,
+                  __global const float *errors, __global const float *poses,
+                  __global float *bests, __global float *best_errors, __global int *parents,
+                  __global float *result)
 {
     __local float least[GROUP];
     __local int which[GROUP], improved[GROUP];

@@ -124,7 +124,7 @@ class Layer:
         **settings: float,
     ) -> None:
         settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
-        self.config = FilterConfig(n_particles=n, **settings)  # type: ignore[arg-type]
+        self.config = FilterConfig.of(n_particles=n, **settings).search
         self.set = ParticleSet(device, body, self.config, seeds)
         self.device = device
         self.set.start(body.rest_pose)
@@ -347,7 +347,7 @@ def assert_equal(a: Estimate, b: Estimate) -> None:
 
 def test_a_frame_is_one_small_download(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(n_particles=37, n_layers=3)
+    config = FilterConfig.of(n_particles=37, n_layers=3)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     tracker.step(world.voxels(0))  # tells the reprojection where the grid lies
@@ -367,7 +367,7 @@ def test_a_frame_is_one_small_download(device: Device) -> None:
 def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
     """The frame's number is the first word of the counter of the random numbers."""
     world = World(device)
-    config = FilterConfig(n_particles=37, n_layers=n_layers)
+    config = FilterConfig.of(n_particles=37, n_layers=n_layers)
     tracker = AnnealedParticleFilter(world.scene(), config)
     for _ in range(2):
         tracker.start(world.pose(0))
@@ -378,7 +378,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
 
 def test_frames_do_not_allocate(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(n_particles=37, n_layers=2)
+    config = FilterConfig.of(n_particles=37, n_layers=2)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
@@ -393,7 +393,7 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
     """Without noise and choice the pose coasts: all particles move by velocity times the change."""
     body = replace(SONG, sigma=np.zeros(SONG.n_dof))
     world = World(device, body)
-    config = FilterConfig(n_particles=5, n_layers=2, velocity=0.5, **MILD)
+    config = FilterConfig.of(n_particles=5, n_layers=2, velocity=0.5, **MILD)
     chosen = device if kind == "opencl" else NumpyDevice()
     tracker = filter_for(world.scene(chosen), config)
     place = SONG.dof_names.index("pelvis.tx")
@@ -424,11 +424,11 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
 
 @pytest.mark.parametrize("n_layers", [2, 3])  # frames end in one set, or in alternating ones
 def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
-    world, config = World(device), FilterConfig(n_particles=129, n_layers=n_layers, seed=3)
+    world, config = World(device), FilterConfig.of(n_particles=129, n_layers=n_layers, seed=3)
     first, second = list(run(world, config, 3)), list(run(world, config, 3))
     for a, b in zip(first, second, strict=True):
         assert_equal(a, b)
-    other = list(run(world, replace(config, seed=4), 1))
+    other = list(run(world, config.changed(seed=4), 1))
     assert np.any(other[0].pose != first[0].pose)
 
 
@@ -436,19 +436,19 @@ def test_runs_repeat_bit_by_bit(device: Device, n_layers: int) -> None:
     "settings",
     [
         {"n_particles": 37, "n_layers": 3, "spread": 0.5, "velocity": 0.5},
-        {"n_particles": 129, "n_layers": 2, "limb_spread": 0.0},
-        {"n_particles": 20, "n_layers": 2, "two_sided_weight": 1.0, "refine_steps": 0},
+        {"n_particles": 129, "n_layers": 2, "limb_search_reach": 0.0},
+        {"n_particles": 20, "n_layers": 2, "silhouette_recall_weight": 1.0, "refinement_steps": 0},
     ],
 )
 def test_runs_at_once_are_those_of_their_seeds_alone(device: Device, settings: dict) -> None:
     """Bit by bit, and in any place among the others."""
-    world, config = World(device), FilterConfig(**{"last_survival": 0.2, **settings})
+    world, config = World(device), FilterConfig.of(**{"last_survival": 0.2, **settings})
     seeds = (4, 2**40 + 1, 0)
     tracker = AnnealedParticleFilter(world.scene(), config, seeds=seeds)
     tracker.start(world.pose(0))
     found = [tracker.step_runs(world.voxels(frame)) for frame in range(3)]
     for place, seed in enumerate(seeds):
-        for alone, together in zip(run(world, replace(config, seed=seed), 3), found, strict=True):
+        for alone, together in zip(run(world, config.changed(seed=seed), 3), found, strict=True):
             assert_equal(together[place], alone)
             np.testing.assert_array_equal(together[place].information, alone.information)
             assert together[place].misfit == alone.misfit
@@ -461,7 +461,7 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
     and after a stream that ends early."""
     other = Device(device.handle)
     other.info = device.info if kind == "own" else replace(device.info, kind="gpu")
-    world, config = World(other), FilterConfig(n_particles=37, n_layers=3)
+    world, config = World(other), FilterConfig.of(n_particles=37, n_layers=3)
     expected = list(run(world, config, 4))
     tracker = AnnealedParticleFilter(world.scene(), config)
     for wanted in (4, 2, 4):
@@ -475,13 +475,13 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
 
 
 def test_terms_that_depend_on_the_track_serve_one_run(device: Device) -> None:
-    world, config = World(device), FilterConfig(n_particles=37, smoothness_weight=0.1)
+    world, config = World(device), FilterConfig.of(n_particles=37, motion_prior_weight=0.1)
     with pytest.raises(InputError, match="2 runs at once"):
         AnnealedParticleFilter(world.scene(), config, seeds=(0, 1))
 
 
 def test_a_filter_started_again_forgets(device: Device) -> None:
-    world, config = World(device), FilterConfig(n_particles=37, n_layers=3, spread=1.0)
+    world, config = World(device), FilterConfig.of(n_particles=37, n_layers=3, spread=1.0)
     tracker = AnnealedParticleFilter(world.scene(), config)
     runs = []
     for _ in range(2):
@@ -498,7 +498,7 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
         {"spread": 0.5},
         {"surface_weight": 0.0},
         {"velocity": 0.7},
-        {"refine_steps": 5},
+        {"refinement_steps": 5},
         {"trunk_layers": 1},
     ],
 )
@@ -506,19 +506,19 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
 def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: int) -> None:
     """As long as no parent flips the two draw the same particles; a flip moves the mean little."""
     world = World(device)
-    settings = {"refine_steps": 0, **settings}  # which would hide errors before it
-    config = FilterConfig(n_particles=64, n_layers=n_layers, last_survival=0.2, **settings)
+    settings = {"refinement_steps": 0, **settings}  # which would hide errors before it
+    config = FilterConfig.of(n_particles=64, n_layers=n_layers, last_survival=0.2, **settings)
     twin = NumpyAnnealedParticleFilter(world.scene(NumpyDevice()), config)
     twin.start(world.pose(0))
     # A flip in the second frame would be a first step from elsewhere, to elsewhere.
-    n_frames = 1 if config.refine_steps else 3
+    n_frames = 1 if config.refinement.steps else 3
     expectations = twin.stream(map(world.twin, range(n_frames)))
     found_and_expected = zip(run(world, config, n_frames), expectations, strict=True)
     for frame, (found, expected) in enumerate(found_and_expected):
         close = 0.02 if frame + n_layers == 1 else 0.7
         assert np.all(np.abs(found.pose - expected.pose) <= close * world.body.sigma)
-        np.testing.assert_allclose(found.ess, config.survival_rates * 64, rtol=0.02)
-        np.testing.assert_allclose(expected.ess, config.survival_rates * 64, rtol=0.02)
+        np.testing.assert_allclose(found.ess, config.search.survival_rates * 64, rtol=0.02)
+        np.testing.assert_allclose(expected.ess, config.search.survival_rates * 64, rtol=0.02)
         np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
         np.testing.assert_allclose(found.beta, expected.beta, rtol=0.3)
         np.testing.assert_allclose(found.misfit, expected.misfit, atol=0.03)
@@ -527,7 +527,7 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
 
 def test_a_moving_body_is_followed(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(n_particles=200, n_layers=6, seed=7)
+    config = FilterConfig.of(n_particles=200, n_layers=6, seed=7)
     *_, last = run(world, config, 12)
     start, end, found = posed_joints(
         world.body, np.stack([world.pose(0), world.pose(11), last.pose])
@@ -543,7 +543,7 @@ def test_a_moving_body_is_followed(device: Device) -> None:
 
 def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(n_particles=37, n_layers=3)
+    config = FilterConfig.of(n_particles=37, n_layers=3)
     tracker = AnnealedParticleFilter(world.scene(), config)
     tracker.start(world.pose(0))
     voxels = world.voxels(0)
@@ -553,7 +553,8 @@ def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
         for field in ("pose", "deviation", "ess", "beta", "least_error"):
             assert np.isfinite(getattr(estimate, field)).all(), field
         assert np.all((estimate.pose >= SONG.lower) & (estimate.pose <= SONG.upper))
-    images = config.edge_weight + config.silhouette_weight + config.surface_weight
+    weights = config.likelihood
+    images = weights.edge_weight + weights.silhouette_weight + weights.surface_weight
     assert estimate.least_error.min() >= 3 * images * 0.999
 
 
@@ -561,7 +562,7 @@ def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:
 def test_starting_poses_are_checked(device: Device, kind: str) -> None:
     world = World(device)
     chosen = device if kind == "opencl" else NumpyDevice()
-    config = FilterConfig(n_particles=5, n_layers=1, **MILD)
+    config = FilterConfig.of(n_particles=5, n_layers=1, **MILD)
     tracker = filter_for(world.scene(chosen), config)
     assert type(tracker).__name__.startswith("Numpy") == (kind == "numpy")
     for wrong in (np.zeros(30), np.full(31, np.nan), np.zeros((1, 31))):
@@ -577,7 +578,7 @@ def test_starting_poses_are_checked(device: Device, kind: str) -> None:
 @pytest.mark.parametrize("n_layers", [1, 3])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, n_layers: int) -> None:
     """GPUs take a work-group per particle, CPUs an item per pack of them; all devices can both."""
-    config = FilterConfig(n_particles=64, n_layers=n_layers)
+    config = FilterConfig.of(n_particles=64, n_layers=n_layers)
     with skipped_without_room(device):
         one, two = (list(run(World(place), config, 2)) for place in (device, other_kind(device)))
     for a, b in zip(one, two, strict=True):

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
 
 import numpy as np
 import pytest
 
-from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.config import (
+    FilterConfig,
+    LimbSearchConfig,
+    RefinementConfig,
+    SearchConfig,
+    likelihood_weights,
+)
+from apf.likelihood.config import LikelihoodConfig
 from cl import InputError
 
 
+def of_terms(text: str) -> FilterConfig:
+    return FilterConfig.of(**likelihood_weights(text))
+
+
 def test_defaults_are_the_seed_setting() -> None:
-    config = FilterConfig()
+    config = SearchConfig()
     assert (config.n_particles, config.n_layers) == (200, 10)
 
 
 def test_schedules() -> None:
-    config = FilterConfig(
+    config = SearchConfig(
         n_layers=5, first_survival=0.6, last_survival=0.2, noise=2.0, noise_decay=0.5
     )
     np.testing.assert_allclose(config.survival_rates, [0.6, 0.5, 0.4, 0.3, 0.2])
@@ -25,20 +38,22 @@ def test_schedules() -> None:
 
 
 def test_one_layer_takes_the_first_values() -> None:
-    config = FilterConfig(n_layers=1, first_survival=0.3, noise=1.5)
+    config = SearchConfig(n_layers=1, first_survival=0.3, noise=1.5)
     np.testing.assert_array_equal(config.survival_rates, [0.3])
     np.testing.assert_array_equal(config.layer_noise, [1.5])
 
 
 def test_weights_are_in_the_order_of_the_kernel() -> None:
-    config = FilterConfig(edge_weight=1, silhouette_weight=2, surface_weight=3, overlap_weight=4)
+    config = LikelihoodConfig(
+        edge_weight=1, silhouette_weight=2, surface_weight=3, overlap_weight=4
+    )
     np.testing.assert_array_equal(config.weights, np.array([1, 2, 3, 4], np.float32))
     assert config.weights.dtype == np.float32
 
 
 def test_song_alone_may_be_chosen() -> None:
-    config = FilterConfig(surface_weight=0, overlap_weight=0, spread=0)
-    assert config.weights[2] == config.weights[3] == 0
+    config = FilterConfig.of(surface_weight=0, overlap_weight=0, spread=0)
+    assert config.likelihood.weights[2] == config.likelihood.weights[3] == 0
 
 
 @pytest.mark.parametrize(
@@ -69,7 +84,7 @@ def test_song_alone_may_be_chosen() -> None:
 )
 def test_impossible_settings_are_refused_with_their_value(setting: str, value: float) -> None:
     with pytest.raises(InputError) as caught:
-        FilterConfig(**{setting: value})
+        FilterConfig.of(**{setting: value})
     message = str(caught.value)
     assert "expected" in message and "\n" not in message
     assert f"{value:.3g}" in message or str(value) in message
@@ -77,25 +92,62 @@ def test_impossible_settings_are_refused_with_their_value(setting: str, value: f
 
 def test_few_particles_need_a_milder_last_layer() -> None:
     with pytest.raises(InputError, match="last_survival"):
-        FilterConfig(n_particles=10)
-    assert FilterConfig(n_particles=10, last_survival=0.2).n_particles == 10
-    assert FilterConfig(n_particles=2, first_survival=0.9, last_survival=0.6).n_particles == 2
+        FilterConfig.of(n_particles=10)
+    assert SearchConfig(n_particles=10, last_survival=0.2).n_particles == 10
+    assert SearchConfig(n_particles=2, first_survival=0.9, last_survival=0.6).n_particles == 2
 
 
 def test_settings_cannot_be_changed_behind_the_launches() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
-        FilterConfig().n_layers = 3  # type: ignore[misc]
-    assert FilterConfig(seed=2**64 - 1).seed == 2**64 - 1
+        FilterConfig().search.n_layers = 3  # type: ignore[misc]
+    assert FilterConfig.of(seed=2**64 - 1).search.seed == 2**64 - 1
 
 
 def test_terms_of_the_likelihood_by_name() -> None:
-    default = FilterConfig()
-    song = FilterConfig(**likelihood_weights("edge,silhouette"))
+    default = LikelihoodConfig()
+    song = of_terms("edge,silhouette").likelihood
     assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
-    assert song.posture_weight == 0
-    assert FilterConfig(**likelihood_weights("surface=2.5")).weights.tolist() == [0, 0, 2.5, 0]
-    every = FilterConfig(**likelihood_weights("edge,silhouette,surface,overlap,posture"))
-    assert every == dataclasses.replace(default, limb_two_sided=0.0)
+    assert song.posture_prior_weight == 0
+    assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
+    every = of_terms("edge,silhouette,surface,overlap,posture")
+    assert every == FilterConfig.of(limb_search_least_recall=0.0)
+
+
+def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
+    for term, weight in (("silhouette_recall", 2.0), ("part_colour", 1.0), ("motion_prior", 0.01)):
+        name = f"{term}_weight"
+        assert FilterConfig().settings[name] == 0
+        assert of_terms(f"silhouette,{term}").settings[name] == weight
+        assert of_terms(f"{term}=3").settings[name] == 3
+        assert of_terms("surface").settings[name] == 0
+
+
+def test_single_settings_find_their_parts() -> None:
+    config = FilterConfig.of(
+        n_layers=3, surface_scale=0.1, part_colour_rate=0.5, refinement_scale=1
+    )
+    assert config.search.n_layers == 3 and config.likelihood.surface_scale == 0.1
+    assert config.likelihood.part_colour.rate == 0.5 and config.refinement.scale == 1
+    other = config.changed(limb_search_reach=2.0)
+    assert other.limb_search.reach == 2 and other.search == config.search
+    assert FilterConfig.of(**other.settings) == other
+    with pytest.raises(TypeError, match="no setting of a filter: two_sided"):
+        FilterConfig.of(two_sided=1.0)
+
+
+def test_deviations_grow_with_the_time_between_frames() -> None:
+    config, default = FilterConfig().at_rate(20.0), FilterConfig()
+    assert config.search.noise == pytest.approx(3 * default.search.noise)
+    assert config.likelihood.motion_prior.scale == pytest.approx(3)
+    assert config.changed(noise=default.search.noise, motion_prior_scale=1.0) == default
+
+
+def test_parts_have_a_dozen_settings_at_most_and_say_what_they_are() -> None:
+    for part in (SearchConfig, LikelihoodConfig, RefinementConfig, LimbSearchConfig):
+        names = [entry.name for entry in dataclasses.fields(part)]
+        assert len(names) <= 12
+        source = inspect.getsource(part)
+        assert all(re.search(rf"    {name}: [^\n]+\n    \"\"\"", source) for name in names[:10])
 
 
 @pytest.mark.parametrize("wrong", ["", "edge,colours", "edge=much", "edge:2"])

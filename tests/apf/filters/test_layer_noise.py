@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from apf.body import load_body
-from apf.filters.config import FilterConfig
+from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import InputError
 
@@ -14,13 +14,13 @@ SONG = load_body("song31")
 
 
 def test_without_trunk_layers_all_spread_alike() -> None:
-    sigmas = layer_sigmas(SONG, FilterConfig(trunk_layers=0))
+    sigmas = layer_sigmas(SONG, SearchConfig(trunk_layers=0))
     assert sigmas.shape == (10, 31)
     np.testing.assert_array_equal(sigmas, np.broadcast_to(SONG.sigma, sigmas.shape))
 
 
 def test_the_trunk_goes_first() -> None:
-    config = FilterConfig(trunk_layers=3, noise_decay=0.8)
+    config = SearchConfig(trunk_layers=3, noise_decay=0.8)
     noise = layer_sigmas(SONG, config) * config.layer_noise[:, None]
     limb, trunk = SONG.dof_names.index("l_thigh.ry"), SONG.dof_names.index("pelvis.tx")
     assert np.all(noise[:3, limb] == 0) and np.all(noise[:3, trunk] > 0)
@@ -31,4 +31,4 @@ def test_the_trunk_goes_first() -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(InputError, match="expected"):
-        FilterConfig(trunk_layers=-1)
+        SearchConfig(trunk_layers=-1)

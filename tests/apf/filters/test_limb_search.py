@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from apf.reference.filters.limb_search import propose, searched
 from apf.reference.likelihood.voxel import NumpyLikelihood, share
 from cl import Array, Device, Launch
 
-CONFIG = FilterConfig(n_particles=150, n_points=400, refine_steps=5, limb_spread=12.0)
+CONFIG = FilterConfig.of(n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0)
 
 
 class Nearness(Likelihood):
@@ -31,14 +30,16 @@ class Nearness(Likelihood):
         self.device, self.body = device, body
         self.host_points = points
         self.points = device.to_device(np.c_[points, np.ones(len(points))].astype(np.float32))
-        self.errors = device.zeros((CONFIG.n_particles,), np.float32)
+        self.errors = device.zeros((CONFIG.search.n_particles,), np.float32)
 
     def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
         seen = share(self.host_points, 0, stride)
         nearest = [np.abs(distances(seen, c)).min(1) for c in posed_cones(self.body, poses)]
         return np.mean(np.square(nearest) / (np.square(nearest) + 0.05**2), axis=1)
 
-    def rescoring_launcher(self, poses: Array, errors: Array, stride: int = 1) -> list[Any]:
+    def rescoring_launcher(
+        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+    ) -> list[Any]:
         return [lambda: errors.set(self.rescore(poses.get(), stride).astype(np.float32))]
 
 
@@ -48,7 +49,7 @@ class NumpyNearness(NumpyLikelihood):
     def __init__(self, nearness: Nearness) -> None:
         self.points, self._nearness = nearness.host_points, nearness
 
-    def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
+    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
         return self._nearness.rescore(poses, stride)
 
 
@@ -102,11 +103,11 @@ def test_proposals_move_one_limb_within_limits() -> None:
 @pytest.mark.parametrize("n_particles", [3, 150])
 def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     body = bodies.named(name)
-    config = replace(
-        CONFIG, n_particles=n_particles, refine_steps=2, first_survival=0.5, last_survival=0.4
+    config = CONFIG.changed(
+        n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
     found, shift, information = search_limbs(device, body, likelihood, mean, config)
@@ -122,29 +123,29 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
     pose, wrist = raised(body), body.joint_names.index("l_wrist")
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
 
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
         for frame in range(n_frames):
-            found = search_limbs(device, body, likelihood, found, replace(config, seed=frame))[0]
+            found = search_limbs(device, body, likelihood, found, config.changed(seed=frame))[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
     assert miss(CONFIG) < 0.06
-    assert miss(replace(CONFIG, limb_far_margin=1.0)) < 0.06  # near where it was
-    assert miss(replace(CONFIG, limb_margin=1.0), 20) < 0.06  # anywhere
-    assert miss(replace(CONFIG, limb_spread=0.0)) > 0.3
+    assert miss(CONFIG.changed(limb_search_far_margin=1.0)) < 0.06  # near where it was
+    assert miss(CONFIG.changed(limb_search_near_margin=1.0), 20) < 0.06  # anywhere
+    assert miss(CONFIG.changed(limb_search_reach=0.0)) > 0.3
 
 
 def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
     """With margins that no limb can win, the mean is refined as if alone."""
     body = load_body("song31")
-    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
-    hopeless = replace(CONFIG, limb_margin=1.0, limb_far_margin=1.0)
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
+    hopeless = CONFIG.changed(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
     stays = search_limbs(device, body, likelihood, body.rest_pose, hopeless)[0]
     alone = search_limbs(
-        device, body, likelihood, body.rest_pose, replace(CONFIG, limb_spread=0.0)
+        device, body, likelihood, body.rest_pose, CONFIG.changed(limb_search_reach=0.0)
     )[0]
     np.testing.assert_allclose(stays, alone, atol=1e-6)
 
@@ -159,12 +160,12 @@ def test_without_surface_points_nothing_is_searched(device: Device) -> None:
 def test_runs_are_searched_each_by_itself(device: Device) -> None:
     """Bit by bit as alone, from means, frames and seeds of their own."""
     body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
-    config = replace(CONFIG, n_particles=37, refine_steps=2, last_survival=0.4)
-    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.n_points))
+    config = CONFIG.changed(n_particles=37, refinement_steps=2, last_survival=0.4)
+    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
     means = bodies.random_poses(body, 3).astype(np.float32)
 
     def of(rows: list[int]) -> list[np.ndarray]:
-        likelihood.errors = device.zeros((len(rows) * config.n_particles,), np.float32)
+        likelihood.errors = device.zeros((len(rows) * config.search.n_particles,), np.float32)
         chosen = [seeds[row] for row in rows]
         search = LimbSearch(device, body, likelihood, config, chosen)
         result = device.to_device(means[rows])

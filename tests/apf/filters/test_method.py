@@ -37,7 +37,7 @@ def start(walk: Path) -> tuple[Sequence, VoxelGrid, BodyModel, np.ndarray]:
 def test_on_the_device(start, search: str, objective: str) -> None:
     sequence, grid, body, pose = start
     size = {"n_particles": 60} if search == "sir" else {"n_particles": 40, "n_layers": 3}
-    method = Method.of(search, objective, limb_spread=0.0, **size)
+    method = Method.of(search, objective, limb_search_reach=0.0, **size)
     given = grid if method.uses_voxels else None  # images need none
     track = track_sequence(Device.best(), sequence, given, body, pose, method, selection=slice(2))
     assert track.frames.tolist() == [0, 1]
@@ -56,8 +56,8 @@ def test_on_the_device(start, search: str, objective: str) -> None:
 def test_twins(start, search: str, objective: str) -> None:
     sequence, grid, body, pose = start
     size = {"n_particles": 3} if search == "sir" else {"n_particles": 2, "n_layers": 2}
-    settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_spread": 0.0}
-    method = Method.of(search, objective, n_points=40, refine_steps=0, **size, **settings)
+    settings = {"first_survival": 0.6, "last_survival": 0.6, "limb_search_reach": 0.0}
+    method = Method.of(search, objective, n_points=40, refinement_steps=0, **size, **settings)
     given = grid if method.uses_voxels else None
     tracks = [
         track_sequence(device, sequence, given, body, pose, method, selection=slice(1))

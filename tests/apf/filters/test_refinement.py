@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers import bodies
@@ -18,8 +16,12 @@ from apf.reference.filters.refinement import refined
 from cl import Device
 
 #: Without a prior that is worth mentioning.
-CONFIG = FilterConfig(
-    refine_steps=8, refine_scale=0.05, refine_reach=0.05, refine_width=100.0, n_points=300
+CONFIG = FilterConfig.of(
+    refinement_steps=8,
+    refinement_scale=0.05,
+    refinement_reach=0.05,
+    refinement_width=100.0,
+    n_points=300,
 )
 
 
@@ -39,7 +41,7 @@ def on_device(
     device: Device, body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refined pose and information by the kernel; no points at all count as an empty cloud."""
-    padded = np.zeros((config.n_points, 4), np.float32)
+    padded = np.zeros((config.likelihood.n_points, 4), np.float32)
     if len(points):
         padded[:] = np.c_[points, np.ones(len(points))]
     refinement = Refinement(device, body, config)
@@ -85,7 +87,7 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
     points = on_surface(body, pose, 300)
-    found = refined(body, pose, points, replace(CONFIG, refine_width=4.0))[0]
+    found = refined(body, pose, points, CONFIG.changed(refinement_width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
 
 
@@ -98,7 +100,7 @@ def test_far_voxels_pull_first() -> None:
     wrist = body.joint_names.index("l_wrist")
 
     def miss(reach: float) -> float:
-        config = replace(CONFIG, refine_scale=0.02, refine_reach=reach)
+        config = CONFIG.changed(refinement_scale=0.02, refinement_reach=reach)
         found = refined(body, body.rest_pose, points, config)[0]
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, raised))
         return float(np.linalg.norm(reached - wanted))
@@ -113,9 +115,9 @@ def test_never_worse_than_the_mean() -> None:
 
     def cost(pose: np.ndarray) -> float:
         distance = distance_jacobian(body, pose, points)[0]
-        share = np.mean(distance**2 / (distance**2 + CONFIG.refine_scale**2))
+        share = np.mean(distance**2 / (distance**2 + CONFIG.refinement.scale**2))
         away = np.sum(((pose - mean) / prior_deviation(body, CONFIG)) ** 2)
-        return float(CONFIG.refine_strength * share + away)
+        return float(CONFIG.refinement.strength * share + away)
 
     assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
 
@@ -124,7 +126,9 @@ def test_never_worse_than_the_mean() -> None:
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     body = bodies.named(name)
-    config = replace(CONFIG, refine_steps=3, refine_reach=0.1, refine_width=4.0, n_points=n_points)
+    config = CONFIG.changed(
+        refinement_steps=3, refinement_reach=0.1, refinement_width=4.0, n_points=n_points
+    )
     pose = bodies.random_poses(body, 1)[0]
     random = np.random.default_rng(n_points)
     points = on_surface(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
@@ -171,7 +175,7 @@ def test_nothing_to_refine_on(device: Device) -> None:
     mean = bodies.random_poses(body, 1)[0]
     found, _ = on_device(device, body, mean, np.empty((0, 3)), CONFIG)
     np.testing.assert_allclose(found, mean, atol=1e-6)
-    off = replace(CONFIG, refine_steps=0)
+    off = CONFIG.changed(refinement_steps=0)
     assert Refinement(device, body, off).launcher(device.zeros((300, 4), np.float32), mean) == []
 
 

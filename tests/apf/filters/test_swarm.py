@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers import bodies, scenes
@@ -40,7 +38,7 @@ def scene_on(device: Device | NumpyDevice, body: BodyModel = SONG) -> Scene:
 
 def run(search: str, device: Device | None, config: FilterConfig, frames: int, *more: object):
     kind, twin, _ = SEARCHES[search]
-    likelihood = Distance(device, SONG, config.n_particles)
+    likelihood = Distance(device, SONG, config.search.n_particles)
     chosen = NumpyDevice() if device is None else device
     tracker = (twin if device is None else kind)(scene_on(chosen), likelihood, config, *more)
     tracker.start(SONG.rest_pose)
@@ -48,13 +46,13 @@ def run(search: str, device: Device | None, config: FilterConfig, frames: int, *
 
 
 def config_of(search: str, n: int = 65, **settings: object) -> FilterConfig:
-    return FilterConfig(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
+    return FilterConfig.of(n_particles=n, noise=1.0, **{**SEARCHES[search][2], **settings})
 
 
 @pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("settings", [{}, {"velocity": 0.6}, {"n_particles": 300}])
 def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict) -> None:
-    config = replace(config_of(search), **settings)
+    config = config_of(search).changed(**settings)
     for found, expected in zip(
         run(search, device, config, 3)[0], run(search, None, config, 3)[0], strict=True
     ):
@@ -70,9 +68,9 @@ def test_frames_agree_with_the_twin(device: Device, search: str, settings: dict)
 def test_every_frame_scores_as_often_as_it_says(device: Device, search: str) -> None:
     config = config_of(search)
     found, likelihood = run(search, device, config, 3)
-    assert likelihood.calls == 3 * config.n_layers
+    assert likelihood.calls == 3 * config.search.n_layers
     for estimate in found:
-        assert estimate.ess.shape == estimate.least_error.shape == (config.n_layers,)
+        assert estimate.ess.shape == estimate.least_error.shape == (config.search.n_layers,)
         assert all(np.isfinite(getattr(estimate, field)).all() for field in FIELDS)
 
 
@@ -92,7 +90,7 @@ def test_the_swarm_improves_and_follows(device: Device) -> None:
 def test_runs_repeat_and_seeds_differ(device: Device, search: str) -> None:
     config = config_of(search)
     first, second = (run(search, device, config, 2)[0] for _ in range(2))
-    other = run(search, device, replace(config, seed=2**63 + 5), 1)[0]
+    other = run(search, device, config.changed(seed=2**63 + 5), 1)[0]
     for a, b in zip(first, second, strict=True):
         for field in FIELDS:
             np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
@@ -160,7 +158,7 @@ def test_bad_settings() -> None:
     with pytest.raises(InputError, match="expected"):
         SirConfig(sigma_z=-1)
     with pytest.raises(InputError, match="expected 1"):
-        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig(n_layers=2))
+        NumpySirParticleFilter(scene_on(NumpyDevice()), None, FilterConfig.of(n_layers=2))
 
 
 def test_widened_it_spreads_further(device: Device) -> None:

@@ -12,27 +12,28 @@ from helpers.worlds import World
 
 from apf.body.kinematics import posed_cones
 from apf.filters.annealed import AnnealedParticleFilter
-from apf.filters.config import FilterConfig, likelihood_weights
-from apf.likelihood.motion_prior import Smoothness
+from apf.filters.config import FilterConfig
+from apf.likelihood.config import MotionPriorConfig
+from apf.likelihood.motion_prior import MotionPrior
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
-from apf.reference.likelihood.motion_prior import expectation, jump_errors
+from apf.reference.likelihood.motion_prior import expectation, motion_errors
 from cl import Device, NumpyDevice
 
 SONG = bodies.named("song31")
-CONFIG = FilterConfig(smoothness_weight=0.3, smoothness_scale=2.0, velocity=0.5)
+CONFIG, VELOCITY = MotionPriorConfig(weight=0.3, scale=2.0), 0.5
 
 
 def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
     expected = SONG.rest_pose
     poses = np.stack([expected, expected + 2 * SONG.sigma, expected - 6 * SONG.sigma])
-    np.testing.assert_allclose(jump_errors(SONG, poses, expected, CONFIG), [0, 1, 9])
+    np.testing.assert_allclose(motion_errors(SONG, poses, expected, CONFIG), [0, 1, 9])
     nothing = np.full(SONG.n_dof, np.nan)
-    assert not jump_errors(SONG, poses, nothing, CONFIG).any()
+    assert not motion_errors(SONG, poses, nothing, CONFIG).any()
     # Half as many frames per second may change by twice as much.
-    slow = CONFIG.at_rate(30.0)
-    np.testing.assert_allclose(jump_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
+    slow = FilterConfig.of(motion_prior_scale=2.0).at_rate(30.0).likelihood.motion_prior
+    np.testing.assert_allclose(motion_errors(SONG, poses, expected, slow), [0, 1 / 4, 9 / 4])
     still = replace(SONG, sigma=np.zeros(SONG.n_dof))
-    assert not jump_errors(still, poses, expected, CONFIG).any()
+    assert not motion_errors(still, poses, expected, CONFIG).any()
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
@@ -40,7 +41,7 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
 def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
     body = bodies.named(name)
     poses = bodies.random_poses(body, n, wild=True).astype(np.float32)
-    term = Smoothness(device, body, CONFIG)
+    term = MotionPrior(device, body, CONFIG, VELOCITY)
     errors, on_device = device.zeros((n,), np.float32), device.to_device(poses)
     motion = np.full((body.n_dof, 2), np.nan)
     score, learn = term.launcher(on_device, 0.25, errors), term.learning_launcher(on_device)
@@ -48,12 +49,12 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
         errors.fill(3.0)
         for launch in score:
             launch()
-        expected = 3 + 0.25 * jump_errors(body, poses, motion[:, 1], CONFIG)
+        expected = 3 + 0.25 * motion_errors(body, poses, motion[:, 1], CONFIG)
         np.testing.assert_allclose(errors.get(), expected, rtol=1e-4)
         assert (frame == 0) == (motion != motion).all()
         for launch in learn:
             launch()
-        motion = expectation(motion, poses[0].astype(float), CONFIG.velocity)
+        motion = expectation(motion, poses[0].astype(float), VELOCITY)
         np.testing.assert_allclose(term.motion.get(), motion, atol=1e-5)
         poses[0] = bodies.random_poses(body, 1, seed=frame + 1)[0]
         on_device.set(poses)
@@ -62,13 +63,13 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:
 
 
 def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: Device) -> None:
-    """The surface prefers the jump; smoothness, which knows the last pose, does not."""
+    """The surface prefers the jump; the prior, which knows the last pose, does not."""
     grid, rig = scenes.small_grid(0.1), scenes.ring(2)
     poses = np.stack([SONG.rest_pose, SONG.rest_pose])
     poses[0, SONG.dof_names.index("l_upper_arm.ry")] += 12 * SONG.sigma.max()
 
     def setup(weight: float) -> Setup:
-        config = replace(only("surface"), n_points=100, smoothness_weight=weight)
+        config = only("surface").changed(n_points=100, motion_prior_weight=weight)
         made = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
         points = np.concatenate([made_points(poses[0]), np.ones((100, 1))], 1)
         made.likelihood.points.set(points.astype(np.float32))
@@ -94,10 +95,10 @@ def test_a_jump_to_a_better_place_is_forbidden_once_there_was_a_frame(device: De
         assert jump < stay
 
 
-def test_trackers_tell_the_term_their_estimates(device: Device) -> None:
+def test_trackers_let_the_term_learn_their_estimates(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(
-        n_particles=64, n_layers=2, last_survival=0.2, refine_steps=0, smoothness_weight=0.5
+    config = FilterConfig.of(
+        n_particles=64, n_layers=2, last_survival=0.2, refinement_steps=0, motion_prior_weight=0.5
     )
     tracker = AnnealedParticleFilter(world.scene(), config)
     twin = NumpyAnnealedParticleFilter(world.scene(NumpyDevice()), config)
@@ -107,15 +108,8 @@ def test_trackers_tell_the_term_their_estimates(device: Device) -> None:
         found, expected = tracker.step(world.voxels(frame)), twin.step(world.twin(frame))
         assert np.all(np.abs(found.pose - expected.pose) <= 0.7 * SONG.sigma)
         np.testing.assert_allclose(found.least_error, expected.least_error, rtol=0.05)
-        motion = tracker.likelihood._smoothness.motion.get()
+        motion = tracker.likelihood.motion_prior.motion.get()
         np.testing.assert_allclose(motion[:, 0], found.pose, atol=1e-6)
         np.testing.assert_allclose(twin.likelihood.motion[:, 0], expected.pose)
     tracker.start(world.pose(0))
-    assert np.isnan(tracker.likelihood._smoothness.motion.get()).all()
-
-
-def test_it_is_off_by_default_and_chosen_by_name() -> None:
-    assert FilterConfig().smoothness_weight == 0
-    assert FilterConfig(**likelihood_weights("surface,smoothness")).smoothness_weight > 0
-    assert FilterConfig(**likelihood_weights("surface,smoothness=3")).smoothness_weight == 3
-    assert FilterConfig(**likelihood_weights("surface")).smoothness_weight == 0
+    assert np.isnan(tracker.likelihood.motion_prior.motion.get()).all()

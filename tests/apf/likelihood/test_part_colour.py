@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +16,8 @@ from apf.body.cones import distances
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
-from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.config import FilterConfig
+from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
 from apf.reference.likelihood.voxel import (
@@ -34,7 +34,9 @@ from psfs.voxels.grid import VoxelGrid
 
 SONG = bodies.named("song31")
 GRID = scenes.small_grid(0.05)
-SCALE, RATE = FilterConfig().colour_scale, FilterConfig().colour_rate
+CONFIG = LikelihoodConfig()
+SCALE, DARK = CONFIG.part_colour.scale, CONFIG.part_colour.dark
+QUARTER = FilterConfig.of(part_colour_rate=0.25).likelihood
 BLUE, SKIN = (60, 70, 130), (200, 150, 120)
 
 
@@ -62,14 +64,14 @@ def painted(cones: np.ndarray, arms: tuple[int, int, int]) -> np.ndarray:
 
 def test_chromaticity_is_of_the_garment_and_not_of_the_light() -> None:
     def one(*colour: float) -> np.ndarray:
-        return chromaticities(np.array([[*colour, 3]]))[0]
+        return chromaticities(np.array([[*colour, 3]]), DARK)[0]
 
     lit, shaded, skin = one(*BLUE), one(*(c / 2 for c in BLUE)), one(*SKIN)
     assert np.linalg.norm(lit - shaded) < 0.03 < 0.2 < np.linalg.norm(lit - skin)
     np.testing.assert_allclose([one(0, 0, 0), one(90, 90, 90)], [[0, 0, 1]] * 2, atol=1e-12)
     np.testing.assert_allclose(one(255, 0, 0)[:2], 255 / 285 / np.sqrt([2, 6]))
     assert np.linalg.norm(one(4, 0, 2)[:2]) < 0.12  # the noise of a dark pixel
-    assert not chromaticities(np.array([[255, 0, 0, 0]])).any()  # nobody sees it
+    assert not chromaticities(np.array([[255, 0, 0, 0]]), DARK).any()  # nobody sees it
 
 
 @pytest.mark.parametrize("arms", [SKIN, BLUE])
@@ -79,12 +81,12 @@ def test_an_arm_that_is_taken_for_the_torso_costs(arms: tuple[int, int, int]) ->
     voxels, of = shell(SONG.rest_pose)
     parts = np.zeros((len(SONG.cones), 3))
     cones = posed_cones(SONG, np.stack([SONG.rest_pose, crossing()]))
-    samples = chromaticities(painted(of, arms))
-    parts = learnt(parts, GRID.centres(voxels), samples, cones[0], 0.05, RATE)
+    samples = chromaticities(painted(of, arms), DARK)
+    parts = learnt(parts, GRID.centres(voxels), samples, cones[0], CONFIG)
     assert parts[:, 2].mean() > 0.8
 
     voxels, of = shell(crossing())
-    points, samples = GRID.centres(voxels), chromaticities(painted(of, arms))
+    points, samples = GRID.centres(voxels), chromaticities(painted(of, arms), DARK)
     hanging, right = colour_errors(points, samples, parts, cones, SCALE)
     assert right < 1e-6
     if arms == SKIN:
@@ -99,16 +101,16 @@ def test_colours_are_learnt_slowly_and_only_where_they_show() -> None:
     voxels, of = shell(SONG.rest_pose)
     points, cones = GRID.centres(voxels), posed_cones(SONG, SONG.rest_pose[None])[0]
     nothing = np.zeros((len(SONG.cones), 3))
-    blue, skin = (chromaticities(painted(of, arms)) for arms in (BLUE, SKIN))
-    first = learnt(nothing, points, blue, cones, 0.05, 0.25)
-    second = learnt(first, points, skin, cones, 0.05, 0.25)
+    blue, skin = (chromaticities(painted(of, arms), DARK) for arms in (BLUE, SKIN))
+    first = learnt(nothing, points, blue, cones, QUARTER)
+    second = learnt(first, points, skin, cones, QUARTER)
     arm = [cone.name for cone in SONG.cones].index("l_upper_arm")
-    full = learnt(nothing, points, skin, cones, 0.05, 0.25)[arm]
+    full = learnt(nothing, points, skin, cones, QUARTER)[arm]
     np.testing.assert_allclose(second[arm, :2], 0.75 * first[arm, :2] + 0.25 * full[:2])
     unseen = np.where((of == arm)[:, None], 0.0, skin)
-    np.testing.assert_array_equal(learnt(first, points, unseen, cones, 0.05, 0.25)[arm], first[arm])
-    assert not learnt(nothing, points, unseen, cones, 0.05, 0.25)[arm].any()
-    np.testing.assert_array_equal(learnt(first, points[:0], skin[:0], cones, 0.05, 1), first)
+    np.testing.assert_array_equal(learnt(first, points, unseen, cones, QUARTER)[arm], first[arm])
+    assert not learnt(nothing, points, unseen, cones, QUARTER)[arm].any()
+    np.testing.assert_array_equal(learnt(first, points[:0], skin[:0], cones, QUARTER), first)
 
 
 def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.ndarray) -> Any:
@@ -135,7 +137,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
     poses = scattered_poses(body, 23)
     poses[:2] = bodies.random_poses(body, 2)
     settings: Any = {"n_points": 300, "point_turns": 2, "surface_scale": 0.3}
-    config = replace(only("none"), colour_weight=1.5, **settings)
+    config = only("none").changed(part_colour_weight=1.5, **settings)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     points = sampled_surface(grid.centres(indices), 300)
     cones, parts = posed_cones(body, setup.poses), np.zeros((len(body.cones), 3))
@@ -143,7 +145,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
         colours = random.integers(0, 256, (n_voxels, 4)).astype(np.uint8)
         colours[:, 3] = random.integers(0, 3, n_voxels)
         setup.likelihood.observe(coloured(device, grid, indices, colours))
-        samples = sampled_surface(chromaticities(colours), 300)
+        samples = sampled_surface(chromaticities(colours, DARK), 300)
         for turn in (0, 1):
             found = setup.errors(turn) / len(rig)
             here, seen = share(points, turn, 2), share(samples, turn, 2)
@@ -154,8 +156,8 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
         moved = np.roll(setup.poses, -frame, axis=0)
         for launch in setup.likelihood.learning_launcher(device.to_device(moved)):
             launch()
-        parts = learnt(parts, points, samples, cones[frame], config.surface_scale, RATE)
-        colours_known = setup.likelihood._colours
+        parts = learnt(parts, points, samples, cones[frame], config.likelihood)
+        colours_known = setup.likelihood.part_colours
         assert colours_known is not None
         np.testing.assert_allclose(colours_known.parts.get()[:, :3], parts, atol=0.02)
     setup.likelihood.forget()
@@ -164,7 +166,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
 
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
-    config = FilterConfig(n_particles=37, n_layers=2, colour_weight=1.0, n_points=400)
+    config = FilterConfig.of(n_particles=37, n_layers=2, part_colour_weight=1.0, n_points=400)
     tracker = AnnealedParticleFilter(world.scene(), config)
     parts = np.zeros((len(SONG.cones), 3))
     tracker.start(world.pose(0))
@@ -176,13 +178,13 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
         voxels.colours = lambda array=on_device: array
         pose = tracker.step(voxels).pose
         points = sampled_surface(world.grid.centres(surface), 400)
-        samples = sampled_surface(chromaticities(colours), 400)
+        samples = sampled_surface(chromaticities(colours, DARK), 400)
         cones = posed_cones(SONG, pose[None])[0]
-        parts = learnt(parts, points, samples, cones, config.surface_scale, RATE)
-        found = tracker.likelihood._colours.parts.get()
+        parts = learnt(parts, points, samples, cones, config.likelihood)
+        found = tracker.likelihood.part_colours.parts.get()
         np.testing.assert_allclose(found[:, :3], parts, atol=0.02)
     tracker.start(world.pose(0))
-    assert not tracker.likelihood._colours.parts.get().any()
+    assert not tracker.likelihood.part_colours.parts.get().any()
 
 
 def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
@@ -192,13 +194,13 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
     images[..., 0] = np.linspace(0, 250, masks.shape[1])[:, None]  # blue below, red above
     images[..., 2] = 250 - images[..., 0]
     picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig(n_particles=37, n_points=200, colour_weight=1.0)
-    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config)
+    config = FilterConfig.of(n_points=200, part_colour_weight=1.0).likelihood
+    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
     here.observe(Reconstructor(device, rig, grid, None)(picture))
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
     twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
-    assert here._colours is not None
-    found, points = here._colours._samples.get(), here.points.get()
+    assert here.part_colours is not None
+    found, points = here.part_colours._samples.get(), here.points.get()
     assert np.ptp(found[found[:, 2] > 0, 0]) > 0.3
     same = np.linalg.norm(points[:, :3] - twin.points, axis=1) < 1e-4
     assert same.mean() > 0.8  # a voxel more or less shifts those behind it
@@ -208,11 +210,11 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
 
 def test_without_pictures_the_term_is_refused(device: Device) -> None:
     rig, grid = scenes.ring(2), scenes.small_grid(0.1)
-    config = FilterConfig(n_particles=37, colour_weight=1.0)
+    config = FilterConfig.of(part_colour_weight=1.0).likelihood
     picture: Any = scenes.frame(masks=scenes.masks_of(rig))
     likelihoods: list[tuple[Any, Any]] = [
         (
-            VoxelLikelihood(Scene(device, rig, grid, SONG), config),
+            VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37),
             Reconstructor(device, rig, grid, None),
         ),
         (
@@ -221,23 +223,20 @@ def test_without_pictures_the_term_is_refused(device: Device) -> None:
         ),
     ]
     for likelihood, reconstruct in likelihoods:
-        with pytest.raises(InputError, match=r"term colour: .*no pictures"):
+        with pytest.raises(InputError, match=r"term part_colour: .*no pictures"):
             likelihood.observe(reconstruct(picture))
 
 
-def test_it_is_off_by_default_and_chosen_by_name(device: Device) -> None:
-    assert FilterConfig().colour_weight == 0
-    assert FilterConfig(**likelihood_weights("silhouette,colour")).colour_weight > 0
-    assert FilterConfig(**likelihood_weights("colour=0.5")).colour_weight == 0.5
-    with pytest.raises(InputError, match=r"colour_rate is 1\.5"):
-        FilterConfig(colour_rate=1.5)
+def test_it_asks_for_no_colours_by_default(device: Device) -> None:
+    with pytest.raises(InputError, match=r"part_colour_rate is 1\.5"):
+        FilterConfig.of(part_colour_rate=1.5)
 
     def forbidden() -> None:
         raise AssertionError("colours were asked for")
 
     voxels = coloured(device, GRID, np.zeros(0, np.int32), np.zeros((0, 4), np.uint8))
     voxels.colours = forbidden
-    off = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), FilterConfig(n_particles=37))
+    off = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), CONFIG, 37)
     off.observe(voxels)
     body: BodyModel = SONG
     assert off.learning_launcher(device.zeros((1, body.n_dof), np.float32)) == []

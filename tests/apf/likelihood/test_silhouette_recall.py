@@ -1,8 +1,6 @@
-"""The two-sided silhouette term, and its kernels against the twin."""
+"""Silhouette recall, and its kernels against the twin."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
 from apf.body import load_body
 from apf.body.cones import outlines
 from apf.body.kinematics import posed_cones
-from apf.filters.config import FilterConfig, likelihood_weights
 from apf.reference.likelihood.silhouette_recall import covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface
 from cl import Device
@@ -32,7 +29,7 @@ def test_inside_of_a_trapezoid_either_way_round() -> None:
 
 
 def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
-    """Both legs in one leg's silhouette: one-sided terms see nothing amiss, this one does."""
+    """Both legs in one leg's silhouette: precision sees nothing amiss, recall does."""
     rig = scenes.ring(4)
     pose = SONG.rest_pose.copy()
     pose[SONG.dof_names.index("l_thigh.ry")] -= 0.5
@@ -55,7 +52,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
     body, rig, grid = bodies.named(name), scenes.ring(views), scenes.small_grid(0.1)
     indices = np.arange(n_voxels, dtype=np.int32) * max(1, grid.size // 1000)
     poses = scattered_poses(body, 23)
-    config = replace(only("none"), two_sided_weight=1.5, n_points=300, point_turns=2)
+    config = only("none").changed(silhouette_recall_weight=1.5, n_points=300, point_turns=2)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     count = device.to_device(np.array([n_voxels], np.int32))
     surface = device.to_device(indices if n_voxels else np.zeros(1, np.int32))
@@ -74,7 +71,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int
     """GPUs look at several cameras together, CPUs at several samples."""
     rig, grid, other = scenes.ring(views), scenes.small_grid(0.1), other_kind(device)
     indices, poses = np.arange(0, grid.size, 7, dtype=np.int32), scattered_poses(SONG, 23)
-    config = replace(only("none"), two_sided_weight=1.5, n_points=301, point_turns=2)
+    config = only("none").changed(silhouette_recall_weight=1.5, n_points=301, point_turns=2)
     found = []
     for place in (device, other):
         setup = Setup(place, SONG, rig, poses, smooth_maps(rig), config, grid)
@@ -84,9 +81,3 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, views: int
     # A sample on the very edge of a trapezoid may fall either way.
     assert np.abs(found[0] - found[1]).max() <= 1.5 * views * 2 / 150
     assert np.mean(np.isclose(found[0], found[1], rtol=1e-5)) > 0.8
-
-
-def test_it_is_off_by_default_and_chosen_by_name() -> None:
-    assert FilterConfig().two_sided_weight == 0
-    assert FilterConfig(**likelihood_weights("silhouette,two-sided")).two_sided_weight == 2
-    assert FilterConfig(**likelihood_weights("two-sided=0.5")).two_sided_weight == 0.5

@@ -13,7 +13,7 @@ from helpers.likelihoods import CONFIG, Setup, cloud, only, scattered_poses, smo
 from apf.body.cones import distances, overlap_errors
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel
-from apf.filters.config import FilterConfig
+from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
 from apf.reference.likelihood.voxel import (
     image_errors,
@@ -38,8 +38,8 @@ def point_sampler(
     device: Device, body: BodyModel, grid: VoxelGrid, indices: np.ndarray, n_points: int
 ) -> tuple[VoxelLikelihood, np.ndarray]:
     """A likelihood that has sampled the surface voxels `indices`; its points (n_points, 4)."""
-    config = replace(CONFIG, n_points=n_points)
-    likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config)
+    config = CONFIG.changed(n_points=n_points).likelihood
+    likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), grid, body), config, 2)
     surface: Array = device.empty(grid.size, np.int32)
     padded = np.full(grid.size, grid.size - 1, np.int32)  # what is beyond `count` is stale
     padded[: len(indices)] = indices
@@ -156,7 +156,7 @@ def test_overlap_of_parts() -> None:
 
 def test_cameras_that_see_nothing_are_replaced_by_the_others() -> None:
     body_pairs: list[tuple[int, int]] = []
-    config = FilterConfig(n_particles=2, first_survival=0.9, last_survival=0.6)
+    config = LikelihoodConfig()
     turned = replace(FRONT, name="away", R=FRONT.R * [[-1], [1], [-1]], t=np.array([0, 0, -2.0]))
     maps = np.full((2, 121, 101, 2), 51, np.uint8)
     points, sampling = np.array([[0.15, 0, 0.0]]), np.array([[8, 5]])
@@ -182,7 +182,7 @@ def test_the_weights_of_the_settings_weigh() -> None:
     expected = {"edge": 0.8, "silhouette": 0.2, "surface": 0.5, "overlap": 1.0}
     for name, value in expected.items():
         weights: Any = {f"{other}_weight": 0.0 for other in expected} | {f"{name}_weight": 3.0}
-        config = FilterConfig(**weights)
+        config = LikelihoodConfig(**weights)
         sampling = np.array([[8, 5], [8, 5]])
         found = total_errors(rig, cones, maps, points, sampling, [(0, 1)], config)
         np.testing.assert_allclose(found, [3 * value], err_msg=name)
@@ -192,7 +192,8 @@ def test_the_weights_of_the_settings_weigh() -> None:
 def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     """Voxels of a known pose: it beats its neighbours, far poses lose most (sign of eq. 16)."""
     body, rig = bodies.named("song31"), scenes.ring(4, size=(193, 151))
-    config = FilterConfig(surface_weight=0, overlap_weight=0) if song_alone else FilterConfig()
+    alone = {"surface_weight": 0.0, "overlap_weight": 0.0}
+    config = LikelihoodConfig(**alone) if song_alone else LikelihoodConfig()  # type: ignore[arg-type]
     grid = VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), 0.03)
     truth = body.rest_pose
     inside = distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
@@ -325,7 +326,7 @@ def test_shares_of_the_surface_are_every_so_many() -> None:
 @pytest.mark.parametrize("name", ["song31", "stick"])
 def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weights: dict) -> None:
     body, rig = bodies.named(name), scenes.ring(views)
-    config = replace(CONFIG, **weights)
+    config = CONFIG.changed(**weights)
     grid = scenes.small_grid(0.1)
     indices = np.arange(0, grid.size, 7, dtype=np.int32)
     poses = scattered_poses(body, 37)
@@ -334,12 +335,13 @@ def test_totals_agree_with_the_twin(device: Device, name: str, views: int, weigh
     count = device.to_device(np.array([len(indices)], np.int32))
     setup.likelihood.observe(cloud(grid, device.to_device(indices), count))
     found = setup.errors()
-    expected = setup.expected(sampled_surface(grid.centres(indices), config.n_points))
+    expected = setup.expected(sampled_surface(grid.centres(indices), config.likelihood.n_points))
     assert np.isfinite(found).all()
     close = np.abs(found - expected) < 1e-3 * (1 + expected)
     assert close.mean() > 0.9
     np.testing.assert_allclose(found, expected, rtol=0.03)
-    worst = config.edge_weight + config.silhouette_weight
+    weights = config.likelihood
+    worst = weights.edge_weight + weights.silhouette_weight
     assert found[-1] >= views * worst * (1 - 1e-6) or name == "stick"  # which has no such axis
 
 
@@ -353,15 +355,16 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
     setup.errors()
     for launch in setup.likelihood.misfit_launcher(setup.on_device):
         launch()
+    config = CONFIG.likelihood
     expected = sum(
         total_errors(
             rig,
             posed_cones(body, setup.poses[:1]),
             setup.maps,
-            sampled_surface(grid.centres(indices), CONFIG.n_points),
-            cone_sampling(body, CONFIG.sample_spacing),
+            sampled_surface(grid.centres(indices), config.n_points),
+            cone_sampling(body, config.sample_spacing),
             (),
-            replace(only(term), n_points=CONFIG.n_points, surface_scale=CONFIG.surface_scale),
+            only(term).likelihood,
         )[0]
         / len(rig)
         for term in ("silhouette", "surface")

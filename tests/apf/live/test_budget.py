@@ -16,9 +16,9 @@ def test_a_search_of_any_size() -> None:
     for count in (SIZES.fewest, 900, 3000, SIZES.most):
         chosen = sized(method, count)
         assert abs(evaluations(chosen) - count) < 0.15 * count
-        assert 6 <= chosen.filter.n_layers <= 15
-    assert sized(Method.of("sir", "sp"), 2000).filter.n_layers == 1
-    assert sized(method, 3000).filter.n_layers > sized(method, 900).filter.n_layers
+        assert 6 <= chosen.filter.search.n_layers <= 15
+    assert sized(Method.of("sir", "sp"), 2000).filter.search.n_layers == 1
+    assert sized(method, 3000).filter.search.n_layers > sized(method, 900).filter.search.n_layers
 
 
 def test_sizes_to_choose_from() -> None:
@@ -27,7 +27,7 @@ def test_sizes_to_choose_from() -> None:
     assert counts[0] == pytest.approx(SIZES.fewest, rel=0.1) and counts[-1] == pytest.approx(
         SIZES.most, 0.1
     )
-    trunk = [m.filter.trunk_layers / m.filter.n_layers for m in sizes(Method())]
+    trunk = [m.filter.search.trunk_layers / m.filter.search.n_layers for m in sizes(Method())]
     assert all(0.25 < share < 0.4 for share in trunk)
 
 

@@ -1,0 +1,119 @@
+"""Settings of the voxels' likelihood: weights and scales of its terms.
+
+The error of a pose is the sum over the cameras of the terms' weighted errors; with the weights of
+edge and silhouette alone it is Song et al. eq. (16), its sign put right. "Tuned" says that a
+default was the best of those tried on the synthetic walks (4 and 8 cameras) and the recordings at
+hand, over several seeds; "by hand" that it was set once and not tried against others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from psfs.common.ranges import check_range
+
+
+@dataclass(frozen=True)
+class PartColourConfig:
+    """The share of surface voxels whose colour is not that of the part nearest to them."""
+
+    weight: float = 0.0
+    """Of the share, in one camera's error. Off: clothes need not differ from part to part."""
+    scale: float = 0.1
+    """Distance of chromaticities at which two colours agree by half (Geman & McClure 1987). By
+    hand: skin and blue cloth differ by more than 0.2, shading changes a chromaticity by less than
+    0.03."""
+    rate: float = 0.1
+    """Share by which a part's colour moves towards a frame's, in (0, 1]. By hand: one wrong frame
+    changes little, ten frames most of it."""
+    dark: float = 30.0
+    """Grey levels added to R + G + B of a colour. Physics: the noise of dark pixels, a few grey
+    levels, would else count as much as a bright pixel's colour."""
+    least_samples: float = 4.0
+    """Samples that must lie on a part (closer ones count more) for its colour to be learnt from
+    them. By hand: of fewer the mean says little."""
+
+    def __post_init__(self) -> None:
+        check_range("part_colour_weight", self.weight, 0, ends=True)
+        check_range("part_colour_scale", self.scale, 0)
+        check_range("part_colour_rate", self.rate, 0)
+        check_range("part_colour_rate", self.rate, 0, 1, ends=True)
+        check_range("part_colour_dark", self.dark, 0)
+        check_range("part_colour_least_samples", self.least_samples, 0)
+
+
+@dataclass(frozen=True)
+class MotionPriorConfig:
+    """The mean squared change since the last frame, in the body's sigmas."""
+
+    weight: float = 0.0
+    """Of the mean, in one camera's error. Off: the particles' noise bounds the change anyway."""
+    scale: float = 1.0
+    """Sigmas of the body, at 60 frames/s, that count as one. By definition of the sigmas."""
+
+    def __post_init__(self) -> None:
+        check_range("motion_prior_weight", self.weight, 0, ends=True)
+        check_range("motion_prior_scale", self.scale, 0)
+
+
+@dataclass(frozen=True)
+class LikelihoodConfig:
+    """What the voxels' likelihood is made of. All weights but those of edge and silhouette are 0
+    for Song et al.'s likelihood alone."""
+
+    edge_weight: float = 4.0
+    """Of the edge error, Song et al. eq. (14), who weigh it as the silhouette's. Tuned on nine
+    sequences; it was 2 before."""
+    silhouette_weight: float = 1.0
+    """Of the silhouette error, Song et al. eq. (15): the unit of all weights."""
+    surface_weight: float = 4.0
+    """Of the share of surface voxels that no cone explains, counted once per camera. Tuned: 6 loses
+    arms in 8 cameras from a found start."""
+    overlap_weight: float = 1.0
+    """Of how deep parts lie in each other that must not, counted once per camera. By hand."""
+    silhouette_recall_weight: float = 0.0
+    """Of the share of the silhouettes that the body leaves uncovered (Rymut 2016 eq. 4.42). Off in
+    the layers, which the surface's term serves for less work; see
+    `LimbSearchConfig.least_recall`."""
+    posture_prior_weight: float = 0.04
+    """Of the squared distance from the rest pose, in the body's posture sigmas, counted once per
+    camera: it decides where an arm is that the voxels do not show. Tuned: fewer arms lost with 4
+    cameras."""
+    surface_scale: float = 0.05
+    """m, distance at which a surface voxel is half unexplained (Geman & McClure 1987). By hand:
+    about as far as hulls of few cameras and cones differ from flesh."""
+    n_points: int = 1024
+    """Surface voxels that are looked at, evenly spread over all of them. By hand."""
+    point_turns: int = 8
+    """Each layer looks at every `point_turns`-th of these, in turn. Tuned: as accurate as 4."""
+    sample_spacing: float = 0.06
+    """m between the samples on a cone. Tuned: as accurate as 0.05, in less time."""
+    part_colour: PartColourConfig = field(default_factory=PartColourConfig)
+    motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("n_points", "point_turns"):
+            check_range(name, getattr(self, name), 1, ends=True)
+        for name in ("surface_scale", "sample_spacing"):
+            check_range(name, getattr(self, name), 0)
+        weights = (
+            "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight",
+            "silhouette_recall_weight", "posture_prior_weight",
+        )  # fmt: skip
+        for name in weights:
+            check_range(name, getattr(self, name), 0, ends=True)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(4,) float32 weights of edge, silhouette, surface and overlap error."""
+        return np.array(
+            [self.edge_weight, self.silhouette_weight, self.surface_weight, self.overlap_weight],
+            np.float32,
+        )
+
+    @property
+    def depends_on_track(self) -> bool:
+        """Whether there are terms that depend on the track so far."""
+        return self.part_colour.weight > 0 or self.motion_prior.weight > 0
