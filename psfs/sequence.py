@@ -35,7 +35,7 @@ class Frame:
     """All views at one time. Views smaller than the rig's width and height are zero padded.
 
     images: (V, H, W, 3) uint8 BGR, or None where there are masks only. masks: (V, H, W) uint8,
-    255 = person, or None where silhouettes are to be told from a `Background`.
+    255 = person, or None where silhouettes are made with a `Background`.
     """
 
     index: int
@@ -144,7 +144,7 @@ class Sequence:
 
     @property
     def empty_scene(self) -> bool:
-        """Are silhouettes told by something else than the frames themselves, in which who keeps
+        """Do silhouettes rest on something else than the frames themselves, in which who keeps
         still is background?"""
         if self.background_kind == "mog":
             return bool(self.footage.background)

@@ -26,7 +26,7 @@ from cl import Device
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.moving_grid import MeanPlace
+from psfs.voxels.moving_grid import MeanPosition
 
 PROCESSING, TRACKING = "processing", "tracking"
 STAGES = (ACQUISITION, PROCESSING, TRACKING)
@@ -247,7 +247,7 @@ class Live:
             sparse=True,
             follow=follow,
         )
-        mean_of = MeanPlace(
+        mean_of = MeanPosition(
             device, self._grid.shape, reconstruct.voxels.surface, reconstruct.voxels.count
         )
 

@@ -24,8 +24,9 @@ def unreadable(path: Path, error: OSError) -> InputError:
 
 
 def read_numbers(path: Path) -> np.ndarray:
-    """(N,) float64: the numbers of a text file, with white space between them. Raises InputError
-    naming the file if it cannot be read or holds anything else."""
+    """Return the numbers (N,) float64 of a text file, with white space between them. Raises
+    InputError naming the file if it cannot be read or holds anything else, MissingFileError if it
+    is absent."""
     try:
         return np.array(path.read_text().split(), np.float64)
     except OSError as error:
@@ -35,7 +36,8 @@ def read_numbers(path: Path) -> np.ndarray:
 
 
 def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray]:
-    """All arrays of an npz that must hold `keys`; `what` says in errors what it should be."""
+    """Return all arrays of an npz that must hold `keys`; `what` says in errors what it should be.
+    Raises InputError, or MissingFileError if the file is absent."""
     try:
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
@@ -72,6 +74,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write plain values. Raises InputError as `written_whole` does."""
     with written_whole(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
 

@@ -16,7 +16,8 @@ else:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file. Raises InputError if it is missing or malformed."""
+    """Return the contents of a TOML file. Raises InputError if it is malformed, MissingFileError
+    if it is absent."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -15,24 +15,12 @@ from psfs.backend import evidence_for
 from psfs.cameras.footprints import footprints
 from psfs.cameras.rig_geometry import enough_cameras, seen_box
 from psfs.common.regions import iou
+from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
-
-#: A camera is named when its IoU is below this share of the others' median.
-LOW_SHARE = 0.7
-#: Where the others' median is lower, they do not agree among themselves, or see nobody.
-AGREEING = 0.2
-#: Voxels of the coarse shapes, at most.
-_VOXELS = 250_000
-#: Silhouettes that fill more of the picture are no person.
-_FULL = 0.5
-#: Share of the cameras that must see the room where the coarse shapes are looked for.
-_SHARE = 0.5
-#: Lags tried, frames, and by how much the IoU must rise for one to be believed.
-_LAGS, _RISE = (-20, -15, -10, -5, 5, 10, 15, 20), 0.1
 
 
 @dataclass(frozen=True)
@@ -55,15 +43,16 @@ def suspects(
     sequence: Sequence,
     config: SilhouetteConfig | None = None,
     device: Device | NumpyDevice | None = None,
-    samples: int = 4,
+    limits: ConsistencyConfig | None = None,
 ) -> list[Suspect]:
-    """The cameras that disagree with the others in frames spread over the sequence, worst first.
+    """Return the cameras that disagree with the others in frames spread over the sequence, worst
+    first.
 
-    Needs four cameras; with fewer nobody can tell which one is wrong. At most a third of the
+    Needs four cameras; with fewer nobody knows which one is wrong. At most a third of the
     cameras is named: where most disagree, the calibration or the background of all is wrong.
     """
-    rig = sequence.rig
-    judge = _Judge(sequence, config or SilhouetteConfig(), device, samples)
+    rig, limits = sequence.rig, limits or ConsistencyConfig()
+    judge = _Judge(sequence, config or SilhouetteConfig(), device, limits)
     named: list[Suspect] = []
     left = list(range(len(rig)))
     while len(left) >= 4 and len(named) < len(rig) // 3:
@@ -72,7 +61,7 @@ def suspects(
             break
         worst = int(np.nanargmin(scores))
         others = float(np.nanmedian(np.delete(scores, worst)))
-        if others < AGREEING or not scores[worst] < LOW_SHARE * others:
+        if others < limits.agreeing or not scores[worst] < limits.low_share * others:
             break
         view = left.pop(worst)
         reason = judge.reason(view, left)
@@ -88,17 +77,18 @@ class _Judge:
         sequence: Sequence,
         config: SilhouetteConfig,
         device: Device | NumpyDevice | None,
-        samples: int,
+        limits: ConsistencyConfig,
     ) -> None:
-        self.sequence, self.rig, self.config = sequence, sequence.rig, config
+        self.sequence, self.rig = sequence, sequence.rig
+        self.config, self.limits = config, limits
         last = len(sequence) - 1
-        picks = np.linspace(0.1 * last, 0.9 * last, samples).round().astype(int)
+        picks = np.linspace(0.1 * last, 0.9 * last, limits.samples).round().astype(int)
         self.frames = [int(i) for i in np.unique(picks)]
         self._evidence_of = evidence_for(
             device or NumpyDevice(), self.rig, sequence.background, config
         )
         self._evidence = {i: self._read(i) for i in self.frames}
-        self._take(_coarse_grid(sequence))
+        self._take(_coarse_grid(sequence, limits))
         self._take(self._around_person())
 
     def _take(self, grid: VoxelGrid) -> None:
@@ -113,7 +103,7 @@ class _Judge:
         self._extents = footprints(self.rig, grid.voxel_size)
 
     def _around_person(self) -> VoxelGrid:
-        """A grid around what is occupied even if one camera says it is not."""
+        """Return a grid around what is occupied even if one camera says it is not."""
         views = list(range(len(self.rig)))
         needed = OccupancyConfig().seeing_cameras(len(views))
         veto = -int(self.config.evidence.counts(np.zeros(1))[0])
@@ -124,13 +114,13 @@ class _Judge:
         if not occupied.any():
             return self.grid
         centres, margin = self.grid.centres(np.flatnonzero(occupied)), self.grid.voxel_size
-        return _grid_of(centres.min(0) - margin, centres.max(0) + margin)
+        return _grid_of(centres.min(0) - margin, centres.max(0) + margin, self.limits.voxels)
 
     def _read(self, index: int) -> np.ndarray:
         return self._evidence_of(self.sequence.read(index))
 
     def scores(self, views: list[int]) -> np.ndarray:
-        """(len(views),) mean IoU of each camera's silhouette with the shape of the others."""
+        """Return the mean IoU (len(views),) of each camera's silhouette with the others' shape."""
         scores = []
         for index in self.frames:
             votes, evidence = self._votes(index, views), self._evidence[index]
@@ -145,7 +135,8 @@ class _Judge:
         return np.where(empty, np.nan, np.nanmean(np.where(empty, 0, scores), axis=0))
 
     def _votes(self, index: int, views: list[int]) -> np.ndarray:
-        """(2, voxels) int32: sum of the evidence of `views` in a frame, and how many see them."""
+        """Return (2, voxels) int32: the sum of the evidence of `views` in a frame, and how many of
+        them see a voxel."""
         votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
             voxels, pixels = self._at[view]
@@ -154,7 +145,7 @@ class _Judge:
         return votes
 
     def _shape(self, index: int, votes: np.ndarray, n_views: int, without: int) -> np.ndarray:
-        """Surface voxels (N,) by the votes of `n_views` cameras less those of one."""
+        """Return the surface voxels (N,) by the votes of `n_views` cameras less those of one."""
         others = votes.copy()
         voxels, pixels = self._at[without]
         others[0, voxels] -= self._evidence[index][without][pixels]
@@ -164,21 +155,21 @@ class _Judge:
         return surface_indices(occupied.reshape(self.grid.shape))
 
     def _iou(self, view: int, shape: np.ndarray, evidence: np.ndarray) -> float:
-        """NaN where neither shows anything."""
+        """Return the IoU of a shape's silhouette with a camera's own; NaN if neither shows."""
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
         return iou(expected, evidence[view] > 0)
 
     def reason(self, view: int, others: list[int]) -> str:
-        """Why camera `view` may disagree with the shape that `others` see."""
+        """Return why camera `view` may disagree with the shape that `others` see."""
         images = self.sequence.read(self.frames[0]).images
         width, height = self.rig.cameras[view].size
-        if images is not None and images[view, :height, :width].std() < 2:
+        if images is not None and images[view, :height, :width].std() < self.limits.least_contrast:
             return f"its picture is one colour, {images[view, :height, :width].mean():.0f} grey"
         maps = [self._evidence[i][view, :height, :width] for i in self.frames]
         shown = float(np.mean([(m > 0).mean() for m in maps]))
-        if shown > _FULL:
+        if shown > self.limits.full:
             return (
                 f"{shown:.0%} of its picture looks like foreground; noise, or a background that "
                 "is not this camera's?"
@@ -191,24 +182,26 @@ class _Judge:
         return "its silhouettes are elsewhere; moved camera, or wrong calibration?"
 
     def _lag(self, view: int, others: list[int]) -> int:
-        """By how many frames its pictures come late (or early, if negative); 0 if neither."""
+        """Return by how many frames its pictures come late, or early if negative; 0 if neither."""
         middle = self.frames[len(self.frames) // 2]
         votes = self._votes(middle, [view, *others])
         shape = self._shape(middle, votes, len(others) + 1, view)
         scores = {0: self._iou(view, shape, self._evidence[middle])}
-        for lag in _LAGS:
+        for lag in self.limits.lags:
             if 0 <= middle + lag < len(self.sequence):
                 scores[lag] = self._iou(view, shape, self._read(middle + lag))
         best = max(scores, key=lambda lag: scores[lag])
-        return best if scores[best] > scores[0] + _RISE else 0
+        return best if scores[best] > scores[0] + self.limits.rise else 0
 
 
-def _coarse_grid(sequence: Sequence) -> VoxelGrid:
-    volume = sequence.volume or seen_box(sequence.rig, enough_cameras(len(sequence.rig), _SHARE))
+def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:
+    needed = enough_cameras(len(sequence.rig), limits.camera_share)
+    volume = sequence.volume or seen_box(sequence.rig, needed)
     if volume is None:
         volume = seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
-    return _grid_of(*(np.asarray(corner, np.float64) for corner in volume))
+    low, high = (np.asarray(corner, np.float64) for corner in volume)
+    return _grid_of(low, high, limits.voxels)
 
 
-def _grid_of(low: np.ndarray, high: np.ndarray) -> VoxelGrid:
-    return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / _VOXELS)))
+def _grid_of(low: np.ndarray, high: np.ndarray, voxels: int) -> VoxelGrid:
+    return VoxelGrid.covering(low, high, float(np.cbrt(np.prod(high - low) / voxels)))

@@ -1,4 +1,4 @@
-"""What `psfs info` tells of a sequence: facts, and warnings of what looks wrong."""
+"""Facts of a sequence, and warnings of what looks wrong, for `psfs info`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SequenceInfo:
 
 
 def sequence_info(sequence: Sequence) -> SequenceInfo:
-    """Facts and warnings. Decodes nothing but what opening the sequence has decoded."""
+    """Return facts and warnings. Decodes nothing but what opening the sequence has decoded."""
     rig = sequence.rig
     centre, needed = axes_meet(rig), views_needed(rig)
     media = sequence.footage.images or sequence.footage.masks or ()
@@ -85,7 +85,7 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
 
 
 def rig_extent(rig: CameraRig) -> float:
-    """Largest distance between two cameras, m; for one camera its distance to the origin."""
+    """Return the largest distance between two cameras, m; for one camera that to the origin."""
     centres = rig.centres
     if len(rig) == 1:
         return float(np.linalg.norm(centres[0]))
@@ -93,7 +93,7 @@ def rig_extent(rig: CameraRig) -> float:
 
 
 def rig_warnings(rig: CameraRig) -> list[str]:
-    """What looks wrong about cameras in metres with Z up."""
+    """Return what looks wrong about cameras in metres with Z up."""
     warnings = []
     extent = rig_extent(rig)
     low, high = PLAUSIBLE_EXTENT
@@ -107,7 +107,7 @@ def rig_warnings(rig: CameraRig) -> list[str]:
 
 
 def _blind_warnings(rig: CameraRig) -> list[str]:
-    """Cameras that see nothing of what most of the others share."""
+    """Return warnings of cameras that see nothing of what most of the others share."""
     if len(rig) == 1:
         return []
     warnings = []
@@ -117,7 +117,7 @@ def _blind_warnings(rig: CameraRig) -> list[str]:
         if len(shared) and not camera.look_up(shared)[0].any():
             warnings.append(f"camera {camera.name} sees nothing of the volume the others share")
     if seen_box(rig, 2) is None:
-        warnings.append("no place is seen by two cameras")
+        warnings.append("no point is seen by two cameras")
     return warnings
 
 

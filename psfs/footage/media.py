@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; errors are ours to tell
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; errors are ours to raise
 
 import cv2
 import numpy as np
@@ -68,20 +68,20 @@ class Media:
         return self.frames(range(self.count))
 
     def frames(self, indices: Iterable[int]) -> Iterator[np.ndarray]:
-        """The frames with these numbers, (h, w, 3) uint8 BGR each."""
+        """Decode the frames with these numbers, (h, w, 3) uint8 BGR each."""
         with closing(self.open()) as decoder:
             for index in indices:
                 yield decoder.read(index)
 
     def spread(self, n: int) -> list[int]:
-        """The numbers of `n` frames from the first to the last; of all, if there are fewer."""
-        places = np.linspace(0, self.count - 1, n).round().astype(int)
-        return [int(index) for index in np.unique(places)]
+        """Return the numbers of `n` frames from the first to the last; all, if there are fewer."""
+        indices = np.linspace(0, self.count - 1, n).round().astype(int)
+        return [int(index) for index in np.unique(indices)]
 
 
 def open_media(name: str, paths: Sequence[Path]) -> Media:
     """Look into a video or images. Raises InputError if the start cannot be decoded, or if a
-    video ends early, which tells a truncated file.
+    video ends early, as truncated files do.
     """
     if paths[0].suffix.lower() not in VIDEO_SUFFIXES:
         return Media(name, tuple(paths), picture_size(paths[0]), len(paths))
@@ -97,7 +97,7 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) px of an image or of a video's first frame."""
+    """Return (width, height), px, of an image or of a video's first frame."""
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         image = _read_image(path)
     else:
@@ -110,8 +110,8 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def media_in(folder: Path) -> dict[str, list[Path]]:
-    """Pictures by camera name in a folder: a video or image per camera, or a subfolder of images
-    per camera. The names are those of the files without suffix, or of the subfolders.
+    """Return the pictures in a folder by camera name: a video or image per camera, or a subfolder
+    of images per camera. The names are those of the files without suffix, or of the subfolders.
     """
     found: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
@@ -127,7 +127,7 @@ def media_in(folder: Path) -> dict[str, list[Path]]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The image files of a folder in natural order of their names."""
+    """Return the image files of a folder in natural order of their names."""
     images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
     return sorted(images, key=lambda path: natural_key(path.name))
 
@@ -141,7 +141,7 @@ class VideoDecoder:
         self._next = 0
 
     def read(self, index: int) -> np.ndarray:
-        """(h, w, 3) uint8 BGR. Raises InputError naming the file and the frame."""
+        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
         if not self._next <= index <= self._next + _SHORT_JUMP:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, index)
             self._next = index
@@ -167,7 +167,7 @@ class ImagesDecoder:
         self._media = media
 
     def read(self, index: int) -> np.ndarray:
-        """(h, w, 3) uint8 BGR. Raises InputError naming the file."""
+        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming the file."""
         path = self._media.paths[index]
         image = _read_image(path)
         found, expected = (image.shape[1], image.shape[0]), self._media.size
@@ -183,6 +183,8 @@ class ImagesDecoder:
 
 
 def _read_image(path: Path) -> np.ndarray:
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file; expected an image")
     image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise InputError(f"{path}: cannot be decoded; expected an image")
@@ -199,8 +201,8 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
 
 
 def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
-    """Frames that really decode. The header's count is believed if the last `_TAIL` frames
-    before that count are there; else all are decoded and counted.
+    """Count the frames that really decode. The header's count is believed if the last `_TAIL`
+    frames before that count are there; else all are decoded and counted.
     """
     promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     if promised > _TAIL:

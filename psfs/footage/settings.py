@@ -16,7 +16,7 @@ from psfs.common.colours import parse_colour
 from psfs.common.ranges import check_range
 from psfs.common.toml import read_toml
 
-#: How silhouettes are told from the background. "gaussian": empty plate (`background/`);
+#: How silhouettes are made. "gaussian": empty plate (`background/`);
 #: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
 #: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
 #: from the empty plate or, without one, from the sequence's own frames; "chroma": a screen of one
@@ -74,7 +74,7 @@ class Settings:
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Settings:
-        """From a mapping. Raises InputError for unknown keys and bad values."""
+        """Return the settings of a mapping. Raises InputError for unknown keys and bad values."""
         known = [field.name for field in fields(cls)]
         unknown = [key for key in values if key not in known]
         if unknown:
@@ -83,7 +83,7 @@ class Settings:
 
     @classmethod
     def read(cls, path: Path) -> Settings:
-        """From a `sequence.toml`; all None if there is none."""
+        """Return those of a `sequence.toml`; all None if there is none."""
         if not path.exists():
             return cls()
         values = read_toml(path)
@@ -91,7 +91,7 @@ class Settings:
             return cls.of(values)
 
     def over(self, other: Settings) -> Settings:
-        """These settings, and `other`'s where these say nothing."""
+        """Return these settings, and `other`'s where these say nothing."""
         said = {key: value for key, value in vars(self).items() if value is not None}
         return replace(other, **said)
 

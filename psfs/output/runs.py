@@ -21,12 +21,12 @@ SUMMARY = "summary.json"
 
 
 def cloud_stem(out: Path, index: int) -> Path:
-    """The path of frame `index`'s cloud without suffix."""
+    """Return the path of frame `index`'s cloud without suffix."""
     return out / "clouds" / f"frame_{index:06d}"
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computed: this program, Python and the libraries that matter."""
+    """Return the versions of what computed: this program, Python and the libraries that matter."""
     packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
     found = {"python": platform.python_version()}
     for package in packages:
@@ -59,7 +59,7 @@ class Run:
 
     @classmethod
     def open(cls, out: Path) -> Run:
-        """Raises InputError if `out` holds no run."""
+        """Read the summary in `out`. Raises InputError, or MissingFileError, if it holds no run."""
         path = out / SUMMARY
         try:
             summary = json.loads(path.read_text())
@@ -81,8 +81,8 @@ class Run:
         return [int(frame["index"]) for frame in self.summary["frames"]]
 
     def chosen(self, number: int | None) -> int:
-        """The frame `number`, or the first that shows something. Raises InputError if it is not
-        among those reconstructed."""
+        """Return the frame `number`, or the first that shows something. Raises InputError if it is
+        not among those reconstructed."""
         if not self.indices:
             raise InputError(f"{self.out}: holds no reconstructed frame; expected at least one")
         if number is None:
@@ -96,7 +96,7 @@ class Run:
 
     @property
     def config(self) -> ReconstructionConfig:
-        """Raises InputError if the parameters are those of another version."""
+        """The parameters. Raises InputError if they are those of another version."""
         config = self.summary["config"]
         try:
             return ReconstructionConfig.from_dict(config)
@@ -116,11 +116,11 @@ class Run:
         return read_cloud(cloud_stem(self.out, index).with_suffix(".npz"))
 
     def sequence(self) -> Sequence:
-        """The sequence again. Raises InputError if its folder has gone."""
+        """Open the sequence again. Raises MissingFileError if its folder has gone."""
         stated = self.summary["sequence"]
         for folder in (Path(stated["folder"]), Path(stated["absolute"])):
             if folder.is_dir():
                 return Sequence.open(folder, **stated["overrides"])
-        raise InputError(
+        raise MissingFileError(
             f"{self.out / SUMMARY}: its sequence {stated['absolute']} is gone; expected a folder"
         )

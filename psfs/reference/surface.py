@@ -6,7 +6,7 @@ import numpy as np
 
 
 def smooth(padded: np.ndarray) -> np.ndarray:
-    """Mean over 3x3x3 voxels: (nx + 2, ny + 2, nz + 2) -> (nx, ny, nz)."""
+    """Return the mean over 3x3x3 voxels: (nx + 2, ny + 2, nz + 2) -> (nx, ny, nz)."""
     nx, ny, nz = (n - 2 for n in padded.shape)
     total = np.zeros((nx, ny, nz))
     for dx, dy, dz in np.ndindex(3, 3, 3):
@@ -15,7 +15,7 @@ def smooth(padded: np.ndarray) -> np.ndarray:
 
 
 def surface_voxels(occupied: np.ndarray) -> np.ndarray:
-    """(N,) int32 ascending flat indices of the occupied voxels with an empty 6-neighbour.
+    """Return the flat indices (N,) int32, ascending, of occupied voxels with an empty 6-neighbour.
 
     What lies outside the grid counts as empty.
     """
@@ -25,3 +25,17 @@ def surface_voxels(occupied: np.ndarray) -> np.ndarray:
         for shift in (-1, 1):
             inside &= np.roll(padded, shift, axis)[1:-1, 1:-1, 1:-1]
     return np.flatnonzero(occupied & ~inside).astype(np.int32)
+
+
+def mean_position(
+    surface: np.ndarray, shape: tuple[int, int, int], samples: int
+) -> np.ndarray | None:
+    """Return the mean position (3,) of the surface voxels, flat indices (N,), in voxels from the
+    grid's corner; of `samples` of them, evenly listed, if there are more. None if there are none.
+    """
+    if not len(surface):
+        return None
+    n = min(len(surface), samples)
+    picked = surface[np.arange(n) * len(surface) // n]
+    position: np.ndarray = (np.stack(np.unravel_index(picked, shape), -1) + 0.5).mean(0)
+    return position

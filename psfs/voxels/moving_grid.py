@@ -8,24 +8,24 @@ from cl import Array, Device
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
 
-#: Surface voxels that are averaged.
-_SAMPLES = 2048
+#: Surface voxels that are averaged, at most: a bound on the time it takes, not on the precision.
+SAMPLES = 2048
 
 
-class MeanPlace:
-    """`place()`: where the surface voxels of a grid of `shape`, flat indices with their number on
-    the device, are in the mean."""
+class MeanPosition:
+    """`position()`: the mean position of the surface voxels of a grid of `shape`, whose flat
+    indices and number are on the device."""
 
     def __init__(
         self, device: Device, shape: tuple[int, int, int], indices: Array, count: Array
     ) -> None:
-        self._mean: Array = device.zeros(4, np.float32, "the person's place")
+        self._mean: Array = device.zeros(4, np.float32, "the mean position")
         lanes = 128 if device.is_gpu else 1
         _, ny, nz = shape
         defines = {"NX": 1, "NY": ny, "NZ": nz, "THRESHOLD": 0.0, "LANES": lanes}
         self._launch = device.launch(
             device.kernel(
-                "reconstruction/surface", "mean_place", **defines, CAPACITY=1, SAMPLES=_SAMPLES
+                "reconstruction/surface", "mean_position", **defines, CAPACITY=1, SAMPLES=SAMPLES
             ),
             (lanes,),
             (lanes,),
@@ -35,8 +35,8 @@ class MeanPlace:
         )
 
     def __call__(self) -> np.ndarray | None:
-        """(3,) voxels from the grid's origin, of at most 2048 spread over the surface; None where
-        there are none (waits for the device)."""
+        """Return it (3,) in voxels from the grid's origin, of at most `SAMPLES` spread over the
+        surface; None where there are none (waits for the device)."""
         self._launch()
         mean = self._mean.get().astype(np.float64)
         return mean[:3] if mean[3] > 0 else None
@@ -52,14 +52,14 @@ class Follower:
     """
 
     def __init__(self, device: Device, grid: VoxelGrid, surface: SurfaceList) -> None:
-        self._place = MeanPlace(device, grid.shape, surface.indices, surface.count)
+        self._position = MeanPosition(device, grid.shape, surface.indices, surface.count)
 
     def __call__(self, grid: VoxelGrid) -> VoxelGrid:
-        """The grid for the next frame: `grid` itself if it may stay (waits for the device)."""
-        place = self._place()
-        if place is None:
+        """Return the next frame's grid: `grid` itself if it may stay (waits for the device)."""
+        position = self._position()
+        if position is None:
             return grid
-        offset = (place - np.array(grid.shape) / 2) * [1, 1, 0]
+        offset = (position - np.array(grid.shape) / 2) * [1, 1, 0]
         steps = np.trunc(offset)
         if not steps.any():
             return grid

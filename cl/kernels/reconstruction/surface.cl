@@ -141,10 +141,10 @@ __kernel void gather(__global const float *restrict probability,
 }
 
 #ifdef SAMPLES
-// Mean place of SAMPLES evenly listed surface voxels, in voxels from the grid's corner, and how
+// Mean position of SAMPLES evenly listed surface voxels, in voxels from the grid's corner, and how
 // many surface voxels there are. One work-group.
-__kernel void mean_place(__global const int *restrict indices,
-                         __global const int *restrict n_surface, __global float *restrict mean)
+__kernel void mean_position(__global const int *restrict indices,
+                            __global const int *restrict n_surface, __global float *restrict mean)
 {
     __local float4 sums[LANES];
     const int lane = get_local_id(0), n = *n_surface;

@@ -29,8 +29,8 @@ __all__ = [
 ]
 
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
-#: Where a calibration is looked for inside a folder, most telling name first.
-_PLACES = (
+#: Names by which a calibration is looked for inside a folder, the surest first.
+_PATTERNS = (
     "calibration.toml",
     "[Cc]alib*.toml",
     "intri.yml",
@@ -46,11 +46,11 @@ _PLACES = (
 
 
 def find_calibration(folder: Path) -> Path | None:
-    """The calibration file or folder inside `folder` by its usual names, or None.
+    """Return the calibration file or folder inside `folder` by its usual names, or None.
 
     Raises InputError when several have equal claims.
     """
-    for pattern in _PLACES:
+    for pattern in _PATTERNS:
         found = sorted(folder.glob(pattern.rstrip("/")))
         found = [path for path in found if path.is_dir() == pattern.endswith("/")]
         found = [path for path in found if path.is_file() or _camera_files(path)]
@@ -63,11 +63,11 @@ def find_calibration(folder: Path) -> Path | None:
 
 
 def read_calibration(path: str | Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
-    """The cameras of a calibration file or folder, its format recognised, in metres.
+    """Return the cameras of a calibration file or folder, its format recognised, in metres.
 
     unit: what the numbers mean, for files that do not say; else the format's own. sizes:
     picture sizes where the file has none. The axes stay as in the file. Raises InputError
-    naming the file, what was found and what was expected.
+    naming the file, what was found and what was expected; MissingFileError if there is none.
     """
     path = Path(path)
     if not path.exists():
@@ -90,7 +90,7 @@ def read_calibration(path: str | Path, unit: Unit | None = None, sizes: Sizes = 
 
 
 def _camera_files(folder: Path) -> list[Path]:
-    """The files of one camera each in a folder, in natural order of their names."""
+    """Return the files of one camera each in a folder, in natural order of their names."""
     files = [path for path in folder.iterdir() if path.suffix.lower() in (".cal", *_STORAGE)]
     return sorted(files, key=lambda path: natural_key(path.name))
 

@@ -26,7 +26,7 @@ ROUNDING = 1e-3
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before every InputError raised inside."""
+    """Put the file's name before every InputError raised inside; its class stays."""
     try:
         yield
     except InputError as error:
@@ -34,6 +34,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def read_text(path: Path) -> str:
+    """Return the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -43,7 +44,7 @@ def read_text(path: Path) -> str:
 
 
 def numbers(words: Sequence[str], what: str) -> np.ndarray:
-    """The words as float64. Raises InputError naming the first that is no number."""
+    """Return the words as float64. Raises InputError naming the first that is no number."""
     values = []
     for word in words:
         try:
@@ -54,7 +55,7 @@ def numbers(words: Sequence[str], what: str) -> np.ndarray:
 
 
 def array(value: Any, count: int | None, what: str) -> np.ndarray:
-    """`value` as `count` finite float64 numbers; None for any number of them."""
+    """Return `value` as `count` finite float64 numbers; None for any number of them."""
     try:
         flat = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError):
@@ -67,7 +68,7 @@ def array(value: Any, count: int | None, what: str) -> np.ndarray:
 
 
 def rotation_matrix(value: Any, what: str) -> np.ndarray:
-    """(3, 3) from a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major).
+    """Return (3, 3) from a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major).
 
     A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); others are
     passed on for `Camera` to refuse.
@@ -85,7 +86,7 @@ def rotation_matrix(value: Any, what: str) -> np.ndarray:
 
 
 def sizes_for(names: Sequence[str], sizes: Sizes) -> list[Size]:
-    """The size of each named camera. Raises InputError where it is not known."""
+    """Return the size of each named camera. Raises InputError where it is not known."""
     if callable(sizes):
         return list(sizes(names))
     if isinstance(sizes, Mapping):
@@ -105,12 +106,12 @@ def rig_of(
     unit: Unit | None,
     default: Unit,
 ) -> CameraRig:
-    """The rig, in metres, of what `camera(name, size)` makes of each of the names."""
+    """Return the rig, in metres, of what `camera(name, size)` makes of each of the names."""
     pairs = zip(names, sizes_for(names, sizes), strict=True)
     return in_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
 
 
 def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> CameraRig:
-    """The rig as read, in `unit` or the format's `default` unit, converted to metres."""
+    """Return the rig as read, in `unit` or the format's `default` unit, converted to metres."""
     metres = metres_per_unit(default if unit is None else unit)
     return rig if metres == 1.0 else scaled_rig(rig, metres)

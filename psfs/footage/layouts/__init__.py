@@ -1,4 +1,4 @@
-"""Folder layouts, one small module each. `recognised(folder)` tells which one a folder has."""
+"""Folder layouts, one small module each; `recognised(folder)` is the one that a folder has."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, MIDDLEBURY, FLAT)
 
 
 def recognised(folder: Path, settings: Settings) -> Layout:
-    """The layout of `folder`. Raises InputError if it has none."""
+    """Return the layout of `folder`. Raises InputError if it has none, MissingFileError if there is
+    no such folder."""
     if not folder.is_dir():
         wanted = "expected a folder with calibrated views"
         if folder.exists():

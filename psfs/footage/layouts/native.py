@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cl import InputError
+from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
 from psfs.footage.media import media_in
@@ -20,12 +20,12 @@ def _matches(folder: Path, settings: Settings) -> bool:
 
 
 def calibration_of(folder: Path, settings: Settings) -> Path:
-    """The calibration that the settings name, else the one that lies in the folder."""
+    """Return the calibration that the settings name, else the one that lies in the folder."""
     if settings.calibration is not None:
         return folder / settings.calibration
     path = find_calibration(folder)
     if path is None:
-        raise InputError(
+        raise MissingFileError(
             f"{folder}: no calibration; expected calibration.toml, or a path as `calibration`"
         )
     return path
@@ -33,20 +33,20 @@ def calibration_of(folder: Path, settings: Settings) -> Path:
 
 def _read(folder: Path, settings: Settings) -> Footage:
     calibration = calibration_of(folder, settings)
-    places = {name: folder / name for name in (*_IMAGES, "masks", "background")}
-    found = {name: media_in(path) for name, path in places.items() if path.is_dir()}
+    folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
+    found = {name: media_in(path) for name, path in folders.items() if path.is_dir()}
     images = next((name for name in _IMAGES if found.get(name)), None)
     primary = images or "masks"
     if not found.get(primary):
         raise InputError(f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/")
-    rig = read_rig(calibration, settings, found[primary], places[primary])
+    rig = read_rig(calibration, settings, found[primary], folders[primary])
     media: dict[str, tuple] = {}
     notes: list[str] = []
     rig = chosen(rig, settings)
     for name in (images, "masks", "background"):
         if name and found.get(name):
             extras = name == "background"
-            media[name], remarks = assigned(rig, found[name], places[name], settings, extras)
+            media[name], remarks = assigned(rig, found[name], folders[name], settings, extras)
             notes += remarks
     return Footage(
         rig,

@@ -59,10 +59,10 @@ def test_two_cameras_that_look_apart() -> None:
     right = scenes.looking_at("right", centre + aside, np.array([9, 0, 1]), (64, 48), 60.0)
     rig = CameraRig((left, right))
     assert seen_box(rig, 2) is None
-    assert any("no place is seen by two" in warning for warning in rig_warnings(rig))
+    assert any("no point is seen by two" in warning for warning in rig_warnings(rig))
 
 
-def test_unequal_counts_are_told(tmp_path: Path) -> None:
+def test_unequal_counts_are_warned_of(tmp_path: Path) -> None:
     footage.native(tmp_path)
     footage.write_video(tmp_path / "videos/cam02.mp4", [50] * 9)
     warnings = sequence_info(Sequence.open(tmp_path)).warnings

@@ -8,10 +8,11 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
+from psfs.cameras.footprints import footprints
 from psfs.reconstructor import Reconstructor
-from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity
+from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity, splat
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.host_voxels import HostVoxels
+from psfs.voxels.host_voxels import HostVoxels, surface_indices, voxel_silhouette
 from psfs.voxels.reprojection import Reprojection, edge_reach
 
 
@@ -41,6 +42,15 @@ def test_edges_are_exact_for_the_same_silhouette(device: Device) -> None:
         edge = boundary(maps[view, ..., 0] > 0, camera.size)
         expected = edge_proximity(edge, sigma, radius)
         np.testing.assert_array_equal(maps[view, ..., 1], expected)
+
+
+def test_the_host_has_the_twins_silhouette() -> None:
+    rig, grid = scenes.ring(3), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
+    occupied = np.random.default_rng(0).random(grid.shape) < 0.01
+    centres = grid.centres(surface_indices(occupied))
+    for camera, footprint in zip(rig, footprints(rig, grid.voxel_size), strict=True):
+        inputs = (camera, centres, footprint, (rig.height, rig.width))
+        np.testing.assert_array_equal(voxel_silhouette(*inputs), splat(*inputs))
 
 
 def test_no_voxels_give_empty_maps(device: Device) -> None:

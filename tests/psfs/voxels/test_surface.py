@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from cl import Device
-from psfs.reference.surface import smooth, surface_voxels
+from psfs.reference.surface import mean_position, smooth, surface_voxels
+from psfs.voxels.host_voxels import surface_indices
+from psfs.voxels.moving_grid import SAMPLES, MeanPosition
 from psfs.voxels.surface import Surface
 
 SHAPES = [(1, 1, 1), (1, 7, 3), (17, 1, 33), (40, 23, 31), (9, 64, 65), (5, 6, 16), (4, 3, 32)]
@@ -29,6 +31,7 @@ def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> No
     occupied = expected > 0.501
     count = int(surface.list.count.get()[0])
     np.testing.assert_array_equal(surface.list.indices.get(count), surface_voxels(occupied))
+    np.testing.assert_array_equal(surface_indices(occupied), surface_voxels(occupied))
     assert int(surface.list.occupied.get()[0]) == occupied.sum()
     np.testing.assert_allclose(
         surface.surface_probability(count), expected.ravel()[surface_voxels(occupied)], atol=1e-6
@@ -53,3 +56,19 @@ def test_every_run_gives_the_same_order(device: Device) -> None:
     first, second = run(device, padded), run(device, padded)
     count = int(first.list.count.get()[0])
     np.testing.assert_array_equal(first.list.indices.get(count), second.list.indices.get(count))
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, (60, 50, 40)])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.7])
+def test_the_mean_position_agrees_with_the_twin(
+    device: Device, shape: tuple[int, int, int], share: float
+) -> None:
+    occupied = np.random.default_rng(3).random(shape) < share
+    indices = surface_voxels(occupied)
+    listed = device.to_device(indices if len(indices) else np.zeros(1, np.int32))
+    count = device.to_device(np.array([len(indices)], np.int32))
+    found = MeanPosition(device, shape, listed, count)()
+    expected = mean_position(indices, shape, SAMPLES)
+    assert (found is None) == (expected is None)
+    if found is not None and expected is not None:
+        np.testing.assert_allclose(found, expected, rtol=1e-5)

@@ -1,0 +1,36 @@
+"""Lens distortion: derivatives, and the radius up to which it is one to one."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from psfs.cameras.distortion import distorted, distortion_jacobian, largest_radius2
+
+LENSES = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_it_is_opencvs(lens: np.ndarray) -> None:
+    x, y = np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50))
+    points = np.column_stack([x, y, np.ones(50)])
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), lens)[0][:, 0]
+    np.testing.assert_allclose(np.column_stack(distorted(lens, x, y)), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_its_derivatives(lens: np.ndarray) -> None:
+    x, y = np.random.default_rng(1).uniform(-0.6, 0.6, (2, 50))
+    step = 1e-6
+    by_x = np.subtract(distorted(lens, x + step, y), distorted(lens, x - step, y)) / (2 * step)
+    by_y = np.subtract(distorted(lens, x, y + step), distorted(lens, x, y - step)) / (2 * step)
+    jacobian = distortion_jacobian(lens, x, y)
+    np.testing.assert_allclose(jacobian[:, 0], by_x, atol=1e-8)
+    np.testing.assert_allclose(jacobian[:, 1], by_y, atol=1e-8)
+
+
+def test_where_it_turns_back() -> None:
+    assert largest_radius2(np.zeros(5)) == np.inf
+    # r (1 - 0.3 r^2) turns where 1 = 0.9 r^2.
+    assert largest_radius2(np.array([-0.3, 0, 0, 0, 0])) == pytest.approx(1 / 0.9, rel=1e-3)

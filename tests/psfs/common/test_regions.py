@@ -1,0 +1,34 @@
+"""Sets of pixels and voxels: agreement and connected parts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from psfs.common.regions import iou, large_parts, largest_part_box
+
+
+def test_iou() -> None:
+    a, b = np.array([True, True, False]), np.array([True, False, False])
+    assert iou(a, b) == 0.5 and iou(a, a) == 1.0 and iou(a, ~a) == 0.0
+    assert np.isnan(iou(~a & a, b & ~b))
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_small_parts_go(dimensions: int) -> None:
+    occupied = np.zeros((20,) * dimensions, bool)
+    large, small = (slice(1, 9),) * dimensions, (slice(12, 14),) * dimensions
+    occupied[large] = occupied[small] = True
+    occupied[(9,) * dimensions] = True  # connected by a corner
+    only = occupied.copy()
+    only[small] = False
+    np.testing.assert_array_equal(large_parts(occupied, 0.1), only)
+    np.testing.assert_array_equal(large_parts(occupied, 0.0), occupied)
+    box = largest_part_box(occupied)
+    assert box is not None
+    np.testing.assert_array_equal(box, [[1] * dimensions, [10] * dimensions])
+
+
+def test_nothing_has_no_parts() -> None:
+    empty = np.zeros((4, 5), bool)
+    assert not large_parts(empty, 0.5).any() and largest_part_box(empty) is None
