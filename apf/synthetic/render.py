@@ -9,7 +9,7 @@ from apf.synthetic.body import PRIMITIVE_FLOATS, Flesh
 from apf.synthetic.gait import Gait
 from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
-from cl import Device, InputError, NumpyDevice
+from cl import Array, Device, InputError, NumpyDevice
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
@@ -23,6 +23,8 @@ HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 _NOISE_MARGIN = 64
 
 _STAGE = "synthetic/scene"
+#: Work-items of a group, over the pixels.
+_GROUP = (16, 4, 1)
 
 
 class Renderer:
@@ -55,18 +57,9 @@ class Renderer:
         tile_grid = (-(-width // TILE), -(-height // TILE), views)
         tiles = device.empty((*tile_grid[::-1], primitives + 1), np.uint8, "the tiles")
         centre = (0.0, 0.0)
-        grid, group = (width, height, views), (16, 4, 1)
+        grid = (width, height, views)
         room = {"cameras": cameras, "distance": distance, "floor_point": floor}
-        device.launch(
-            device.kernel(_STAGE, "empty_room", **defines),
-            grid,
-            group,
-            **room,
-            posters=device.to_device(furniture.posters),
-            boxes=device.to_device(furniture.boxes),
-            seed=seed,
-            picture=self.room,
-        )()
+        self._draw_room(furniture, seed, room, defines)
         self._shadow = device.launch(
             device.kernel(_STAGE, "floor_shadow", **defines),
             (SHADOW_SIZE, SHADOW_SIZE),
@@ -89,7 +82,7 @@ class Renderer:
             device.launch(
                 device.kernel(_STAGE, name, **defines),
                 grid,
-                group,
+                _GROUP,
                 **room,
                 **body,
                 **drawn,
@@ -98,6 +91,26 @@ class Renderer:
             )
             for name, more in (("render", {"depth": self.depth}), ("smooth_edges", {}))
         )
+
+    def _draw_room(
+        self,
+        furniture: Furniture,
+        seed: int,
+        arrays: dict[str, Array],
+        defines: dict[str, int | float],
+    ) -> None:
+        """Enqueue the pictures of the empty room, its distances and the floor's points."""
+        device, rig = self._device, self.rig
+        device.launch(
+            device.kernel(_STAGE, "empty_room", **defines),
+            (rig.width, rig.height, len(rig)),
+            _GROUP,
+            **arrays,
+            posters=device.to_device(furniture.posters),
+            boxes=device.to_device(furniture.boxes),
+            seed=seed,
+            picture=self.room,
+        )()
 
     def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
         """Enqueue the pictures of primitives (P, PRIMITIVE_FLOATS) and balls (S, 4), float32 as
