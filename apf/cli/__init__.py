@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
-
 from apf.cli import demo, evaluate, live, render, smooth, synth, track, view
-from psfs.cli.commandline import run_command
+from apf.cli.program import run_program
+
+COMMANDS = (synth, track, live, smooth, evaluate, render, view, demo)
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="apf", description="A skeleton per frame from synchronised calibrated views."
-    )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (synth, track, live, smooth, evaluate, render, view, demo):
-        command.register(commands)
-    return run_command(parser, argv)
+    """Run the command with these arguments, the process's own by default; return its exit code."""
+    return run_program(COMMANDS, argv)

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import psfs.cli
+from apf.cli import evaluate, synth, track
+from apf.cli.program import run_program
 from psfs.cli.commandline import add_command, add_device_flag, stdout
 from psfs.common.files import write_json
 
@@ -29,18 +31,16 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    import apf.cli  # which imports this module
-
     out = args.output
-    sequence, voxels, track = (str(out / name) for name in ("sequence", "voxels", "track"))
+    sequence, voxels, tracked = (str(out / name) for name in ("sequence", "voxels", "track"))
     truth = str(out / "sequence" / "truth.npz")
     device = ["--device", args.device]
     size = ["--cameras", str(args.cameras), "--frames", str(args.frames)]
-    _step("apf", apf.cli.main, ["synth", "-o", sequence, *size, *device])
+    _step("apf", _apf, ["synth", "-o", sequence, *size, *device])
     _step("psfs", psfs.cli.main, ["reconstruct", sequence, "-o", voxels, *device])
     _step("psfs", psfs.cli.main, ["check", voxels, *device])
-    _step("apf", apf.cli.main, ["track", sequence, "-o", track, "--init", truth, *device])
-    _step("apf", apf.cli.main, ["evaluate", track, "--truth", truth])
+    _step("apf", _apf, ["track", sequence, "-o", tracked, "--init", truth, *device])
+    _step("apf", _apf, ["evaluate", tracked, "--truth", truth])
     write_json(out / "summary.json", _summary(out))
     stdout.print(
         f"{out}: voxels/preview.png and voxels/clouds, track/overlay.mp4, joints.trc, track.npz "
@@ -48,11 +48,15 @@ def run(args: argparse.Namespace) -> None:
     )
 
 
+def _apf(argv: list[str]) -> int:
+    return run_program((synth, track, evaluate), argv)
+
+
 def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:
     stdout.print(f"[bold]$ {program} {shlex.join(argv)}[/bold]", soft_wrap=True)
     code = main(argv)
     if code:
-        raise SystemExit(code)  # the command has said what is wrong
+        raise SystemExit(code)  # the command has printed what is wrong
 
 
 def _summary(out: Path) -> dict[str, object]:

@@ -38,7 +38,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
     )
-    group = parser.add_argument_group("shape", "how the body looks; trapezoids unless said")
+    group = parser.add_argument_group("shape", "how the body looks; trapezoids by default")
     group.add_argument(
         "--vertices",
         type=int,

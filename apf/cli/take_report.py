@@ -13,7 +13,7 @@ from rich.table import Table
 from apf.tracking.batch import Take
 from psfs.cli.commandline import stdout
 
-#: Stages that are told of after every frame; the others once.
+#: Stages that report after every frame; the others once.
 _BY_FRAMES = ("tracking", "overlay")
 
 
@@ -63,8 +63,8 @@ class TakeReport:
     def tracked(
         self, name: str, take: Take, n_frames: int, folders: list[Path], spread: list[str]
     ) -> None:
-        """Of `n_frames` that were to be tracked; every seed's files are in its folder. spread: what
-        is to be said of how the seeds differ."""
+        """Of `n_frames` that were to be tracked; every seed's files are in its folder. spread:
+        lines on how the seeds differ."""
         start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
         done = len(take.tracks[0])
         frames = str(done) if done == n_frames else f"{done} of {n_frames}"
@@ -95,6 +95,6 @@ class TakeReport:
                 style = "red" if name in self.errors else None
                 table.add_row(escape(name), *map(escape, row), style=style)
         stdout.print(table)
-        spreads = [f"{name}: {text}" for name, said in self.spreads.items() for text in said]
+        spreads = [f"{name}: {text}" for name, texts in self.spreads.items() for text in texts]
         for text in (*spreads, *self.errors.values()):
             stdout.print(text, markup=False, soft_wrap=True)

@@ -87,11 +87,11 @@ def _run_one(args: argparse.Namespace, method: Method, seeds: list[int]) -> None
         if bar.live.is_started:  # stopping prints a line
             bar.stop()
     for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
-        tell_of(track, line.n_frames, folder)
+        print_outcome(track, line.n_frames, folder)
     if len(take.tracks[0]) < line.n_frames:
         raise KeyboardInterrupt
-    for said in spread_of(take):
-        stdout.print(said)
+    for line_of_spread in spread_of(take):
+        stdout.print(line_of_spread)
 
 
 def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
@@ -106,8 +106,8 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
 
     def work(own: Device | NumpyDevice, number: int, check: Callable[[], None]) -> None:
         name = names[number]
-        place = {"folder": args.folders[number], "output": args.output / name}
-        job = argparse.Namespace(**{**vars(args), **place})
+        own_folders = {"folder": args.folders[number], "output": args.output / name}
+        job = argparse.Namespace(**{**vars(args), **own_folders})
         with closing(TakeLine(bar, name, check)) as line:
             take = _tracked(job, own, method, seeds, line)
             report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
@@ -169,15 +169,15 @@ def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line:
 
 
 def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
-    """Where the files of every seed's run go."""
+    """Return where the files of every seed's run go."""
     if args.seeds is None:
         return [args.output]
     return [args.output / f"seed{seed}" for seed in seeds]
 
 
 def take_names(folders: list[Path]) -> list[str]:
-    """A name for each of the takes: its folder's, with as many of the folders above as it takes to
-    tell them apart. Raises InputError if one is given twice."""
+    """Return a name for each of the takes: its folder's, with as many of the folders above as it takes to
+    distinguish them. Raises InputError if one is given twice."""
     paths = [folder.resolve() for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
@@ -190,7 +190,7 @@ def take_names(folders: list[Path]) -> list[str]:
 
 
 def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
-    """The seeds of the runs to make. Raises InputError."""
+    """Return the seeds of the runs to make. Raises InputError."""
     n_runs = 1 if args.seeds is None else args.seeds
     if n_runs < 1:
         raise InputError(f"--seeds is {n_runs}; expected at least 1")
@@ -200,7 +200,7 @@ def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
     return seeds
 
 
-def tell_of(track: Track, n_frames: int, folder: Path) -> None:
+def print_outcome(track: Track, n_frames: int, folder: Path) -> None:
     """Print what became of `n_frames` that were to be tracked."""
     if len(track) < n_frames:
         stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
@@ -213,23 +213,23 @@ def tell_of(track: Track, n_frames: int, folder: Path) -> None:
 
 
 def spread_of(take: Take) -> list[str]:
-    """How far several runs differ and, where the sequence has its truth, how far they err."""
+    """Describe how far several runs differ and, where the sequence has its truth, how far they err."""
     tracks = take.tracks
     if len(tracks) == 1:
         return []
     joints = np.stack([track.joints for track in tracks])
     away = 1000 * np.linalg.norm(joints - joints.mean(0), axis=-1)
-    said = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
+    lines = [f"{len(tracks)} runs: joints lie {away.mean():.1f} mm from the runs' mean"]
     truth = take.sequence.folder / "truth.npz"
     if truth.exists():
         errors = [1000 * evaluate(track, load_truth(truth)).mean_error for track in tracks]
         spread = f"{np.mean(errors):.1f} ± {np.std(errors, ddof=1):.1f} mm"
-        said.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
-    return said
+        lines.append(f"mean error: {spread}, {min(errors):.1f} to {max(errors):.1f}")
+    return lines
 
 
 def write_files(folder: Path, track: Track, body: BodyModel) -> None:
-    """track.npz, joints.trc, joints.csv and body.toml into `folder`."""
+    """Write track.npz, joints.trc, joints.csv and body.toml into `folder`."""
     track.save(folder / "track.npz")
     track.save(folder / "joints.trc")
     track.save(folder / "joints.csv")

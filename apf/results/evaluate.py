@@ -238,12 +238,12 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
 
 def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
     """(F, J, 3, 3) m^2 covariance that the track states for these of EVALUATED_JOINTS."""
-    places = match_joints(track.joint_names)
+    columns = match_joints(track.joint_names)
     found = np.full((len(track.frames), len(names), 3, 3), np.nan)
     if isinstance(track, Track):
-        for place, name in enumerate(names):
-            if name in places:
-                found[:, place] = track.covariance[:, places[name]]
+        for j, name in enumerate(names):
+            if name in columns:
+                found[:, j] = track.covariance[:, columns[name]]
     return found
 
 

@@ -48,13 +48,13 @@ ALIASES = _aliases()
 
 
 def match_joints(names: Sequence[str]) -> dict[str, int]:
-    """Place in `names` of each of EVALUATED_JOINTS that is there, under whatever name."""
+    """Return the index in `names` of each of EVALUATED_JOINTS that is there, under whatever name."""
     plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
     found = {}
     for joint in EVALUATED_JOINTS:
-        place = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)
-        if place is not None:
-            found[joint] = place
+        index = next((plain.index(alias) for alias in ALIASES[joint] if alias in plain), None)
+        if index is not None:
+            found[joint] = index
     return found
 
 
@@ -68,9 +68,9 @@ def evaluated_joints(
     """
     found = match_joints(names)
     out = np.full((len(joints), len(EVALUATED_JOINTS), 3), np.nan)
-    for joint, place in found.items():
-        out[:, EVALUATED_JOINTS.index(joint)] = joints[:, place]
-    unused = [name for place, name in enumerate(names) if place not in found.values()]
+    for joint, index in found.items():
+        out[:, EVALUATED_JOINTS.index(joint)] = joints[:, index]
+    unused = [name for index, name in enumerate(names) if index not in found.values()]
     present = set(found)
     if "pelvis" not in found and {"l_hip", "r_hip"} <= present:
         hips = joints[:, [found["l_hip"], found["r_hip"]]]

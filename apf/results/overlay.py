@@ -101,13 +101,13 @@ def overlay_picture(
     width, height = (max(2, math.floor(scale * side / 2) * 2) for side in (rig.width, rig.height))
     rows = -(-len(chosen) // columns)
     mosaic = np.zeros((rows * height, columns * width, 3), np.uint8)
-    for place, view in enumerate(chosen):
+    for tile, view in enumerate(chosen):
         camera = rig[view].scaled(scale)
         size = (min(camera.size[0], width), min(camera.size[1], height))
         picture = cv2.resize(picture_of(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
         picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
         _label(picture, f"{camera.name}   frame {frame.index}{note}")
-        y, x = height * (place // columns), width * (place % columns)
+        y, x = height * (tile // columns), width * (tile % columns)
         mosaic[y : y + size[1], x : x + size[0]] = picture
     return mosaic
 

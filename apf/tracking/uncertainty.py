@@ -25,15 +25,17 @@ _BLOCK, _STEP = 32, 1e-4
 
 @dataclass(frozen=True)
 class Calibration:
-    """scale: of the stated deviations. floor: m, deviation that every coordinate of a joint has at
-    least, by name without its side; other_floor: of joints that have none."""
+    """How stated deviations become those that hold; see `CALIBRATION` for the values used."""
 
     scale: float = 1.0
+    """Factor of the stated deviations."""
     floor: Mapping[str, float] = field(default_factory=dict)
+    """m, deviation that every coordinate of a joint has at least, by name without its side."""
     other_floor: float = 0.03
+    """m, of joints that have none: amid those of `CALIBRATION`."""
 
     def floors(self, names: list[str]) -> np.ndarray:
-        """(J,) m, of the joints of these names."""
+        """Return the floors (J,), m, of the joints of these names."""
         return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
@@ -65,7 +67,7 @@ def joint_covariance(
     deviation: np.ndarray,
     calibration: Calibration = CALIBRATION,
 ) -> np.ndarray:
-    """(F, J, 3, 3) m^2 of the joints of poses (F, D).
+    """Return the covariance (F, J, 3, 3) m^2 of the joints of poses (F, D).
 
     information: (F, D, D) of the refinement, zero where nothing was refined; deviation: (F, D) of
     the particles. See `Estimate`.
@@ -78,7 +80,7 @@ def joint_covariance(
 def raw_covariance(
     body: BodyModel, poses: np.ndarray, information: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
-    """(F, J, 3, 3) m^2 before any calibration."""
+    """Return the covariance (F, J, 3, 3) m^2 before any calibration."""
     n_joints = len(body.joints)
     spread = deviation[:, :, None] ** 2 * np.eye(body.n_dof)
     known = np.einsum("fdd->f", information) > 0
@@ -97,6 +99,6 @@ def raw_covariance(
 
 
 def inside(offsets: np.ndarray, covariance: np.ndarray, share: float = 0.95) -> np.ndarray:
-    """Whether offsets (..., 3) m lie in the ellipsoids that should hold `share` of them."""
+    """Return whether offsets (..., 3) m lie in the ellipsoids that should hold `share` of them."""
     solved = np.linalg.solve(covariance, offsets[..., None])[..., 0]
     return np.einsum("...a,...a->...", offsets, solved) <= chi2.ppf(share, 3)
