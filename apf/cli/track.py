@@ -176,7 +176,7 @@ def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
 
 
 def take_names(folders: list[Path]) -> list[str]:
-    """Return a name for each of the takes: its folder's, with as many of the folders above as it takes to
+    """Return a name for each of the takes: its folder's, with as many of the folders above as
     distinguish them. Raises InputError if one is given twice."""
     paths = [folder.resolve() for folder in folders]
     for path in paths:
@@ -213,7 +213,8 @@ def print_outcome(track: Track, n_frames: int, folder: Path) -> None:
 
 
 def spread_of(take: Take) -> list[str]:
-    """Describe how far several runs differ and, where the sequence has its truth, how far they err."""
+    """Describe how far several runs differ and, where the sequence has its truth, how far they
+    err."""
     tracks = take.tracks
     if len(tracks) == 1:
         return []

@@ -126,27 +126,23 @@ def _mark_lost(axes: Axes, top: float) -> None:
 def _plot_joints(axes: Axes, evaluation: Evaluation) -> None:
     """A bar per joint: its mean, the constant part as a tick, the 95th percentile as a whisker."""
     names = evaluation.joint_names
-    position = np.arange(len(names))
+    x = np.arange(len(names))
     mean = 1000 * np.nanmean(evaluation.errors, axis=0)
     high = 1000 * np.nanpercentile(evaluation.errors, 95, axis=0)
     constant = 1000 * evaluation.constant_and_rest[0]
-    axes.bar(
-        position, mean, width=0.62, color=[SIDE_COLOURS[side_of(n)] for n in names], alpha=0.85
-    )
-    axes.vlines(position, mean, high, color=_FAINT, lw=1.1, label="up to the 95th percentile")
-    axes.hlines(
-        constant, position - 0.31, position + 0.31, color=_INK, lw=1.6, label="constant part"
-    )
-    for x, value, tick in zip(position, mean, constant, strict=True):
+    axes.bar(x, mean, width=0.62, color=[SIDE_COLOURS[side_of(n)] for n in names], alpha=0.85)
+    axes.vlines(x, mean, high, color=_FAINT, lw=1.1, label="up to the 95th percentile")
+    axes.hlines(constant, x - 0.31, x + 0.31, color=_INK, lw=1.6, label="constant part")
+    for left, value, tick in zip(x, mean, constant, strict=True):
         axes.annotate(
             f"{value:.0f}",
-            (x, np.nanmax([value, tick])),
+            (left, np.nanmax([value, tick])),
             xytext=(3, 2),
             textcoords="offset points",
             fontsize=8.5,
             color=_INK,
         )
-    axes.set_xticks(position, [_readable(name) for name in names], rotation=30, ha="right")
+    axes.set_xticks(x, [_readable(name) for name in names], rotation=30, ha="right")
     axes.set_ylim(0, max(1.2 * high.max(), 1.0))
     axes.set_title("Per joint (bar: mean; black tick: constant in the body's frame)")
     axes.set_ylabel("error, mm")

@@ -48,7 +48,7 @@ ALIASES = _aliases()
 
 
 def match_joints(names: Sequence[str]) -> dict[str, int]:
-    """Return the index in `names` of each of EVALUATED_JOINTS that is there, under whatever name."""
+    """Return the index in `names` of each of EVALUATED_JOINTS there, under whatever name."""
     plain = [re.sub(r"[^a-z0-9]", "", name.split(":")[-1].lower()) for name in names]
     found = {}
     for joint in EVALUATED_JOINTS:
