@@ -102,7 +102,7 @@ class Reconstructor:
         return self.voxels.grid
 
     def evidence(self) -> np.ndarray:
-        """(V, H, W) int8: the silhouettes that the latest frame was carved with, downloaded;
+        """Return (V, H, W) int8: the silhouettes that the latest frame was carved with, downloaded;
         above 0 is foreground."""
         return self.silhouette.evidence.get()
 
@@ -156,7 +156,7 @@ class Reconstructor:
             stage()
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Voxels]:
-        """The voxels of every frame; the next frame is uploaded while the device works."""
+        """Yield the voxels of every frame; the next frame is uploaded while the device works."""
         ahead = iter(frames)
         frame = next(ahead, None)
         while frame is not None:

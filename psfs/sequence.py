@@ -96,14 +96,14 @@ class Sequence:
         return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
 
     def __len__(self) -> int:
-        """Frames that every view has."""
+        """Count the frames that every view has."""
         return min(media.count for media in self._views)
 
     def __iter__(self) -> Iterator[Frame]:
         return self.frames()
 
     def read(self, index: int) -> Frame:
-        """One frame; negative indices count from the end. Raises IndexError beyond the ends."""
+        """Decode one frame; negative indices count from the end. Raises IndexError beyond the ends."""
         number = range(len(self))[index]
         frames = self._decoded(range(number, number + 1))
         frame = next(frames)
@@ -111,7 +111,7 @@ class Sequence:
         return frame
 
     def frames(self, selection: slice | None = None) -> Iterator[Frame]:
-        """The selected frames in order, decoded in a background thread ahead of the caller.
+        """Yield the selected frames in order, decoded in a background thread ahead of the caller.
 
         At most 16 frames or 256 MiB wait (but always one). Raises InputError, naming file and
         frame, when one cannot be decoded.
@@ -196,7 +196,8 @@ class Sequence:
 
     @contextmanager
     def reader(self) -> Iterator[Callable[[int], Frame]]:
-        """`read(index)` for frames in any order, cheapest forwards; all views at the same time.
+        """Give `read(index)` for frames in any order, cheapest forwards; all views at the same
+        time.
 
         Raises InputError as `frames` does.
         """
@@ -210,7 +211,7 @@ class Sequence:
                 decoder.close()
 
     def _decoded(self, indices: range) -> Generator[Frame, None, None]:
-        """Frames in order."""
+        """Decode frames in order."""
         with self.reader() as read:
             for index in indices:
                 yield read(index)
@@ -235,7 +236,7 @@ class Sequence:
         )
 
     def _thresholded(self, image: np.ndarray) -> np.ndarray:
-        """(h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""
+        """Return (h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""
         assert self.settings.threshold is not None
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         mask: np.ndarray = np.where(

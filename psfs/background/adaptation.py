@@ -38,28 +38,13 @@ class Adaptation:
         sizes: Array,
         planes: Array,
     ) -> None:
-        (rows, columns), pack = cells(rig), pixel_pack(device, rig.width)
-        blocks = -(-rig.width // max(CELL, pack))
-        mean_rate, variance_rate = config.rates()
-        reach = (marks.shape[1] - rows) // 2
-        # A GPU needs more work-items to hide that they wait for memory.
-        parts = CELL if device.is_gpu else 1
-        defines: dict[str, int | float] = dict(
-            **{"WIDTH": rig.width, "HEIGHT": rig.height, "PERIOD": config.period},
-            **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL, "REACH": reach},
-            **{"PARTS": parts, "PACK": pack},
-            **{
-                "MEAN_RATE": mean_rate,
-                "VARIANCE_RATE": variance_rate,
-                "NEAREST": float(config.nearest),
-            },
-            **{"VIEWS": len(rig), "ENOUGH": float(config.enough)},
-            LEAST_VARIANCE=float(background.sigma_floor**2),
-            WIDTH_GREY=float(background.shadow_width_grey),
-            WIDTH_COLOUR=float(background.shadow_width_colour),
-        )
+        rows, _ = cells(rig)
+        blocks = -(-rig.width // max(CELL, pixel_pack(device, rig.width)))
+        parts = _parts(device)
         size = (blocks, parts * -(-rows // config.period), len(rig))
-        defines |= {"LOOKED_AT": size[0] * size[1], "GROUP": _GROUP}
+        defines = _defines(device, rig, config, background)
+        defines["REACH"] = (marks.shape[1] - rows) // 2
+        defines["LOOKED_AT"] = size[0] * size[1]
         drift = device.zeros(len(rig), np.float32, "the views' change of light")
         shape = (len(rig), size[0] * size[1], 2)
         changes = device.empty(shape, np.float32, "the views' change of light")
@@ -88,3 +73,27 @@ class Adaptation:
         self._adapt()
         self._view_drift()
         self._frames += 1
+
+
+def _parts(device: Device) -> int:
+    """Return the work-items that share a block: a GPU needs more, to hide that they wait for
+    memory."""
+    return CELL if device.is_gpu else 1
+
+
+def _defines(
+    device: Device, rig: CameraRig, config: AdaptationConfig, background: BackgroundConfig
+) -> dict[str, int | float]:
+    """Return what adaptation.cl is built with, but for the sizes of its arrays."""
+    rows, columns = cells(rig)
+    mean_rate, variance_rate = config.rates()
+    return {
+        **{"WIDTH": rig.width, "HEIGHT": rig.height, "VIEWS": len(rig)},
+        **{"CELLS_X": columns, "CELLS_Y": rows, "CELL": CELL},
+        **{"PARTS": _parts(device), "PACK": pixel_pack(device, rig.width), "GROUP": _GROUP},
+        **{"PERIOD": config.period, "MEAN_RATE": mean_rate, "VARIANCE_RATE": variance_rate},
+        **{"NEAREST": float(config.nearest), "ENOUGH": float(config.enough)},
+        "LEAST_VARIANCE": float(background.sigma_floor**2),
+        "WIDTH_GREY": float(background.shadow_width_grey),
+        "WIDTH_COLOUR": float(background.shadow_width_colour),
+    }

@@ -87,7 +87,7 @@ class Camera:
         return largest_radius2(self.distortion)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (..., 2) and depths (...) m of world points (..., 3).
+        """Return pixels (..., 2) and depths (...) m of world points (..., 3).
 
         The depth of a point that has no image (behind the camera, or beyond `max_radius2`) is
         negative or zero, and its pixel is (-1e6, -1e6). Whether a pixel lies inside the image is
@@ -107,8 +107,8 @@ class Camera:
         return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
 
     def look_up(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Which of world points (N, 3) lie in the picture, (N,) bool; row and column of the pixel
-        nearest to each of these (K,), and their depths (K,) m."""
+        """Find which of world points (N, 3) lie in the picture, (N,) bool; row and column of the
+        pixel nearest to each of these (K,), and their depths (K,) m."""
         pixels, depth = self.project(points)
         nearest = np.floor(pixels + 0.5)
         x, y = nearest[..., 0], nearest[..., 1]
@@ -117,14 +117,14 @@ class Camera:
         return inside, row, column, depth[inside]
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """(N, 3) world directions, of depth 1, of the rays through pixels (N, 2)."""
+        """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""
         distorted = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
         plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
         rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
         return rays
 
     def scaled(self, factor: float) -> Camera:
-        """The camera of the picture resized by `factor` (pixel centres stay at integers)."""
+        """Return the camera of the picture resized by `factor` (pixel centres stay at integers)."""
         K = self.K.copy()
         K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
         K[:2] *= factor
@@ -133,7 +133,7 @@ class Camera:
         return replace(self, K=K, size=size)
 
     def packed(self) -> np.ndarray:
-        """(CAMERA_FLOATS,) float32 for the kernels; the order is written in `camera.h`."""
+        """Return (CAMERA_FLOATS,) float32 for the kernels; the order is written in `camera.h`."""
         out = np.zeros(CAMERA_FLOATS, np.float32)
         out[0:9] = self.R.ravel()
         out[9:12] = self.t
@@ -203,5 +203,5 @@ class CameraRig:
         return CameraRig(tuple(by_name[name] for name in names))
 
     def packed(self) -> np.ndarray:
-        """(V, CAMERA_FLOATS) float32 for the kernels."""
+        """Return (V, CAMERA_FLOATS) float32 for the kernels."""
         return np.stack([camera.packed() for camera in self.cameras])

@@ -8,7 +8,7 @@ from psfs.cameras.camera import Camera, CameraRig
 
 
 def footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
-    """(V, 2) half width and height of a projected voxel's bounding box times its depth, px m.
+    """Return half the width and height (V, 2) of a projected voxel's box times its depth, px m.
 
     A cube of edge s turned by R spans s times the sum of a row of |R| along a camera axis; so no
     hole opens between neighbouring voxels, however the camera is turned.
@@ -20,8 +20,8 @@ def footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
 def pixel_boxes(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The pixels that voxels around `centres` (N, 3) m cover in the picture: the numbers (K,) of
-    the voxels that show, first and last + 1 column and row (K, 2) each, and depths (K,) m.
+    """Return the pixels that voxels around `centres` (N, 3) m cover in the picture: the numbers
+    (K,) of the voxels that show, first and last + 1 column and row (K, 2) each, and depths (K,) m.
 
     footprint: (2,), see `footprints`. The nearest pixel is covered however small a voxel is.
     """

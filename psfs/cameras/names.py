@@ -9,32 +9,33 @@ from cl import InputError
 
 
 def name_tokens(name: str) -> tuple[str, ...]:
-    """Words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
+    """Return the words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
     tokens = re.findall(r"[^\W\d_]+|\d+", name.lower())
     return tuple(str(int(token)) if token.isdigit() else token for token in tokens)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorting key that puts cam_2 before cam_10."""
+    """Return a sorting key that puts cam_2 before cam_10."""
     return tuple((0, int(t), "") if t.isdigit() else (1, 0, t) for t in name_tokens(name))
 
 
 def contains_name(text: str, name: str) -> bool:
-    """Whether the tokens of `name` occur together in `text` (`silh_cam01_00023` has `cam01`)."""
+    """Return whether the tokens of `name` occur together in `text` (`silh_cam01_00023` has
+    `cam01`)."""
     inner, outer = name_tokens(name), name_tokens(text)
     starts = range(len(outer) - len(inner) + 1)
     return bool(inner) and any(outer[i : i + len(inner)] == inner for i in starts)
 
 
 def listed(names: Iterable[str]) -> str:
-    """The names for a message: `a, b, c` or `none`."""
+    """Return the names for a message: `a, b, c` or `none`."""
     return ", ".join(names) or "none"
 
 
 def matched(
     cameras: Sequence[str], found: Sequence[str], where: str, wanted: Sequence[str] | None = None
 ) -> tuple[dict[str, str], str | None]:
-    """Which of the `found` files belongs to which camera, and a remark if that was guessed.
+    """Return which of the `found` files belongs to which camera, and a remark if that was guessed.
 
     By name without regard to case, separators and leading zeros; else by natural order if the
     numbers agree. With `wanted` (a subset of the cameras) further files may be there. Raises

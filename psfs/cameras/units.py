@@ -28,7 +28,7 @@ _Z_UP = {
 
 
 def metres_per_unit(unit: Unit) -> float:
-    """Metres in one `unit`. Raises InputError for what is no positive length."""
+    """Return the metres in one `unit`. Raises InputError for what is no positive length."""
     match = re.fullmatch(r"\s*([0-9.eE+-]*)\s*(m|cm|mm|)\s*", str(unit))
     try:
         if not match or not (match[1] or match[2]):
@@ -45,7 +45,7 @@ def metres_per_unit(unit: Unit) -> float:
 
 
 def z_up_from(up: str) -> np.ndarray:
-    """(3, 3) rotation that takes the axis `up` ("z", "-z", "y", ...) to +Z."""
+    """Return the rotation (3, 3) that takes the axis `up` ("z", "-z", "y", ...) to +Z."""
     key = str(up).strip().lower().lstrip("+")
     if key not in _Z_UP:
         raise InputError(f"up axis {up!r}; expected one of {', '.join(_Z_UP)}")
@@ -53,10 +53,10 @@ def z_up_from(up: str) -> np.ndarray:
 
 
 def scaled_rig(rig: CameraRig, metres: float) -> CameraRig:
-    """The rig whose translations were given in units of `metres`: t' = s t."""
+    """Return the rig whose translations were given in units of `metres`: t' = s t."""
     return CameraRig(tuple(replace(camera, t=camera.t * metres) for camera in rig))
 
 
 def turned_rig(rig: CameraRig, rotation: np.ndarray) -> CameraRig:
-    """The rig in the world x' = A x, A = `rotation` (3, 3): R' = R A^T, t unchanged."""
+    """Return the rig in the world x' = A x, A = `rotation` (3, 3): R' = R A^T, t unchanged."""
     return CameraRig(tuple(replace(camera, R=camera.R @ rotation.T) for camera in rig))

@@ -43,7 +43,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:
-    """scores: (frames, V) IoU, NaN where there was nothing to compare."""
+    """Print and write scores (frames, V): IoU, NaN where there was nothing to compare."""
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})

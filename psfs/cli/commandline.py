@@ -71,7 +71,7 @@ def add_command(
     run: Callable[[argparse.Namespace], None],
     help: str,
 ) -> argparse.ArgumentParser:
-    """A subcommand with the flags that all have."""
+    """Add a subcommand with the flags that all have."""
     parser: argparse.ArgumentParser = commands.add_parser(name, help=help, description=help)
     parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
     parser.set_defaults(run=run)
@@ -89,7 +89,7 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 
 
 def progress_bar() -> Progress:
-    """The bar that all long work shows, on standard error."""
+    """Make the bar that all long work shows, on standard error."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -101,7 +101,7 @@ def progress_bar() -> Progress:
 
 
 def frame_range(text: str) -> slice:
-    """`a:b`, `a:`, `:b`, `a:b:step` or a single frame number, as a slice (argparse type)."""
+    """Return `a:b`, `a:`, `:b`, `a:b:step` or a single frame number, as a slice (argparse type)."""
     try:
         parts = [int(part) if part else None for part in text.split(":")]
         if len(parts) == 1 and parts[0] is not None:

@@ -8,7 +8,7 @@ from rich.table import Table
 
 
 def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
-    """Mean and worst of scores (frames, V), a row per camera, then one for all; a dash where
+    """Return mean and worst of scores (frames, V), a row per camera, then one for all; a dash where
     there was nothing to compare."""
     table = Table("camera", title=title, title_justify="left")
     table.add_column("mean", justify="right")
@@ -25,5 +25,5 @@ def _cell(score: float) -> str:
 
 
 def plain(score: float) -> float | None:
-    """A score as JSON has it: None for NaN and for what is masked."""
+    """Return a score as JSON has it: None for NaN and for what is masked."""
     return None if np.ma.is_masked(score) or np.isnan(score) else round(float(score), 5)

@@ -58,7 +58,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help=f"tell whether the mesh is watertight, and the {_DEFINITION}; "
+        help=f"say whether the mesh is watertight, and the {_DEFINITION}; "
         "writes OUT/mesh_check.json",
     )
     add_device_flag(parser)
@@ -96,7 +96,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _targets(args: argparse.Namespace, run: Run) -> dict[int, Path]:
-    """The path of every frame's mesh."""
+    """Return the path of every frame's mesh."""
     if args.frame == "all":
         full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]
         folder = args.output or args.out / "meshes"
@@ -119,7 +119,8 @@ def _targets(args: argparse.Namespace, run: Run) -> dict[int, Path]:
 
 
 def _checked(mesh: trimesh.Trimesh, checker: Checker, frame: Frame) -> dict[str, Any]:
-    """Is the mesh closed, how large is it, and (V,) IoU, NaN where there is nothing to compare."""
+    """Find whether the mesh is closed, how large it is, and its IoU (V,), NaN where there is
+    nothing to compare."""
     scene, scores = RayScene(mesh), []
     for camera, shown in zip(checker.rig, checker.silhouettes(frame), strict=True):
         ours = np.zeros_like(shown)

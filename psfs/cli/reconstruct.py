@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> None:
 def _grid(
     args: argparse.Namespace, sequence: Sequence, frames: range, device: Device | NumpyDevice
 ) -> VoxelGrid:
-    """The grid that the flags ask for, around the stated or found volume."""
+    """Return the grid that the flags ask for, around the stated or found volume."""
     selection = slice(frames.start, frames.stop, frames.step)
     if args.grid is None:
         return automatic_grid(sequence, selection, args.voxel_size, device=device)
@@ -187,7 +187,7 @@ class _Job:
         self._waiting.clear()
 
     def finish(self, expected: int) -> None:
-        """Summary and preview of what is done, also after an interruption."""
+        """Write summary and preview of what is done, also after an interruption."""
         if not self.done:
             return
         write_json(self.out / runs.SUMMARY, self._summary(expected))
@@ -220,7 +220,7 @@ class _Job:
         }
 
     def timings(self) -> dict[str, float]:
-        """Median ms by stage: what the host saw, then the device's own times."""
+        """Return median ms by stage: what the host saw, then the device's own times."""
         rows = {name: float(np.median(ms)) for name, ms in self._ms.items()}
         profiler = self.device.profiler if isinstance(self.device, Device) else None
         if profiler is not None:

@@ -24,7 +24,7 @@ _KEYS = (
 def add_sequence_flags(
     parser: argparse.ArgumentParser, frames: bool = True, fps: bool = True, several: bool = False
 ) -> None:
-    """The positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
+    """Add the positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
     takes several folders, as `folders`."""
     parser.set_defaults(fps=None)
     # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
@@ -42,9 +42,7 @@ def add_sequence_flags(
     group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
     if fps:
         group.add_argument("--fps", type=float, metavar="N", help="frames per second")
-    group.add_argument(
-        "--background", choices=BACKGROUND_KINDS, help="how silhouettes are told from the scene"
-    )
+    group.add_argument("--background", choices=BACKGROUND_KINDS, help="how silhouettes are made")
     group.add_argument(
         "--key",
         metavar="#rrggbb",
@@ -69,7 +67,7 @@ def add_sequence_flags(
 
 
 def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
-    """--all-cameras, for commands that `open_trusted` sequences."""
+    """Add --all-cameras, for commands that `open_trusted` sequences."""
     parser.add_argument(
         "--all-cameras",
         action="store_true",
@@ -79,7 +77,7 @@ def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
 
 
 def volume_box(text: str) -> list[list[float]]:
-    """`x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
+    """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
     try:
         x0, x1, y0, y1, z0, z1 = (float(word) for word in text.split(","))
     except ValueError:
@@ -90,7 +88,7 @@ def volume_box(text: str) -> list[list[float]]:
 
 
 def stated(args: argparse.Namespace) -> dict[str, Any]:
-    """What the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
+    """Return what the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
         flags["calibration"] = str(Path(flags["calibration"]).resolve())
@@ -98,15 +96,15 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def open_sequence(args: argparse.Namespace) -> Sequence:
-    """The sequence that the flags describe."""
+    """Return the sequence that the flags describe."""
     return Sequence.open(args.folder, **stated(args))
 
 
 def open_trusted(
     args: argparse.Namespace, device: Device | NumpyDevice
 ) -> tuple[Sequence, list[Suspect]]:
-    """The sequence without the cameras that disagree with the others, and those, which are warned
-    of. Flags that state the cameras, or ask for all, are obeyed."""
+    """Return the sequence without the cameras that disagree with the others, and those, which are
+    warned of. Flags that state the cameras, or ask for all, are obeyed."""
     sequence = open_sequence(args)
     if args.all_cameras or args.cameras is not None:
         return sequence, []
@@ -119,7 +117,7 @@ def open_trusted(
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
-    """The frame numbers of --frames, or all. Raises InputError if there is none such."""
+    """Return the frame numbers of --frames, or all. Raises InputError if there is none such."""
     chosen = range(len(sequence))[args.frames or slice(None)]
     if not chosen:
         raise InputError(

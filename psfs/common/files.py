@@ -55,7 +55,8 @@ def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` (same suffix); renamed to `path` on success, else removed.
+    """Give a temporary path beside `path` (same suffix); renamed to `path` on success, else
+    removed.
 
     `with written_whole("a.ply") as temporary: write(temporary)`
     Raises InputError if the file system refuses (no permission, disk full, a file for a folder).

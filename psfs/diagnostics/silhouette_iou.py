@@ -43,7 +43,7 @@ class Checker:
         self._extents = footprints(self.rig, run.grid.voxel_size)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
-        """(V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
+        """Return (V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
         self._reconstruct(frame)
         shown = (self._reconstruct.evidence() > 0) & self._volume
         return np.stack([without_speckle(view) for view in shown])
@@ -59,13 +59,13 @@ class Checker:
 
 
 def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
-    """`silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
+    """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
     return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
 
 
 def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
-    """(V, H, W) bool: pixels that look into the volume."""
+    """Return (V, H, W) bool: pixels that look into the volume."""
     region = np.zeros((len(rig), rig.height, rig.width), bool)
     for view, camera in enumerate(rig):
         region[view] = _hits_box(camera, grid, (rig.height, rig.width))
@@ -73,7 +73,7 @@ def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:
 
 
 def _hits_box(camera: Camera, grid: VoxelGrid, shape: tuple[int, int]) -> np.ndarray:
-    """Pixels (H, W) whose ray meets the box, by the slabs between its faces."""
+    """Return the pixels (H, W) bool whose ray meets the box, by the slabs between its faces."""
     width, height = camera.size
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     directions = camera.rays(np.stack([u, v], -1).reshape(-1, 2))

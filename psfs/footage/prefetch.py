@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def prefetched(items: Generator[T, None, None], depth: int) -> Iterator[T]:
-    """The items of a generator, produced in a thread at most `depth` ahead.
+    """Yield the items of a generator, produced in a thread at most `depth` ahead.
 
     An exception in the thread is raised here, after the items before it. When the consumer
     stops early the generator is closed, in its thread, before this returns.

@@ -25,7 +25,8 @@ class NumpyAdaptation:
         self._drift = np.zeros(len(rig))
 
     def __call__(self, images: np.ndarray, evidence: np.ndarray, marks: np.ndarray) -> None:
-        """images (V, H, W, 3) uint8, evidence counts (V, H, W), marks (V, rows, columns) bool."""
+        """Drift towards images (V, H, W, 3) uint8 with evidence counts (V, H, W) and marks (V,
+        rows, columns) bool."""
         due = np.arange(marks.shape[1]) % self.config.period == self._frames % self.config.period
         self._frames += 1
         mean_rate, variance_rate = self.config.rates()

@@ -27,8 +27,8 @@ class NumpyForeground:
     def learn(
         self, images: np.ndarray, evidence: np.ndarray, grid: VoxelGrid, surface: np.ndarray
     ) -> None:
-        """images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels made of
-        them, flat indices (N,)."""
+        """Learn from images (V, H, W, 3) uint8, evidence counts (V, H, W) and the surface voxels
+        made of them, flat indices (N,)."""
         marked = self.marks(grid, surface)
         self.marked = marked
         self.location[:] = 0
@@ -45,7 +45,7 @@ class NumpyForeground:
         self.location[:] = 0
 
     def marks(self, grid: VoxelGrid, surface: np.ndarray) -> np.ndarray:
-        """(V, rows, columns) bool: cells that show a voxel."""
+        """Return (V, rows, columns) bool: cells that show a voxel."""
         centres = grid.centres(surface)
         coarse = self.rig.scaled(1 / CELL)
         extents = footprints(coarse, grid.voxel_size)

@@ -13,7 +13,8 @@ from psfs.voxels.grid import VoxelGrid
 def nearest_depth(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
-    """(H, W) depth in m of the nearest voxel, infinite where there is none; see `footprints`."""
+    """Return (H, W) depth in m of the nearest voxel, infinite where there is none; see
+    `footprints`."""
     _, low, high, depth = pixel_boxes(camera, centres, footprint)
     extent = high - low
     buffer = np.full(shape, np.inf)
@@ -32,8 +33,8 @@ def surface_colour(
     evidence: np.ndarray,
     config: ColourConfig | None = None,
 ) -> np.ndarray:
-    """(N, 4) uint8 RGB of the voxels with flat indices `surface`, and the number of cameras in
-    the mean; images (V, H, W, 3) BGR. See `psfs.voxels.colour.SurfaceColour`."""
+    """Return (N, 4) uint8 RGB of the voxels with flat indices `surface`, and the number of cameras
+    in the mean; images (V, H, W, 3) BGR. See `psfs.voxels.colour.SurfaceColour`."""
     tolerance = (config or ColourConfig()).tolerance
     centres = grid.centres(surface)
     sums = np.zeros((2, len(centres), 3), int)  # seen within the silhouette, seen at all

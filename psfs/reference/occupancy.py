@@ -10,7 +10,7 @@ from psfs.voxels.grid import VoxelGrid
 
 
 def padded_grid(grid: VoxelGrid) -> VoxelGrid:
-    """`grid` with one more layer of voxels on every side."""
+    """Return `grid` with one more layer of voxels on every side."""
     shape = (grid.shape[0] + 2, grid.shape[1] + 2, grid.shape[2] + 2)
     return VoxelGrid(grid.origin - grid.voxel_size, grid.voxel_size, shape)
 
@@ -18,7 +18,7 @@ def padded_grid(grid: VoxelGrid) -> VoxelGrid:
 def occupancy(
     rig: CameraRig, grid: VoxelGrid, evidence: np.ndarray, step: float, config: OccupancyConfig
 ) -> np.ndarray:
-    """P(V = 1) (nx + 2, ny + 2, nz + 2) of the padded grid from evidence counts (V, H, W)."""
+    """Return P(V = 1) (nx + 2, ny + 2, nz + 2) of the padded grid from evidence counts (V, H, W)."""
     padded = padded_grid(grid)
     centres = padded.centres()
     log_odds = np.full(len(centres), np.log(config.prior / (1 - config.prior)))

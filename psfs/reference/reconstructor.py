@@ -61,7 +61,7 @@ class NumpyReconstructor:
             )
 
     def evidence(self) -> np.ndarray:
-        """(V, H, W) int8: the silhouettes that the latest frame was carved with."""
+        """Return (V, H, W) int8: the silhouettes that the latest frame was carved with."""
         return self._latest
 
     def __call__(self, frame: Frame) -> HostVoxels:
@@ -103,7 +103,7 @@ class NumpyReconstructor:
 
 
 def physical_memory() -> int:
-    """Bytes of this machine's memory, or a very large number where that cannot be asked."""
+    """Return the bytes of this machine's memory, or a very large number where that cannot be asked."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -117,7 +117,7 @@ def frame_evidence(
     config: SilhouetteConfig,
     foreground: NumpyForeground | None = None,
 ) -> np.ndarray:
-    """Evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
+    """Return evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
     pictures = frame_input(frame, background)
     if background is None:
         return mask_evidence(pictures, rig, config)

@@ -26,7 +26,7 @@ def splat(
 
 
 def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Pixels inside with a 4-neighbour outside; the border of the picture is no boundary."""
+    """Return the pixels inside with a 4-neighbour outside; the border of the picture is no boundary."""
     width, height = size
     picture = silhouette[:height, :width]
     inside = ndimage.binary_erosion(picture, border_value=1)
@@ -36,7 +36,7 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 def edge_proximity(edge: np.ndarray, sigma: float, radius: int) -> np.ndarray:
-    """(H, W) uint8, see `psfs.voxels.reprojection.Reprojection`."""
+    """Return (H, W) uint8, see `psfs.voxels.reprojection.Reprojection`."""
     if not edge.any():
         return np.zeros(edge.shape, np.uint8)
     squared = np.rint(ndimage.distance_transform_edt(~edge) ** 2).astype(int)

@@ -27,7 +27,7 @@ def silhouette_evidence(
     config: SilhouetteConfig,
     foreground: NumpyForeground | None = None,
 ) -> np.ndarray:
-    """Evidence counts (V, H, W) int8 of pictures (V, H, W, 3) uint8; 0 outside the pictures.
+    """Return evidence counts (V, H, W) int8 of pictures (V, H, W, 3) uint8; 0 outside the pictures.
 
     The log ratios of background over foreground, limited and rounded to counts, are summed over
     3x3 pixels, where those outside the pictures say nothing. `foreground` None: it is uniform.
@@ -51,7 +51,7 @@ def silhouette_evidence(
 
 
 def _learnt(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
-    """(H, W) counts that the person's colours and location say for the foreground."""
+    """Return (H, W) counts that the person's colours and location say for the foreground."""
     if foreground is None:
         return np.zeros(image.shape[:2], int)
     blue, green, red = np.moveaxis(image.astype(int) * BINS // 256, -1, 0)
@@ -78,7 +78,7 @@ def mixed_ratio(
     evidence: np.ndarray,
     config: SilhouetteConfig,
 ) -> np.ndarray:
-    """(H, W) log ratio of the pixels of the rim under N(I; mu + a (I_p - mu_p), sigma), the
+    """Return (H, W) log ratio of the pixels of the rim under N(I; mu + a (I_p - mu_p), sigma), the
     mixture with a share a <= rim.share of the person that fits best; -inf elsewhere.
 
     A pixel of the rim has positive evidence, and so has p, two pixels away in one of eight
@@ -102,7 +102,7 @@ def mixed_ratio(
 def _log_ratios(
     images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
 ) -> list[np.ndarray]:
-    """(H, W) of every view: log of the background's density over the uniform foreground's."""
+    """Return (H, W) of every view: log of the background's density over the uniform foreground's."""
     if isinstance(background, ChromaKey):
         return [
             chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)
@@ -118,7 +118,7 @@ def _log_ratios(
 
 
 def box_sums(counts: np.ndarray) -> np.ndarray:
-    """Sums over 3x3 pixels of each view (V, H, W); beyond the border there are zeros."""
+    """Return the sums over 3x3 pixels of each view (V, H, W); beyond the border there are zeros."""
     padded = np.pad(counts, ((0, 0), (1, 1), (1, 1)))
     rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
     sums: np.ndarray = rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]
@@ -126,15 +126,15 @@ def box_sums(counts: np.ndarray) -> np.ndarray:
 
 
 def mask_evidence(masks: np.ndarray, rig: CameraRig, config: SilhouetteConfig) -> np.ndarray:
-    """Evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
+    """Return evidence counts (V, H, W) int8 of ready masks (V, H, W) uint8, 255 = person."""
     return np.where(in_pictures(rig), config.evidence.mask_counts(masks), 0).astype(np.int8)
 
 
 def floor_light(
     images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
 ) -> np.ndarray:
-    """(V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN where
-    there is no floor; twin of floor_light.cl.
+    """Return (V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN
+    where there is no floor; twin of floor_light.cl.
 
     For the middle of every cell of CELL x CELL pixels it is the brightest light factor, at most
     1, that any other camera sees there; a camera whose pixel cannot be floor, shaded or not, has
@@ -169,12 +169,12 @@ def floor_light(
 
 
 def of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The values (rows, columns) of the cells for each of their pixels (H, W)."""
+    """Return the values (rows, columns) of the cells for each of their pixels (H, W)."""
     return cells.repeat(CELL, 0).repeat(CELL, 1)[: shape[0], : shape[1]]
 
 
 def _of_middles(pixels: np.ndarray) -> np.ndarray:
-    """The values (H, W) of pixels for each cell: that of the pixel in its middle."""
+    """Return the values (H, W) of pixels for each cell: that of the pixel in its middle."""
     rows, columns = (-(-n // CELL) for n in pixels.shape)
     y = np.minimum(CELL * np.arange(rows) + CELL // 2, pixels.shape[0] - 1)
     x = np.minimum(CELL * np.arange(columns) + CELL // 2, pixels.shape[1] - 1)
@@ -183,7 +183,7 @@ def _of_middles(pixels: np.ndarray) -> np.ndarray:
 
 
 def _between_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The same, linear between the middles of the cells."""
+    """Return the same, linear between the middles of the cells."""
     y, x = np.indices(shape[:2]) / CELL - (CELL - 1) / (2 * CELL)
     between: np.ndarray = ndimage.map_coordinates(cells, [y, x], order=1, mode="nearest")
     return between
@@ -194,13 +194,13 @@ def _weight(std: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
 
 
 def _weighed(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Sum of weight x y over the channels, the last axis."""
+    """Return the sum of weight x y over the channels, the last axis."""
     total: np.ndarray = np.einsum("...c,...c,...c->...", weight, x, y)
     return total
 
 
 def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The factor that takes y nearest to x."""
+    """Return the factor that takes y nearest to x."""
     factor: np.ndarray = _weighed(weight, x, y) / (_weighed(weight, y, y) + 1e-6)
     return factor
 
@@ -208,7 +208,7 @@ def _fitting(weight: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def _distance_left(
     weight: np.ndarray, x: np.ndarray, factor: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
-    """The squared distance that a factor leaves."""
+    """Return the squared distance that a factor leaves."""
     rest = x - factor[..., None] * y
     return _weighed(weight, rest, rest)
 
@@ -216,7 +216,8 @@ def _distance_left(
 def light_factor(
     image: np.ndarray, mean: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """alpha (H, W) with alpha mu nearest to the picture, and the squared distance that it leaves.
+    """Return alpha (H, W) with alpha mu nearest to the picture, and the squared distance that it
+    leaves.
 
     image, mean, weight: (H, W, 3), the weight being 1 / sigma^2.
     """
@@ -232,7 +233,7 @@ def background_ratio(
     config: SilhouetteConfig,
     light: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(H, W) log of the background's density over the uniform foreground's, (1/256)^3.
+    """Return (H, W) log of the background's density over the uniform foreground's, (1/256)^3.
 
     The background is N(I; alpha mu, sigma), and the best of two alphas counts: 1, and the light
     factor that fits best within a range. That is the shadow range, at the price of
@@ -264,7 +265,8 @@ def background_ratio(
 
 
 def in_pictures(rig: CameraRig) -> np.ndarray:
-    """(V, height, width) bool: pixels that exist in a view, which may be smaller than others."""
+    """Return (V, height, width) bool: pixels that exist in a view, which may be smaller than
+    others."""
     inside = np.zeros((len(rig), rig.height, rig.width), bool)
     for view, camera in enumerate(rig):
         inside[view, : camera.size[1], : camera.size[0]] = True

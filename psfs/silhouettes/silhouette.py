@@ -97,8 +97,9 @@ class Silhouette:
     def _before_scene(
         self, background: Background, ratios: Array
     ) -> tuple[list[Launch], dict[str, Array]]:
-        """Pictures to log ratios of scene over foreground; and what the scene looks like, the
-        person's colours and the location prior, which the ratios of mixed pixels are made of."""
+        """Return the launches from pictures to log ratios of scene over foreground; and what the
+        scene looks like, the person's colours and the location prior, which the ratios of mixed
+        pixels are made of."""
         device, rig, config = self._device, self.rig, self._config
         rows, columns = cells(rig)
         planes = background_planes(background, config.background)
@@ -111,14 +112,7 @@ class Silhouette:
             floor_points(rig, config.floor.height).astype(np.float32), "the floor"
         )
         if config.appearance.learn:
-            self.foreground = Foreground(
-                device, rig, self.input, self.evidence, colours, location, config
-            )
-            if config.adaptation.rate:
-                frame = (self.input, self.evidence, self.foreground.marks, self._sizes)
-                self.adaptation = Adaptation(
-                    device, rig, config.adaptation, config.background, *frame, scene
-                )
+            self._learn_into(colours, location, scene)
         seen = {"images": self.input, "background": scene, "light": light}
         known = {"colours": colours, "location": location}
         launches = [
@@ -142,8 +136,19 @@ class Silhouette:
         ]
         return launches, {"images": self.input, "background": scene, **known}
 
+    def _learn_into(self, colours: Array, location: Array, scene: Array) -> None:
+        """Make what learns from one frame for the next: the person's colours and location, and the
+        background's drift."""
+        device, rig, config, shown = self._device, self.rig, self._config, self.input
+        self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
+        if config.adaptation.rate:
+            frame = (shown, self.evidence, self.foreground.marks, self._sizes)
+            light = (config.adaptation, config.background)
+            self.adaptation = Adaptation(device, rig, *light, *frame, scene)
+
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
-        """New ratios for the pixels of the rim, and the evidence around them once more."""
+        """Return the launches that make new ratios for the pixels of the rim, and the evidence
+        around them once more."""
         rows, _ = cells(self.rig)
         columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
         shape = (len(self.rig), rows + 2, columns + 2)
@@ -155,7 +160,7 @@ class Silhouette:
         ]
 
     def _packs(self) -> tuple[int, int]:
-        """Packs of pixels along a row, and rows."""
+        """Return the numbers of packs of pixels along a row, and of rows."""
         return -(-self.rig.width // pixel_pack(self._device, self.rig.width)), self.rig.height
 
     def _defines(self) -> dict[str, int | float]:

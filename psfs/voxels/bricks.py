@@ -99,8 +99,8 @@ class Bricks:
 
 
 def lanes_of(device: Device, halo: int) -> dict[str, Define]:
-    """Definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along z that
-    cover a whole row of the brick, and several rows."""
+    """Return the definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along z
+    that cover a whole row of the brick, and several rows."""
     depth = BRICK[2] + 2 * halo
     if not device.is_gpu:
         return {"HALO": halo, "LANES": 1, "LANES_Z": 1}
@@ -108,14 +108,14 @@ def lanes_of(device: Device, halo: int) -> dict[str, Define]:
 
 
 def bricks_along(shape: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Numbers of bricks along x, y, z that cover `shape` voxels."""
+    """Return the numbers of bricks along x, y, z that cover `shape` voxels."""
     nx, ny, nz = (-(-n // b) for n, b in zip(shape, BRICK, strict=True))
     return nx, ny, nz
 
 
 def lens_reach(camera: Camera) -> np.ndarray:
-    """(8,) what bounds a projected box, see `bricks.h`: largest |derivatives| of the pixel by
-    normalised coordinates, px; largest normalised radius of the picture; the radius up to which
+    """Return what bounds a projected box (8,), see `bricks.h`: largest |derivatives| of the pixel
+    by normalised coordinates, px; largest normalised radius of the picture; the radius up to which
     the derivatives hold; largest radius that has an image."""
     largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
     u, v = _polar(min(largest, 20.0))
@@ -142,7 +142,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
 
 
 def _polar(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Normalised coordinates (72, 400) of rays, evenly spaced in angle, up to `radius`."""
+    """Return normalised coordinates (72, 400) of rays, evenly spaced in angle, up to `radius`."""
     turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     r = np.tan(np.linspace(0, np.arctan(radius), 400))
     return r * np.cos(turn), r * np.sin(turn)

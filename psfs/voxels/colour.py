@@ -35,7 +35,6 @@ class SurfaceColour:
         evidence: Array,
         config: ColourConfig | None = None,
     ) -> None:
-        tolerance = float((config or ColourConfig()).tolerance)
         self._grid: VoxelGrid | None = None
         views, height, width = len(rig), rig.height, rig.width
         _, ny, nz = grid.shape
@@ -45,11 +44,12 @@ class SurfaceColour:
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = footprints(rig, grid.voxel_size).astype(np.float32)
         defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
-        defines |= {"CAMERA_FLOATS": CAMERA_FLOATS}
-        kernels = [
+        defines["CAMERA_FLOATS"] = CAMERA_FLOATS
+        tolerance = float((config or ColourConfig()).tolerance)
+        nearest_depth, surface_colour = (
             device.kernel("reconstruction/colour", name, **defines, TOLERANCE=tolerance)
             for name in ("nearest_depth", "surface_colour")
-        ]
+        )
         voxels = {
             "cameras": cameras,
             "geometry": self._geometry,
@@ -58,14 +58,14 @@ class SurfaceColour:
             "depths": self._depths,
         }
         self._splat = device.launch(
-            kernels[0],
+            nearest_depth,
             (16384 if device.is_gpu else 512, views),
             (64, 1),
             **voxels,
             extents=device.to_device(extents, "the footprints"),
         )
         self._colour = device.launch(
-            kernels[1],
+            surface_colour,
             (32768 if device.is_gpu else 512,),
             (64,),
             **voxels,

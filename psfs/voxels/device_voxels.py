@@ -57,7 +57,7 @@ class Voxels:
         return self._colour(self.grid, self._pictures(self.frame.images))
 
     def _pictures(self, images: np.ndarray) -> Array:
-        """The frame's pictures on the device, where silhouettes may be made of masks."""
+        """Return the frame's pictures on the device, where silhouettes may be made of masks."""
         if self._silhouette.background is not None:
             return self._silhouette.input
         if self._images is None:

@@ -33,7 +33,7 @@ class VoxelGrid:
 
     @classmethod
     def covering(cls, low: np.ndarray, high: np.ndarray, voxel_size: float) -> VoxelGrid:
-        """The smallest grid of `voxel_size` that contains the box from `low` to `high`, m."""
+        """Return the smallest grid of `voxel_size` that contains the box from `low` to `high`, m."""
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         if np.any(high <= low):
             raise InputError(f"the volume from {low} to {high} is empty; expected low < high")
@@ -55,7 +55,7 @@ class VoxelGrid:
         return self.origin + self.voxel_size * np.array(self.shape)
 
     def centres(self, indices: np.ndarray | None = None) -> np.ndarray:
-        """Centres (N, 3) m of the voxels with flat `indices` (N,), or of all of them."""
+        """Return centres (N, 3) m of the voxels with flat `indices` (N,), or of all of them."""
         if indices is None:
             indices = np.arange(self.size)
         ijk = np.stack(np.unravel_index(indices, self.shape), -1)

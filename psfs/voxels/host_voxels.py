@@ -25,7 +25,8 @@ class HostVoxels:
     colours: Callable[[], np.ndarray] | None = None
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
-        """The surface voxels, with `colour` in RGB. Raises InputError if there is no picture."""
+        """Return the surface voxels, with `colour` in RGB. Raises InputError if there is no
+        picture."""
         if colour and self.colours is None:
             raise InputError("the frame has no pictures to colour its voxels with; expected images")
         rgb = self.colours()[:, :3] if colour and self.colours else None

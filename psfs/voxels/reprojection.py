@@ -112,7 +112,7 @@ class Reprojection:
 
 
 def edge_reach(rig: CameraRig, sigma: float | None, radius: int | None) -> tuple[float, int]:
-    """sigma and radius in px, with the defaults that `Reprojection` states."""
+    """Return sigma and radius in px, with the defaults that `Reprojection` states."""
     sigma = 4.0 * rig.width / 640 if sigma is None else float(sigma)
     if not sigma > 0:
         raise InputError(f"the edge width is {sigma} px; expected a positive number")
@@ -123,7 +123,8 @@ def edge_reach(rig: CameraRig, sigma: float | None, radius: int | None) -> tuple
 
 
 def proximity_table(sigma: float, radius: int) -> np.ndarray:
-    """(radius^2 + 2,) uint8: proximity by squared distance; the last entry is "out of reach"."""
+    """Return (radius^2 + 2,) uint8: proximity by squared distance; the last entry is "out of
+    reach"."""
     squared = np.arange(radius**2 + 2)
     table = np.rint(255 * np.exp(-squared / (2 * sigma**2))).astype(np.uint8)
     table[-1] = 0

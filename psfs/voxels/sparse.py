@@ -72,8 +72,8 @@ class SparseSurface:
         self.list()
 
     def surface_probability(self, count: int) -> np.ndarray:
-        """(count,) float32 probabilities of the surface voxels, downloaded. Raises InputError if
-        there was no room for them."""
+        """Return (count,) float32 probabilities of the surface voxels, downloaded. Raises
+        InputError if there was no room for them."""
         self.check_room()
         device = self._bricks.device
         out = device.empty(max(count, 1), np.float32, "the surface's probability")

@@ -99,7 +99,7 @@ class Surface:
         self.list()
 
     def surface_probability(self, count: int) -> np.ndarray:
-        """(count,) float32 probabilities of the surface voxels, downloaded."""
+        """Return (count,) float32 probabilities of the surface voxels, downloaded."""
         out = self._device.empty(max(count, 1), np.float32, "the surface's probability")
         self._device.launch(
             self._gather,

@@ -19,7 +19,7 @@ inline float light_factor(__global const uchar *colour, __global const float *pl
     return alpha;
 }
 
-// The light on the floor behind every cell: the brightest that any other camera sees there, told
+// The light on the floor behind every cell: the brightest that any other camera sees there,
 // in steps of 1 / 127, times 2, plus 1 where there is floor at all. A camera whose pixel cannot be
 // floor, shaded or not, has no say; where nobody has, the floor is lit. The person who hides
 // the floor from some cameras may be dark like a shadow, but others see the floor beside him.
@@ -55,6 +55,6 @@ __kernel void floor_light(__global const float *restrict cameras,
                                          background + (size_t)other * 8 * PIXELS + at, &left);
         if (left < FLOOR_LEFT && alpha < SHADOW_HIGH && alpha > brightest) brightest = alpha;
     }
-    const int told = brightest > 0.0f && brightest < 1.0f ? (int)(127.0f * brightest + 0.5f) : 127;
-    light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * told + on_floor;
+    const int steps = brightest > 0.0f && brightest < 1.0f ? (int)(127.0f * brightest + 0.5f) : 127;
+    light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
 }

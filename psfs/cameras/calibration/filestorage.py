@@ -63,7 +63,7 @@ class Storage:
         return next((self._storage.getNode(name) for name in names if name in self.keys), None)
 
     def matrix(self, names: Sequence[str]) -> np.ndarray:
-        """The first of `names` that is there, float64. Raises InputError when none is."""
+        """Return the first of `names` that is there, float64. Raises InputError when none is."""
         node = self._node(names)
         if node is None:
             raise InputError(f"no {names[0]} among {listed(self.keys)}; expected one of {names}")
@@ -86,9 +86,8 @@ def read_filestorage(
     sizes: Sizes = None,
     names: Sequence[str] | None = None,
 ) -> CameraRig:
-    """One camera per path, named after its file or by `names`. The format has no unit: metres
-    unless `unit` says otherwise. Sizes come from image_width, image_height where present.
-    """
+    """Read one camera per path, named after its file or by `names`. The format has no unit: metres
+    unless `unit` says otherwise. Sizes come from image_width, image_height where present."""
     names = list(names or [path.stem for path in paths])
     cameras = []
     for index, (name, path) in enumerate(zip(names, paths, strict=True)):
@@ -112,9 +111,8 @@ def _camera(storage: Storage, name: str, size: Size) -> Camera:
 
 
 def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
-    """EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n); metres
-    unless `unit` says otherwise.
-    """
+    """Read EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n); metres
+    unless `unit` says otherwise."""
     with naming(folder / "intri.yml"):
         intrinsic = Storage(folder / "intri.yml")
         names = intrinsic.strings("names")

@@ -30,7 +30,7 @@ _COUNT = 22
 def read_humaneva(
     paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
 ) -> CameraRig:
-    """One camera per path, named after the file. Millimetres unless `unit` says otherwise."""
+    """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
     by_name = {path.stem: path for path in paths}
 
     def camera(name: str, size: Size) -> Camera:

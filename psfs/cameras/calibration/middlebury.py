@@ -23,9 +23,8 @@ _NUMBERS = 21
 
 
 def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
-    """Cameras in the order of the file, named after their images without suffix. Metres unless
-    `unit` says otherwise. No distortion.
-    """
+    """Read the cameras in the order of the file, named after their images without suffix. Metres
+    unless `unit` says otherwise. No distortion."""
     with naming(path):
         lines = [line.split() for line in read_text(path).splitlines() if line.strip()]
         promised = " ".join(lines.pop(0)) if lines else "nothing"

@@ -16,9 +16,8 @@ from psfs.cameras.units import Unit
 
 
 def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
-    """Cameras in the order of the file; without names they are cam01, cam02, ... The format has
-    no unit: metres unless `unit` says otherwise. No distortion.
-    """
+    """Read the cameras in the order of the file; without names they are cam01, cam02, ... The
+    format has no unit: metres unless `unit` says otherwise. No distortion."""
     with naming(path):
         matrices = _matrices(read_text(path))
         names = list(matrices)
@@ -44,7 +43,7 @@ def _matrices(text: str) -> dict[str, np.ndarray]:
 
 
 def decomposed(name: str, P: np.ndarray, size: Size) -> Camera:
-    """The camera with P ~ K [R t] up to scale, by RQ decomposition of P[:, :3].
+    """Return the camera with P ~ K [R t] up to scale, by RQ decomposition of P[:, :3].
 
     The signs are chosen so that K has a positive diagonal and det R = +1 (P and -P are the same
     projection, so the overall sign is free).

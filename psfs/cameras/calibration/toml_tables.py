@@ -28,7 +28,7 @@ _NEEDED = ("matrix", "distortions", "rotation", "translation")
 
 
 def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
-    """Cameras in natural order of their names. Metres unless `unit` says otherwise.
+    """Read the cameras in natural order of their names. Metres unless `unit` says otherwise.
 
     FreeMoCap files (they have world_position) come in any unit and say none, so they need
     `unit`. Raises InputError naming file, camera and key.

@@ -19,7 +19,7 @@ def _matches(folder: Path, settings: Settings) -> bool:
 
 
 def _pictures(folder: Path, prefix: str) -> Found:
-    """Image lists by camera name: CAM1 and FG1 belong to Camera1.cal."""
+    """Return image lists by camera name: CAM1 and FG1 belong to Camera1.cal."""
     folders = [path for path in folder.glob(f"{prefix}[0-9]*") if path.is_dir()]
     folders.sort(key=lambda path: natural_key(path.name))
     found = {f"Camera{name_tokens(path.name)[-1]}": images_in(path) for path in folders}

@@ -42,19 +42,19 @@ class Layout:
 
 
 def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> CameraRig:
-    """The calibration at `path`; sizes that it lacks are taken from the pictures `found`."""
+    """Return the calibration at `path`; sizes that it lacks are taken from the pictures `found`."""
     return read_calibration(path, settings.unit, sizes_of(found, where, settings))
 
 
 def sizes_of(found: Found, where: Path, settings: Settings) -> Sizes:
-    """Tells a calibration's names the sizes of the pictures that match them."""
+    """Return what gives a calibration's names the sizes of the pictures that match them."""
     return lambda names: measured_sizes(names, found, where, settings)
 
 
 def measured_sizes(
     names: Sequence[str], found: Found, where: Path, settings: Settings
 ) -> list[Size]:
-    """The size of each named camera's pictures."""
+    """Return the size of each named camera's pictures."""
     pairs, _ = matched(names, list(found), str(where), settings.cameras)
     measured = {camera: picture_size(found[name][0]) for camera, name in pairs.items()}
     # Cameras without pictures are among those that the subset leaves out.
@@ -64,7 +64,7 @@ def measured_sizes(
 def assigned(
     rig: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
 ) -> tuple[tuple[Media, ...], list[str]]:
-    """The pictures of each camera of `rig` (already the chosen subset), and remarks.
+    """Return the pictures of each camera of `rig` (already the chosen subset), and remarks.
 
     With `extras`, files that belong to no camera are passed over. Raises InputError when files
     and cameras do not fit, or a picture's size is not its camera's.
@@ -82,5 +82,5 @@ def assigned(
 
 
 def chosen(rig: CameraRig, settings: Settings) -> CameraRig:
-    """The cameras that the settings name, or all."""
+    """Return the cameras that the settings name, or all."""
     return rig if settings.cameras is None else rig.subset(settings.cameras)

@@ -31,7 +31,7 @@ def _kind(path: Path) -> str:
 
 
 def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[Path]]]:
-    """Files by kind and camera."""
+    """Return files by kind and camera."""
     found: dict[str, dict[str, list[Path]]] = {"images": {}, "masks": {}, "background": {}}
     for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
         if path.suffix.lower() not in IMAGE_SUFFIXES | VIDEO_SUFFIXES:

@@ -61,7 +61,7 @@ def still() -> tuple:
     """The rig, the background and 100 noisy frames of the test body that keeps still."""
     rig, random = scenes.ring(5), np.random.default_rng(0)
     shape = (5, rig.height, rig.width, 3)
-    grey = random.uniform(60, 140, shape[:3]).astype(np.float32)  # no chromaticity tells shadows
+    grey = random.uniform(60, 140, shape[:3]).astype(np.float32)  # no chromaticity betrays shadows
     mean = np.repeat(grey[..., None], 3, axis=-1)
     background = Background(mean, np.full(shape, 3.0, np.float32))
     scene = np.where(scenes.masks_of(rig)[..., None] > 0, np.float32(220), mean)

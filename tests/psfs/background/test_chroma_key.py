@@ -1,4 +1,4 @@
-"""A screen of one colour as background: found, told from the person, by kernel and twin alike."""
+"""A screen of one colour as background: found, and kept apart from the person."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
     expected = silhouette_evidence(images, rig, background, config)
     assert (np.abs(counts - expected) > 1).mean() < 1e-3
     assert 0.05 < (expected > 0).mean() < 0.95
-    assert not counts[:, :, :8].any()  # nothing is told from beside the screen
+    assert not counts[:, :, :8].any()  # nothing is said of what lies beside the screen
     assert silhouette.foreground is None
 
 
@@ -132,6 +132,6 @@ def test_an_empty_plate_says_where_the_screen_is(tmp_path: Path) -> None:
     path = tmp_path / "c0.png"
     assert cv2.imwrite(str(path), plate)
     media = (open_media("c0", [path]),)
-    told = key_from_media(rig, media, empty=True).screen[0]
-    assert told[:, 21:].all() and not told[:, :19].any()
+    screen = key_from_media(rig, media, empty=True).screen[0]
+    assert screen[:, 21:].all() and not screen[:, :19].any()
     assert key_from_media(rig, media, empty=False).screen.all()
