@@ -103,7 +103,7 @@ class Sequence:
         return self.frames()
 
     def read(self, index: int) -> Frame:
-        """Decode one frame; negative indices count from the end. Raises IndexError beyond the ends."""
+        """Decode one frame; negative indices count from the end. Raises IndexError beyond it."""
         number = range(len(self))[index]
         frames = self._decoded(range(number, number + 1))
         frame = next(frames)

@@ -9,7 +9,7 @@ from cl import InputError
 
 
 def name_tokens(name: str) -> tuple[str, ...]:
-    """Return the words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
+    """Return words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
     tokens = re.findall(r"[^\W\d_]+|\d+", name.lower())
     return tuple(str(int(token)) if token.isdigit() else token for token in tokens)
 

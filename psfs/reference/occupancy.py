@@ -18,7 +18,7 @@ def padded_grid(grid: VoxelGrid) -> VoxelGrid:
 def occupancy(
     rig: CameraRig, grid: VoxelGrid, evidence: np.ndarray, step: float, config: OccupancyConfig
 ) -> np.ndarray:
-    """Return P(V = 1) (nx + 2, ny + 2, nz + 2) of the padded grid from evidence counts (V, H, W)."""
+    """Return P(V = 1) of the padded grid (nx + 2, ny + 2, nz + 2) by evidence counts (V, H, W)."""
     padded = padded_grid(grid)
     centres = padded.centres()
     log_odds = np.full(len(centres), np.log(config.prior / (1 - config.prior)))

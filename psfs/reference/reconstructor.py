@@ -103,7 +103,7 @@ class NumpyReconstructor:
 
 
 def physical_memory() -> int:
-    """Return the bytes of this machine's memory, or a very large number where that cannot be asked."""
+    """Return the bytes of this machine's memory; a very large number where nobody knows."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):

@@ -26,7 +26,7 @@ def splat(
 
 
 def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the pixels inside with a 4-neighbour outside; the border of the picture is no boundary."""
+    """Return the pixels inside with a 4-neighbour outside; the picture's border is no boundary."""
     width, height = size
     picture = silhouette[:height, :width]
     inside = ndimage.binary_erosion(picture, border_value=1)

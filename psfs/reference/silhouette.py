@@ -102,7 +102,7 @@ def mixed_ratio(
 def _log_ratios(
     images: np.ndarray, rig: CameraRig, background: Background, config: SilhouetteConfig
 ) -> list[np.ndarray]:
-    """Return (H, W) of every view: log of the background's density over the uniform foreground's."""
+    """Return every view's (H, W) log of the background's density over the uniform foreground's."""
     if isinstance(background, ChromaKey):
         return [
             chroma_ratio(image, background, v, config.chroma_key) for v, image in enumerate(images)

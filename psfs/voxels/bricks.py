@@ -99,8 +99,8 @@ class Bricks:
 
 
 def lanes_of(device: Device, halo: int) -> dict[str, Define]:
-    """Return the definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along z
-    that cover a whole row of the brick, and several rows."""
+    """Return the definitions of a brick kernel's work-group: one item on CPUs; on GPUs items along
+    z that cover a whole row of the brick, and several rows."""
     depth = BRICK[2] + 2 * halo
     if not device.is_gpu:
         return {"HALO": halo, "LANES": 1, "LANES_Z": 1}

@@ -33,7 +33,7 @@ class VoxelGrid:
 
     @classmethod
     def covering(cls, low: np.ndarray, high: np.ndarray, voxel_size: float) -> VoxelGrid:
-        """Return the smallest grid of `voxel_size` that contains the box from `low` to `high`, m."""
+        """Return the smallest grid of `voxel_size` that holds the box from `low` to `high`, m."""
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         if np.any(high <= low):
             raise InputError(f"the volume from {low} to {high} is empty; expected low < high")
