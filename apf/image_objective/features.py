@@ -16,6 +16,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.sequence import frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
+from psfs.voxels.edge_distance import distance_defines, tiles_of
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -61,7 +62,7 @@ class Features:
         region = device.launch(
             kernel, (len(rig) * _GROUP,), (_GROUP,), **self._where, evidence=self._evidence
         )
-        self._launches = [region, *self._edge_launches(), *self._distance_launches()]
+        self._launches = [region, *self._edge_launches(), self._distance_launch()]
 
     def __call__(self, frame: Frame) -> Array:
         """Enqueue the features of `frame` and return `maps`. Raises InputError without pictures."""
@@ -97,12 +98,10 @@ class Features:
             self._launch("gradient_edges", 0, **planes, **found),
         ]
 
-    def _distance_launches(self) -> list[Launch]:
-        """Return the launches that fill `maps`."""
+    def _distance_launch(self) -> Launch:
+        """Return the launch that fills `maps`."""
         table = self.config.proximity.table(self.rig)
-        return distance_launches(
-            self.device, self._evidence, self._edges, self.roi, table, self.maps
-        )
+        return distance_launch(self.device, self._evidence, self._edges, self.roi, table, self.maps)
 
     def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
@@ -130,41 +129,31 @@ class Features:
         )
 
 
-def distance_launches(
+def distance_launch(
     device: Device, evidence: Array, edges: Array, roi: Array, table: np.ndarray, maps: Array
-) -> list[Launch]:
-    """Return the launches that fill `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).
+) -> Launch:
+    """Return the launch that fills `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).
 
     Channel 0: 255 where `evidence` (V, H, W) int8 is positive. Channel 1: the entry of `table`
     (reach^2 + 2,) uint8 at the exact squared distance, px^2, to the nearest of the `edges`
     (V, H, W) uint8 in the region, the last entry beyond reach.
     """
     views, height, width = edges.shape
-    reach = math.isqrt(len(table) - 2)
-    pitch, strips = width + 2 * reach + _STRIP, -(-width // _STRIP)
-    defines = {"WIDTH": width, "HEIGHT": height, "REACH": reach, "STRIP": _STRIP}
-    gaps = device.empty((views, height, pitch), np.uint16, "the edge distances")
-    proximity = device.to_device(table, "the proximity table")
-    return [
-        device.launch(
-            device.kernel("image/distance", "column_gaps", **defines),
-            (pitch, views),
-            (64, 1),
-            edges=edges,
-            regions=roi,
-            gaps=gaps,
-        ),
-        device.launch(
-            device.kernel("image/distance", "nearest_edge", **defines),
-            (strips, height, views),
-            row_group(device, strips),
-            evidence=evidence,
-            gaps=gaps,
-            regions=roi,
-            proximity=proximity,
-            maps=maps,
-        ),
-    ]
+    # No distance is longer than the picture's diagonal.
+    reach = min(math.isqrt(len(table) - 2), math.isqrt(width**2 + height**2) + 1)
+    table = np.append(table[: reach**2 + 1], table[-1:])
+    defines = distance_defines(device, width, height, reach)
+    group = defines["GROUP"]
+    return device.launch(
+        device.kernel("image/distance", "edge_proximity", **defines),
+        (tiles_of(defines) * group, views),
+        (group, 1),
+        evidence=evidence,
+        edges=edges,
+        regions=roi,
+        proximity=device.to_device(table, "the proximity table"),
+        maps=maps,
+    )
 
 
 def edge_pictures(frame: Frame) -> np.ndarray:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, InputError
-from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.voxels.device_voxels import Voxels
+from psfs.voxels.edge_distance import LOT, distance_defines, tiles_of
 from psfs.voxels.grid import VoxelGrid
 
-#: Items that work on a tile of the maps; the edges of a tile and of what a mark stands for, px.
-_GROUP = 256
-_TILE, _MARK = 32, 8
-#: Bytes that a CPU reads together.
-_LOT = 16
+#: Edge of what a mark stands for, px.
+_MARK = 8
 
 
 class Reprojection:
@@ -44,32 +41,26 @@ class Reprojection:
         self._shape = grid.shape
         self._voxels: Voxels | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
-        tiles = -(-height // _TILE) * -(-width // _TILE)
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
         # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
         marks = -(-height // _MARK) * -(-width // _MARK)
-        nbytes = (views * height + 2) * width + views * marks + _LOT
+        nbytes = (views * height + 2) * width + views * marks + LOT
         self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         self._cameras = device.to_device(self.rig.packed(), "the cameras")
         sizes = device.to_device(np.array([c.size for c in self.rig], np.int32), "picture sizes")
         table = device.to_device(proximity_table(self.sigma, self.radius), "the proximity table")
         _, ny, nz = grid.shape
-        self._defines = pack_defines(device, _GROUP) | {
-            "WIDTH": width,
-            "HEIGHT": height,
-            "RADIUS": self.radius,
+        self._defines = distance_defines(device, width, height, self.radius) | {
             "NY": ny,
             "NZ": nz,
             "CAMERA_FLOATS": CAMERA_FLOATS,
-            "TILE": _TILE,
             "MARK": _MARK,
-            "LOT": 1 if device.is_gpu else _LOT,
         }
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
-            (tiles * group, views),
+            (tiles_of(self._defines) * group, views),
             (group, 1),
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,

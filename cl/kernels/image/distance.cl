@@ -1,70 +1,62 @@
-// Exact Euclidean distance to the nearest edge within a region of every view, in two passes (Saito
-// & Toriwaki 1994), as a table of proximity says it; twin: reference/image_objective/features.py.
-// Defines: WIDTH, HEIGHT of the stack of views; REACH, the largest distance that the table tells
-// from infinity, px. A region is (x0, y0, x1, y1), the ends excluded. `gaps` has PITCH columns,
-// REACH of them left of the picture and REACH + STRIP right of it, which spare the second pass its
-// bounds.
-#if !defined(HEIGHT) || !defined(REACH) || !defined(STRIP) || !defined(WIDTH)
-#error "image/distance.cl needs HEIGHT, REACH, STRIP and WIDTH"
-#endif
-#if STRIP != 8
-#error "distance.cl: a strip is a vector of 8 numbers"
-#endif
-#define PITCH (WIDTH + 2 * REACH + STRIP)
-
-#if REACH <= 180 // (REACH + 1)^2 + REACH^2 fits into 16 bits
-typedef ushort8 Squares;
-#define convert_squares(gaps) (gaps)
-#else
-typedef uint8 Squares;
-#define convert_squares convert_uint8
+// Proximity to the nearest edge within a region of every view; twin: reference/image_objective/
+// features.py. Defines: WIDTH, HEIGHT of the stack of views; those of distance.h. A region is (x0,
+// y0, x1, y1), the ends excluded.
+#if !defined(HEIGHT)
+#error "image/distance.cl needs HEIGHT"
 #endif
 
-// Distance along the column to the nearest edge, REACH + 1 if there is none in reach or the column
-// lies beside the region; one work-item per column and view.
-__kernel void column_gaps(__global const uchar *restrict edges,
-                          __global const int4 *restrict regions, __global ushort *restrict gaps)
+#define TILES_X ((WIDTH + TILE - 1) / TILE)
+// The edges (255) of a view within a region, whose right end is that of the columns. n_bytes: from
+// the view on to the end of the stack.
+typedef struct { __global const uchar *edges; int4 region; int n_bytes; } edge_source;
+#include "common/distance.h"
+
+inline bytes edges_of(const edge_source *source, columns at, int y)
 {
-    const int view = get_global_id(1);
-    const int4 box = regions[view];
-    const int x = box.x - REACH + (int)get_global_id(0);
-    if (box.z == 0 || x >= box.z + REACH + STRIP) return;
-    const bool inside = x >= box.x && x < box.z;
-    __global const uchar *edge = edges + (size_t)view * HEIGHT * WIDTH + x;
-    __global ushort *column = gaps + (size_t)view * HEIGHT * PITCH + REACH + x;
-    int gap = REACH + 1;
-    for (int y = box.y; y < box.w; ++y) {
-        gap = inside && edge[y * WIDTH] ? 0 : min(gap + 1, REACH + 1);
-        column[y * PITCH] = gap;
+    const int place = y * WIDTH + at.x;
+    if (y < source->region.y || y >= source->region.w) return (bytes)0;
+#if LOT > 1
+    if (place + LOT > source->n_bytes) { // a lot at the very end of the stack
+        uchar last[LOT];
+        for (int l = 0; l < LOT; ++l)
+            last[l] = place + l < source->n_bytes ? source->edges[place + l] : 0;
+        return vload16(0, last) & at.below;
     }
-    for (int y = box.w - 1; inside && y >= box.y; --y) {
-        gap = min(gap + 1, (int)column[y * PITCH]);
-        column[y * PITCH] = gap;
-    }
+#endif
+    return MAP_BYTES(source->edges + place) & at.below;
 }
 
-// The least of gap^2 + dx^2 along the row; a work-item makes STRIP pixels. maps: (silhouette,
-// proximity) by `proximity` (REACH^2 + 2), whose last entry stands for all that is out of reach.
-__kernel void nearest_edge(__global const char *restrict evidence,
-                           __global const ushort *restrict gaps,
-                           __global const int4 *restrict regions,
-                           __global const uchar *restrict proximity,
-                           __global uchar2 *restrict maps)
+// maps: within the regions (silhouette, proximity), by `proximity` (REACH^2 + 2) at the exact
+// squared distance to the nearest edge, whose last entry stands for all that is out of reach. One
+// work-group per tile and view.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void edge_proximity(__global const char *restrict evidence, __global const uchar *restrict edges,
+                    __global const int4 *restrict regions,
+                    __global const uchar *restrict proximity, __global uchar2 *restrict maps)
 {
-    const int view = get_global_id(2);
+    __local gap_type gap[TILE_ROWS * SPAN + LOT], distance[SPAN + LOT];
+    __local square_type squares[N_SQUARES];
+    const int lane = get_local_id(0), view = get_global_id(1);
+    const int left = get_group_id(0) % TILES_X * TILE, top = get_group_id(0) / TILES_X * TILE_ROWS;
     const int4 box = regions[view];
-    const int x = box.x + STRIP * get_global_id(0), y = box.y + get_global_id(1);
-    if (x >= box.z || y >= box.w) return;
-    __global const ushort *row = gaps + ((size_t)view * HEIGHT + y) * PITCH + REACH + x;
-    Squares least = (Squares)(REACH * REACH + 1);
-    for (int dx = -REACH; dx <= REACH; ++dx) {
-        const Squares gap = convert_squares(vload8(0, row + dx));
-        const Squares squared = gap * gap + (Squares)(dx * dx);
-        least = squared < least ? squared : least;
-    }
-    uint squared[STRIP];
-    vstore8(convert_uint8(least), 0, squared);
-    const size_t at = ((size_t)view * HEIGHT + y) * WIDTH + x;
-    for (int i = 0; i < min(STRIP, box.z - x); ++i)
-        maps[at + i] = (uchar2)(evidence[at + i] > 0 ? 255 : 0, proximity[squared[i]]);
+    const int2 low = max((int2)(left, top), box.xy);
+    const int2 end = min((int2)(left + TILE, top + TILE_ROWS), box.zw);
+    const int column_step = GROUP < TILE ? GROUP : TILE, row_step = GROUP / column_step;
+    // A tile beside the region looks at nothing; it does not return, because PoCL 3 miscompiles
+    // that.
+    const bool inside = low.x < end.x && low.y < end.y;
+    const int x0 = max(left - REACH, box.x), x1 = inside ? min(left + TILE + REACH, box.z) : x0;
+    const size_t first = (size_t)view * HEIGHT * WIDTH;
+    const edge_source source = {edges + first, box,
+                                ((int)get_global_size(1) - view) * HEIGHT * WIDTH};
+    find_gaps(&source, WIDTH, left, top, x0, x1, distance, gap, squares);
+    for (int y = low.y + lane / TILE; y < (inside ? end.y : low.y); y += row_step)
+        for (int x = left + lane % TILE * LOT; x < end.x; x += column_step * LOT) {
+            square_type found[LOT];
+            STORE_LOT(least_squares(gap, squares, x - left, y - top), found);
+            const size_t at = first + y * WIDTH + x;
+            for (int l = 0; l < LOT; ++l)
+                if (x + l >= low.x && x + l < end.x)
+                    maps[at + l] = (uchar2)(evidence[at + l] > 0 ? 255 : 0, proximity[found[l]]);
+        }
 }

@@ -10,7 +10,7 @@ import pytest
 from helpers import scenes
 
 from apf.image_objective.config import FeatureConfig, ProximityConfig
-from apf.image_objective.features import Features, distance_launches
+from apf.image_objective.features import Features, distance_launch
 from apf.reference.image_objective.features import NumpyFeatures, proximity, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
@@ -107,15 +107,14 @@ def test_sobel_as_opencv_has_it() -> None:
 def test_distances_are_exact(device: Device, density: float, reach: int) -> None:
     """Against cv2.distanceTransform: a table that tells all squared distances from each other."""
     random = np.random.default_rng(int(1000 * density))
-    shape = (2, 61, 83)
+    shape = (2, 61, 193)  # a diagonal of more than 200 px
     edges = np.where(random.random(shape) < density, np.uint8(255), np.uint8(0))
-    roi = np.array([[0, 0, 83, 61], [11, 7, 59, 40]], np.int32)
+    roi = np.array([[0, 0, 193, 61], [11, 7, 109, 40]], np.int32)
     table = (np.arange(reach**2 + 2) * 37 % 251).astype(np.uint8)
     maps = device.zeros((*shape, 2), np.uint8)
     evidence = device.zeros(shape, np.int8)
     arrays = (evidence, device.to_device(edges), device.to_device(roi), table, maps)
-    for launch in distance_launches(device, *arrays):
-        launch()
+    distance_launch(device, *arrays)()
     for view, (x0, y0, x1, y1) in enumerate(roi):
         expected = np.zeros(shape[1:], np.uint8)
         expected[y0:y1, x0:x1] = proximity(edges[view, y0:y1, x0:x1] > 0, table)
