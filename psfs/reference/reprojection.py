@@ -8,6 +8,7 @@ from scipy import ndimage
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints, pixel_boxes
+from psfs.reference.edge_distance import proximity
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
 from psfs.voxels.reprojection import edge_reach, proximity_table
@@ -35,15 +36,6 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return edge
 
 
-def edge_proximity(edge: np.ndarray, sigma: float, radius: int) -> np.ndarray:
-    """Return (H, W) uint8, see `psfs.voxels.reprojection.Reprojection`."""
-    if not edge.any():
-        return np.zeros(edge.shape, np.uint8)
-    squared = np.rint(ndimage.distance_transform_edt(~edge) ** 2).astype(int)
-    table = proximity_table(sigma, radius)
-    return table[np.minimum(squared, radius**2 + 1)]
-
-
 class NumpyReprojection:
     """Same signature and results as `Reprojection`; the maps are a NumPy array."""
 
@@ -69,5 +61,5 @@ class NumpyReprojection:
             silhouette = splat(camera, centres, extents[view], shape)
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
-            maps[view, ..., 1] = edge_proximity(edge, self.sigma, self.radius)
+            maps[view, ..., 1] = proximity(edge, proximity_table(self.sigma, self.radius))
         return maps

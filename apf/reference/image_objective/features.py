@@ -12,6 +12,7 @@ from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import canny_edges, edge_pictures
 from cl import NumpyDevice
 from psfs.cameras.camera import CameraRig
+from psfs.reference.edge_distance import proximity
 from psfs.reference.reprojection import boundary
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.sequence import frame_input
@@ -60,17 +61,6 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
     gy = cv2.sepFilter2D(grey, cv2.CV_64F, _SMOOTHING, _DERIVATIVE, borderType=border)
     edges: np.ndarray = gx**2 + gy**2 >= config.squared_threshold / 16**2
     return edges
-
-
-def proximity(edges: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return (h, w) uint8: the table's entry at the squared distance to the nearest of `edges`
-    (h, w)."""
-    if not edges.any():
-        return np.full(edges.shape, table[-1])
-    away = np.where(edges, np.uint8(0), np.uint8(255))
-    distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    squared = np.rint(distance.astype(np.float64) ** 2).astype(int)
-    return table[np.minimum(squared, len(table) - 1)]
 
 
 class NumpyFeatures:

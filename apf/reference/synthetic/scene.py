@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.synthetic.render import FAR, HIT, MARCH_STEPS
 from psfs.cameras.camera import Camera
+
+HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
 
 
 def camera_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:

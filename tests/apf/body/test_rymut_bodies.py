@@ -17,11 +17,12 @@ from apf.filters.method import Method
 from apf.image_objective.config import ProximityConfig
 from apf.image_objective.renderer import cone_edges
 from apf.initialisation.from_joints import fit_to_joints
-from apf.reference.image_objective.features import proximity, region
+from apf.reference.image_objective.features import region
 from apf.reference.image_objective.render import flat_body
 from apf.scene import Scene
 from cl import Device
 from psfs.cameras.camera import CameraRig
+from psfs.reference.edge_distance import proximity
 
 NAMES = ("rymut31", "rymut31_upper", "rymut31_lower")
 

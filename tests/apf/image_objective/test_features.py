@@ -11,9 +11,10 @@ from helpers import scenes
 
 from apf.image_objective.config import FeatureConfig, ProximityConfig
 from apf.image_objective.features import Features, distance_launch
-from apf.reference.image_objective.features import NumpyFeatures, proximity, region, sobel_edges
+from apf.reference.image_objective.features import NumpyFeatures, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
 from psfs.background.gaussian import Background
+from psfs.reference.edge_distance import proximity
 
 #: Pictures as narrow as the tests' would shrink all lengths to a pixel.
 WIDE = {"dilation": 20, "margin": 40}
@@ -105,7 +106,7 @@ def test_sobel_as_opencv_has_it() -> None:
 @pytest.mark.parametrize("density", [0.0, 0.001, 0.2])
 @pytest.mark.parametrize("reach", [0, 7, 200])
 def test_distances_are_exact(device: Device, density: float, reach: int) -> None:
-    """Against cv2.distanceTransform: a table that tells all squared distances from each other."""
+    """Against the twin: a table that tells all squared distances from each other."""
     random = np.random.default_rng(int(1000 * density))
     shape = (2, 61, 193)  # a diagonal of more than 200 px
     edges = np.where(random.random(shape) < density, np.uint8(255), np.uint8(0))

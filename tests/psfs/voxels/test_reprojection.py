@@ -10,10 +10,11 @@ from scipy import ndimage
 from cl import Device, NumpyDevice
 from psfs.cameras.footprints import footprints
 from psfs.reconstructor import Reconstructor
-from psfs.reference.reprojection import NumpyReprojection, boundary, edge_proximity, splat
+from psfs.reference.edge_distance import proximity
+from psfs.reference.reprojection import NumpyReprojection, boundary, splat
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels, surface_indices, voxel_silhouette
-from psfs.voxels.reprojection import Reprojection, edge_reach
+from psfs.voxels.reprojection import Reprojection, edge_reach, proximity_table
 
 
 def both(device: Device, rig, grid, masks, **options):
@@ -40,7 +41,7 @@ def test_edges_are_exact_for_the_same_silhouette(device: Device) -> None:
     sigma, radius = edge_reach(rig, None, None)
     for view, camera in enumerate(rig):
         edge = boundary(maps[view, ..., 0] > 0, camera.size)
-        expected = edge_proximity(edge, sigma, radius)
+        expected = proximity(edge, proximity_table(sigma, radius))
         np.testing.assert_array_equal(maps[view, ..., 1], expected)
 
 

@@ -1,0 +1,15 @@
+"""Twin of common/distance.h: proximity by the exact distance to the nearest edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+
+def proximity(edges: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Return (h, w) uint8: the entry of `table` (reach^2 + 2,) at the squared distance, px^2, to
+    the nearest of `edges` (h, w) bool; the last entry beyond reach."""
+    if not edges.any():
+        return np.full(edges.shape, table[-1])
+    squared = np.rint(ndimage.distance_transform_edt(~edges) ** 2).astype(int)
+    return table[np.minimum(squared, len(table) - 1)]
