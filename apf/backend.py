@@ -30,7 +30,7 @@ from apf.reference.filters.swarm import NumpyParticleSwarm
 from apf.reference.image_objective import render
 from apf.reference.image_objective.features import NumpyFeatures
 from apf.reference.image_objective.objective import NumpyImageObjective
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for

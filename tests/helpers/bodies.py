@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body import BodyModel, load_body
+from apf.body import BodyModel, load_body, posed_cones
 
 #: Small and awkward: a root away from the origin, free axes whose order in the pose is not that
 #: of the file, inverted ones, a slider after a hinge, a turned bone, elliptic sections, a cone that
@@ -96,3 +96,15 @@ def random_poses(body: BodyModel, n: int, seed: int = 0, wild: bool = False) -> 
         return random.uniform(low, high, (n, body.n_dof))
     poses = body.rest_pose + random.normal(0, 0.15, (n, body.n_dof))
     return np.clip(poses, body.lower, body.upper)
+
+
+def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
+    """Points (n, 3) on the sides of the cones of `pose`, the same number on each."""
+    random = np.random.default_rng(5)
+    cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
+    t, angle = random.uniform(0.05, 0.95, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))
+    x, y = (cones[:, k : k + 3] for k in (8, 12))
+    radius = cones[:, 3:4] + t * (cones[:, 7:8] - cones[:, 3:4])
+    circle = np.cos(angle) * x / np.sum(x * x, -1, keepdims=True)
+    circle += np.sin(angle) * y / np.sum(y * y, -1, keepdims=True)
+    return cones[:, 0:3] + t * (cones[:, 4:7] - cones[:, 0:3]) + radius * circle

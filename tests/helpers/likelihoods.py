@@ -12,7 +12,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.likelihood.voxel import VoxelLikelihood, cone_sampling
-from apf.reference.likelihood.voxel import posture_errors, share, total_errors
+from apf.reference.likelihood.voxel import posture_errors, subset, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
@@ -80,7 +80,7 @@ class Setup:
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
         cones = posed_cones(self.body, self.poses)
         sampling = cone_sampling(self.body, self.config.sample_spacing)
-        seen = share(points, turn, self.config.point_turns)
+        seen = subset(points, turn, self.config.point_turns)
         errors = total_errors(
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from apf.body.model import BodyModel
 from apf.likelihood.base import Likelihood
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 from cl import Array, Device
 
 

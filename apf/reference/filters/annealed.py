@@ -16,7 +16,8 @@ from apf.reference.filters.annealing import (
 )
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.noise import uniform
-from apf.reference.likelihood.voxel import NumpyLikelihood, NumpyVoxelLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
+from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 
 

@@ -12,7 +12,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.reference.filters.limb_search import searched
 from apf.reference.filters.noise import normals
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
 
@@ -50,10 +50,11 @@ class NumpyTracker(Tracker):
         return replace(found, pose=pose, information=information, misfit=misfit)
 
     def _search(self) -> Estimate:
+        """Return the estimate of a frame that was observed, before its refinement."""
         raise NotImplementedError
 
     def _noise(self, layer: int) -> np.ndarray:
-        """(N, D) what the layer adds to the particles: noise, first the expected motion too."""
+        """Return (N, D) what a layer adds to the particles: noise, and the motion in the first."""
         config = self.config.search
         shape = (config.n_particles, self.body.n_dof)
         deviation = config.layer_noise[layer] * layer_sigmas(self.body, config)[layer]

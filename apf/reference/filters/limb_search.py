@@ -11,7 +11,7 @@ from apf.filters.limb_search import limb_ranges, n_near
 from apf.reference.filters.annealing import reflected
 from apf.reference.filters.noise import normals, uniforms
 from apf.reference.filters.refinement import refined
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 
 
 def propose(

@@ -11,7 +11,7 @@ from apf.filters.swarm import SwarmConfig
 from apf.reference.filters.annealing import diffuse
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.noise import philox4x32, uniform01
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
 

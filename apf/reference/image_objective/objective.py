@@ -10,7 +10,7 @@ from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import FeatureMaps, segments
 from apf.reference.image_objective.render import Picture, draw_hypotheses
-from apf.reference.likelihood.voxel import NumpyLikelihood
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
 

@@ -1,10 +1,9 @@
-"""Errors of particles against the voxels. Twin of apf/likelihood and likelihood.cl."""
+"""Errors of poses against the voxels. Twin of apf/likelihood/voxel.py and likelihood.cl."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import cone_sampling
+from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.motion_prior import expectation, motion_errors
 from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
@@ -26,10 +26,10 @@ from psfs.voxels.host_voxels import HostVoxels
 def image_errors(
     camera: Camera, cones: np.ndarray, maps: np.ndarray, sampling: np.ndarray
 ) -> np.ndarray:
-    """Song et al. eq. (14)-(15) for one camera: (N, C, 4) sums over each cone's samples.
+    """Return (N, C, 4) sums over each cone's samples for one camera, Song et al. eq. (14)-(15).
 
     cones (N, C, 16), maps (H, W, 2) uint8 silhouette and edge proximity, sampling (C, 2) rows and
-    columns. Returned: edge error, edge samples, silhouette error, silhouette samples; samples
+    columns. The sums: edge error, edge samples, silhouette error, silhouette samples; samples
     outside the image, and cones with a corner that has no image, count nothing.
     """
     corners = outlines(camera, cones)
@@ -45,29 +45,31 @@ def image_errors(
         inside = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
         value = maps[np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)]
         error = np.where(inside[..., None], 1 - value / 255.0, 0.0)
-        for place, columns_of, channel in ((0, [0, -1], 1), (2, slice(1, -1), 0)):
-            sums[:, c, place] = error[:, :, columns_of, channel].sum((1, 2))
-            sums[:, c, place + 1] = inside[:, :, columns_of].sum((1, 2))
+        for first, columns_of, channel in ((0, [0, -1], 1), (2, slice(1, -1), 0)):
+            sums[:, c, first] = error[:, :, columns_of, channel].sum((1, 2))
+            sums[:, c, first + 1] = inside[:, :, columns_of].sum((1, 2))
     return sums
 
 
 def sampled_surface(centres: np.ndarray, n_points: int) -> np.ndarray:
-    """`n_points` of the surface voxels (M, 3), evenly by index; (0, 3) if there are none."""
+    """Return `n_points` of the surface voxels (M, 3) m, evenly by index; (0, 3) of none."""
     if len(centres) == 0:
         return centres
     return centres[np.arange(n_points, dtype=np.int64) * len(centres) // n_points]
 
 
-def share(points: np.ndarray, turn: int, turns: int) -> np.ndarray:
-    """Every `turns`-th of points (K, 3) from number `turn` mod `turns` on, ceil(K / turns) of them:
-    those that one layer looks at."""
+def subset(points: np.ndarray, turn: int, turns: int) -> np.ndarray:
+    """Return every `turns`-th of points (K, 3) from number `turn` mod `turns` on, ceil(K / turns)
+    of them: those that one layer looks at."""
     n = len(points)
     return points[(turn % turns + turns * np.arange(-(-n // turns))) % max(1, n)]
 
 
 def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.ndarray:
-    """(N,) mean over points (K, 3) of d^2 / (d^2 + scale^2), d the distance to the nearest
-    cone's surface of cones (N, C, 16); 1 without points. Geman & McClure 1987."""
+    """Return (N,) the mean over points (K, 3) m of d^2 / (d^2 + scale^2), Geman & McClure 1987.
+
+    d is the distance to the nearest cone's surface of cones (N, C, 16); 1 without points.
+    """
     if len(points) == 0:
         return np.ones(len(cones))
     errors = []
@@ -78,8 +80,8 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
 
 
 def posture_errors(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """(N,) sum over the degrees of freedom of the squared distance of poses (N, D) from rest, in
-    the body's posture sigmas."""
+    """Return (N,) the sum over the degrees of freedom of the squared distance of poses (N, D) from
+    rest, in the body's posture sigmas."""
     return np.sum(((poses - body.rest_pose) / body.posture_sigma) ** 2, 1)
 
 
@@ -92,9 +94,11 @@ def total_errors(
     pairs: Sequence[tuple[int, int]],
     config: LikelihoodConfig,
 ) -> np.ndarray:
-    """(N,) exponent of Song et al. eq. (16) with its sign put right, surface and overlap error and
-    silhouette recall added once per camera. Cameras without a sample are replaced by the mean of
-    the others."""
+    """Return (N,) the exponent of Song et al. eq. (16) with its sign put right.
+
+    Surface and overlap error and silhouette recall are added once per camera. Cameras without a
+    sample are replaced by the mean of the others.
+    """
     errors = np.zeros(len(cones))
     seeing = np.zeros(len(cones))
     for camera, view in zip(rig, maps, strict=True):
@@ -117,40 +121,6 @@ def total_errors(
     if config.silhouette_recall_weight > 0:
         mean = mean + config.silhouette_recall_weight * uncovered_errors(rig, cones, points)
     return len(rig) * mean
-
-
-class NumpyLikelihood:
-    """What a NumPy tracker searches with, as `apf.likelihood.base.Likelihood`: a subclass has
-    `observe(observation)` and, called with poses (N, D), returns their errors (N,).
-
-    points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
-    of the launchers that a device's tracker makes is meant.
-    """
-
-    points: np.ndarray | None = None
-    turn: int = 0
-
-    def observe(self, observation: Any) -> None:
-        """Take an observation."""
-        raise NotImplementedError
-
-    def __call__(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D)."""
-        raise NotImplementedError
-
-    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
-        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
-        raise NotImplementedError
-
-    def misfit(self, pose: np.ndarray) -> float:
-        """Return how badly a pose (D,) fits, in absolute terms; NaN where that is not known."""
-        return float("nan")
-
-    def learn(self, pose: np.ndarray) -> None:
-        """Learn from a frame whose estimate is `pose` (D,)."""
-
-    def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
 
 
 class NumpyVoxelLikelihood(NumpyLikelihood):
@@ -205,11 +175,11 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self, poses: np.ndarray, turn: int, turns: int, config: LikelihoodConfig
     ) -> np.ndarray:
         body, rig = self.body, self.rig
-        cones, seen = posed_cones(body, poses), share(self.points, turn, turns)
+        cones, seen = posed_cones(body, poses), subset(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
         if config.part_colour.weight > 0:
-            samples = share(self._colours, turn, turns)
+            samples = subset(self._colours, turn, turns)
             found = colour_errors(seen, samples, self.parts, cones, config.part_colour.scale)
             errors = errors + len(rig) * config.part_colour.weight * found
         if config.motion_prior.weight > 0:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies
 
-from apf.body.jacobian import cone_moves, point_jacobian, world_axes
+from apf.body.jacobian import cone_moves, distance_jacobian, point_jacobian, world_axes
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel
 
@@ -62,3 +62,18 @@ def test_axes_in_the_world_are_of_unit_length_and_signed() -> None:
     expected = knee.sign * rotations[0, calf, :, column]  # the only axis: it turns about itself
     np.testing.assert_allclose(directions[knee.dof], expected, atol=1e-12)
     np.testing.assert_allclose(points[knee.dof], origins[0, calf], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["song31", "stick"])
+def test_distances_to_the_nearest_cone_change_as_stated(name: str) -> None:
+    body = bodies.named(name)
+    pose = bodies.random_poses(body, 1)[0]
+    points = bodies.surface_points(body, pose, 100) + np.random.default_rng(0).normal(
+        0, 0.02, (100, 3)
+    )
+    distance, rows = distance_jacobian(body, pose, points)
+    for dof in range(body.n_dof):
+        moved = distance_jacobian(body, stepped(body, pose)[dof], points)[0]
+        slopes = (moved - distance) / STEP
+        # A point between two cones may change to the other.
+        assert np.mean(np.abs(slopes - rows[:, dof]) < 1e-4) > 0.97, body.dof_names[dof]

@@ -16,7 +16,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.limb_search import LimbSearch
 from apf.likelihood.base import Likelihood
 from apf.reference.filters.limb_search import propose, searched
-from apf.reference.likelihood.voxel import NumpyLikelihood, share
+from apf.reference.likelihood.voxel import NumpyLikelihood, subset
 from cl import Array, Device, Launch
 
 CONFIG = FilterConfig.of(n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0)
@@ -33,7 +33,7 @@ class Nearness(Likelihood):
         self.errors = device.zeros((CONFIG.search.n_particles,), np.float32)
 
     def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
-        seen = share(self.host_points, 0, stride)
+        seen = subset(self.host_points, 0, stride)
         nearest = [np.abs(distances(seen, c)).min(1) for c in posed_cones(self.body, poses)]
         return np.mean(np.square(nearest) / (np.square(nearest) + 0.05**2), axis=1)
 

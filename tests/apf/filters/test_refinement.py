@@ -1,4 +1,4 @@
-"""Gauss-Newton refinement: derivatives, convergence, and the kernel against the twin."""
+"""Gauss-Newton refinement: convergence, and the kernel against the twin."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from helpers.kinds import other_kind, skipped_without_room
 
 from apf.body import BodyModel, load_body
 from apf.body.jacobian import distance_jacobian
-from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.kinematics import posed_joints
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
 from apf.reference.filters.refinement import refined
@@ -23,18 +23,6 @@ CONFIG = FilterConfig.of(
     refinement_width=100.0,
     n_points=300,
 )
-
-
-def on_surface(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
-    """Points (n, 3) on the sides of the cones of `pose`, the same number on each."""
-    random = np.random.default_rng(5)
-    cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
-    t, angle = random.uniform(0.05, 0.95, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))
-    x, y = (cones[:, k : k + 3] for k in (8, 12))
-    radius = cones[:, 3:4] + t * (cones[:, 7:8] - cones[:, 3:4])
-    circle = np.cos(angle) * x / np.sum(x * x, -1, keepdims=True)
-    circle += np.sin(angle) * y / np.sum(y * y, -1, keepdims=True)
-    return cones[:, 0:3] + t * (cones[:, 4:7] - cones[:, 0:3]) + radius * circle
 
 
 def on_device(
@@ -51,24 +39,10 @@ def on_device(
     return result.get(), refinement.information.get()[0]
 
 
-@pytest.mark.parametrize("name", ["song31", "stick"])
-def test_derivatives(name: str) -> None:
-    body = bodies.named(name)
-    pose = bodies.random_poses(body, 1)[0]
-    points = on_surface(body, pose, 100) + np.random.default_rng(0).normal(0, 0.02, (100, 3))
-    distance, rows = distance_jacobian(body, pose, points)
-    step = 1e-6
-    for dof in range(body.n_dof):
-        moved = distance_jacobian(body, pose + step * np.eye(body.n_dof)[dof], points)[0]
-        slopes = (moved - distance) / step
-        # A point between two cones may change to the other.
-        assert np.mean(np.abs(slopes - rows[:, dof]) < 1e-4) > 0.97, body.dof_names[dof]
-
-
 def test_finds_the_way_back() -> None:
     body = load_body("song31")
     pose = bodies.random_poses(body, 1)[0]
-    points = on_surface(body, pose, 600)
+    points = bodies.surface_points(body, pose, 600)
     for seed in range(3):
         moved = pose + np.random.default_rng(seed).normal(0, 2, body.n_dof) * body.sigma
         moved = np.clip(moved, body.lower, body.upper)
@@ -86,7 +60,7 @@ def test_prior_holds_what_the_voxels_leave_open() -> None:
     body = load_body("song31")
     pose = body.rest_pose.copy()
     pose[body.dof_names.index("l_forearm.ry")] = 0.0
-    points = on_surface(body, pose, 300)
+    points = bodies.surface_points(body, pose, 300)
     found = refined(body, pose, points, CONFIG.changed(refinement_width=4.0))[0]
     assert np.abs(found - pose).max() < 0.02
 
@@ -96,7 +70,7 @@ def test_far_voxels_pull_first() -> None:
     body = load_body("song31")
     raised = body.rest_pose.copy()
     raised[body.dof_names.index("l_upper_arm.rx")] = 1.2
-    points = on_surface(body, raised, 600)
+    points = bodies.surface_points(body, raised, 600)
     wrist = body.joint_names.index("l_wrist")
 
     def miss(reach: float) -> float:
@@ -131,7 +105,7 @@ def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
     )
     pose = bodies.random_poses(body, 1)[0]
     random = np.random.default_rng(n_points)
-    points = on_surface(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
+    points = bodies.surface_points(body, pose, n_points) + random.normal(0, 0.01, (n_points, 3))
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
     found, information = on_device(device, body, mean, points, config)
     expected, matrix = refined(body, mean, points, config)
@@ -145,7 +119,9 @@ def test_several_poses_at_once(device: Device) -> None:
     """Each is refined as if it were alone."""
     body = load_body("song31")
     poses = bodies.random_poses(body, 3).astype(np.float32)
-    points = np.c_[on_surface(body, poses[1].astype(float), 300), np.ones(300)].astype(np.float32)
+    points = np.c_[bodies.surface_points(body, poses[1].astype(float), 300), np.ones(300)].astype(
+        np.float32
+    )
     refinement, found = Refinement(device, body, CONFIG, 3), device.to_device(poses)
     for launch in refinement.launcher(device.to_device(points), found):
         launch()
@@ -161,7 +137,7 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str)
     body = bodies.named(name)
     pose = bodies.random_poses(body, 1)[0]
     mean = np.clip(pose + body.sigma, body.lower, body.upper)
-    points = on_surface(body, pose, 300)
+    points = bodies.surface_points(body, pose, 300)
     with skipped_without_room(device):
         (one, knows), (two, knows_too) = (
             on_device(place, body, mean, points, CONFIG) for place in (device, other_kind(device))
@@ -182,7 +158,7 @@ def test_nothing_to_refine_on(device: Device) -> None:
 def test_repeats_to_the_bit(device: Device) -> None:
     body = load_body("song31")
     pose = bodies.random_poses(body, 1)[0]
-    points = on_surface(body, pose, 300)
+    points = bodies.surface_points(body, pose, 300)
     first = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
     second = on_device(device, body, pose + body.sigma, points, CONFIG)[0]
     np.testing.assert_array_equal(first, second)

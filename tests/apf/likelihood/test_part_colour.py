@@ -23,7 +23,7 @@ from apf.reference.likelihood.part_colour import chromaticities, colour_errors, 
 from apf.reference.likelihood.voxel import (
     NumpyVoxelLikelihood,
     sampled_surface,
-    share,
+    subset,
     surface_errors,
 )
 from apf.scene import Scene
@@ -148,7 +148,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
         samples = sampled_surface(chromaticities(colours, DARK), 300)
         for turn in (0, 1):
             found = setup.errors(turn) / len(rig)
-            here, seen = share(points, turn, 2), share(samples, turn, 2)
+            here, seen = subset(points, turn, 2), subset(samples, turn, 2)
             expected = 1.5 * colour_errors(here, seen, parts, cones, SCALE)
             assert np.abs(found - expected).max() <= 1.5 * 4 / 50
             assert np.mean(np.abs(found - expected) < 1e-4) > 0.8

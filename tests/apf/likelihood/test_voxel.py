@@ -19,7 +19,7 @@ from apf.reference.likelihood.voxel import (
     image_errors,
     posture_errors,
     sampled_surface,
-    share,
+    subset,
     surface_errors,
     total_errors,
 )
@@ -313,12 +313,12 @@ def test_surface_kernel_agrees_with_the_twin(
 
 def test_shares_of_the_surface_are_every_so_many() -> None:
     points = np.arange(30.0).reshape(10, 3)
-    parts = [share(points, turn, 4) for turn in range(4)]
+    parts = [subset(points, turn, 4) for turn in range(4)]
     np.testing.assert_array_equal(parts[1], points[[1, 5, 9]])
     np.testing.assert_array_equal(parts[2], points[[2, 6, 0]])  # all of the same size
-    np.testing.assert_array_equal(share(points, 6, 4), parts[2])
-    np.testing.assert_array_equal(share(points, 3, 1), points)
-    assert share(points[:0], 1, 4).shape == (0, 3) and share(points[:1], 3, 4).shape == (1, 3)
+    np.testing.assert_array_equal(subset(points, 6, 4), parts[2])
+    np.testing.assert_array_equal(subset(points, 3, 1), points)
+    assert subset(points[:0], 1, 4).shape == (0, 3) and subset(points[:1], 3, 4).shape == (1, 3)
 
 
 @pytest.mark.parametrize("weights", [{}, {"surface_weight": 0.0}, {"overlap_weight": 0.0}])

@@ -1,0 +1,41 @@
+"""What the NumPy searches search with. Twin of apf/likelihood/base.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+class NumpyLikelihood:
+    """What a NumPy tracker searches with, as `apf.likelihood.base.Likelihood`: a subclass has
+    `observe(observation)` and, called with poses (N, D), returns their errors (N,).
+
+    points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
+    of the launchers that a device's tracker makes is meant.
+    """
+
+    points: np.ndarray | None = None
+    turn: int = 0
+
+    def observe(self, observation: Any) -> None:
+        """Take an observation."""
+        raise NotImplementedError
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D)."""
+        raise NotImplementedError
+
+    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
+        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
+        raise NotImplementedError
+
+    def misfit(self, pose: np.ndarray) -> float:
+        """Return how badly a pose (D,) fits, in absolute terms; NaN where that is not known."""
+        return float("nan")
+
+    def learn(self, pose: np.ndarray) -> None:
+        """Learn from a frame whose estimate is `pose` (D,)."""
+
+    def forget(self) -> None:
+        """Forget what was learnt: a new track begins."""
