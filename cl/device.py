@@ -101,7 +101,7 @@ class Device:
         return device
 
     def sibling(self) -> Device:
-        """The same device, memory and programs with a queue of its own, for another thread.
+        """Return the same device, memory and programs with a queue of its own, for another thread.
 
         Queues do not wait for each other: `finish()` one before another uses what it wrote.
         """
@@ -111,17 +111,17 @@ class Device:
         return other
 
     def new_queue(self) -> Any:
-        """A queue besides the device's own, for `on`."""
+        """Return a queue beside the device's own, for `on`."""
         return pyopencl.CommandQueue(self.context, properties=self.queue.properties)
 
     def wait_for(self, queue: Any) -> None:
-        """What the device's own queue gets from now on waits for all that `queue` holds."""
+        """Make the device's own queue wait, from now on, for all that `queue` holds."""
         _behind(self.queue, queue)
 
     @contextmanager
     def on(self, queue: Any) -> Iterator[None]:
-        """What is enqueued in the meantime goes to `queue`, and waits for all that the device's
-        own holds by now; what the own gets afterwards does not wait for it."""
+        """Send what is enqueued in the meantime to `queue`, where it waits for all that the
+        device's own queue holds by now; what that gets afterwards does not wait for it."""
         own = self.queue
         _behind(queue, own)
         self.queue = queue
@@ -142,7 +142,8 @@ class Device:
     # Memory ---------------------------------------------------------------------------------
 
     def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
-        """An uninitialised array; `what` names it in the error when memory does not suffice."""
+        """Allocate an uninitialised array; `what` names it in the DeviceError that is raised where
+        memory does not suffice."""
         shape = (shape,) if isinstance(shape, int) else tuple(int(n) for n in shape)
         nbytes = max(1, math.prod(shape) * np.dtype(dtype).itemsize)
         self.require_memory(nbytes, what)
@@ -181,7 +182,7 @@ class Device:
 
     @property
     def allocated(self) -> int:
-        """Bytes of all arrays that there are, siblings' included."""
+        """Return the bytes of all arrays that there are, siblings' included."""
         return self._allocated[0]
 
     def _release(self, nbytes: int) -> None:
@@ -240,7 +241,7 @@ class Device:
 
 
 def _behind(later: Any, first: Any) -> None:
-    """What the queue `later` gets from now on waits for all that `first` holds."""
+    """Make the queue `later` wait, from now on, for all that `first` holds."""
     if later is not first:
         done = pyopencl.enqueue_marker(first)
         first.flush()

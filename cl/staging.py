@@ -1,4 +1,4 @@
-"""Uploading the next frame while the device works on this one."""
+"""Uploads of the next frame while the device works on this one."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from cl import Array, Device
 
 
 class Uploads:
-    """Copies pictures to the device on a queue of its own: `start(pictures)`, later `finish()`.
+    """Copies host arrays into `target` on a queue of its own: `start(host)`, later `finish()`.
 
-    Two places on the device alternate, so that an upload need not wait for the pictures before
-    it to be used. An upload from `pinned` memory leaves the host free.
+    Two buffers alternate, so that an upload need not wait until the one before it is used. An
+    upload from `pinned` memory leaves the host free.
     """
 
     def __init__(self, device: Device, target: Array) -> None:
         self._device, self._target = device, target
         profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE
         self._queue = pyopencl.CommandQueue(device.context, properties=profiling * device.profile)
-        what = "the pictures uploaded ahead"
-        self._places = [device.empty(target.shape, target.dtype, what) for _ in range(2)]
+        what = "the frames uploaded ahead"
+        self._buffers = [device.empty(target.shape, target.dtype, what) for _ in range(2)]
         self._taken: list[Any] = [None, None]
         self._next = 0
         self._uploaded: Any = None
 
-    def start(self, pictures: np.ndarray) -> None:
-        """Enqueue the upload; `pictures` must not change until it is done."""
-        pictures = np.ascontiguousarray(pictures)
-        if pictures.shape != self._target.shape or pictures.dtype != self._target.dtype:
+    def start(self, host: np.ndarray) -> None:
+        """Enqueue the upload; `host` must not change until it is done. Raises ValueError unless it
+        has the target's shape and type."""
+        host = np.ascontiguousarray(host)
+        if host.shape != self._target.shape or host.dtype != self._target.dtype:
             raise ValueError(
-                f"expected {self._target.shape} {self._target.dtype}, "
-                f"got {pictures.shape} {pictures.dtype}"
+                f"expected {self._target.shape} {self._target.dtype}, got {host.shape} {host.dtype}"
             )
         before = self._taken[self._next]
         self._uploaded = pyopencl.enqueue_copy(
             self._queue,
-            self._places[self._next].buffer,
-            pictures,
+            self._buffers[self._next].buffer,
+            host,
             is_blocking=False,
             wait_for=[before] if before is not None else None,
         )
@@ -47,11 +47,11 @@ class Uploads:
         self._queue.flush()
 
     def finish(self) -> None:
-        """Enqueue, on the device's main queue, that the target gets what was uploaded."""
+        """Enqueue, on the device's own queue, the copy of the upload into the target."""
         self._taken[self._next] = pyopencl.enqueue_copy(
             self._device.queue,
             self._target.buffer,
-            self._places[self._next].buffer,
+            self._buffers[self._next].buffer,
             byte_count=self._target.nbytes,
             wait_for=[self._uploaded],
         )
@@ -60,7 +60,8 @@ class Uploads:
 
 
 def pinned(device: Device, shape: tuple[int, ...], dtype: Any = np.uint8) -> np.ndarray:
-    """A host array in memory that the device reads at full speed (page-locked, if it has such)."""
+    """Return a host array in memory that the device reads at full speed: page-locked, if it has
+    such."""
     nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.ALLOC_HOST_PTR
     buffer = pyopencl.Buffer(device.context, flags, nbytes)

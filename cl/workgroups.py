@@ -1,4 +1,4 @@
-"""Work-group shapes."""
+"""Work-group shapes, and how many numbers a work-item works on at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PIXELS = 8
 
 
 def row_group(device: Device, n: int) -> tuple[int, int, int]:
-    """Work-group for kernels whose work item 0 runs along rows of `n` elements in memory.
+    """Return the work-group of kernels whose dimension 0 runs along rows of `n` elements.
 
     A CPU gets the whole row, or equal parts of a long one: PoCL turns a work-group into one
     loop, which becomes vector code. A GPU gets small tiles.
@@ -23,20 +23,23 @@ def row_group(device: Device, n: int) -> tuple[int, int, int]:
 
 
 def pixel_pack(device: Device, width: int) -> int:
-    """PACK of pack.h for kernels of pictures, `width` pixels wide: neighbours in a row that a
-    work-item works on at once."""
+    """Return PACK of pack.h for kernels of pictures `width` pixels wide: neighbours in a row that
+    a work-item works on at once."""
     return 1 if device.is_gpu or width < 2 * _PIXELS else _PIXELS
 
 
 def pack_defines(device: Device, group: int) -> dict[str, int]:
-    """PACK and GROUP of pack.h: GPUs take `group` items for a piece of work (a particle, a tile)
-    where CPUs take one item, which works on PACK numbers at once: as many as their vectors have,
-    16 with AVX-512 (2,000 poses scored in 13 ms instead of 19), else 8."""
+    """Return PACK and GROUP of pack.h.
+
+    GPUs take `group` items for a piece of work (a particle, a tile) where CPUs take one item, which
+    works on PACK numbers at once: as many as their vectors have, 16 with AVX-512 (2,000 poses
+    scored in 13 ms instead of 19), else 8.
+    """
     if device.is_gpu:
         return {"PACK": 1, "GROUP": group}
     return {"PACK": 16 if device.handle.native_vector_width_float >= 16 else 8, "GROUP": 1}
 
 
 def pack_size(n: int, defines: dict[str, int]) -> tuple[int]:
-    """The global size for `n` particles: a work-group for every pack of them."""
+    """Return the global size for `n` particles: a work-group for every pack of them."""
     return (-(-n // defines["PACK"]) * defines["GROUP"],)

@@ -1,0 +1,62 @@
+"""Uploads ahead of their use, and work-group shapes."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from cl import Device
+from cl.staging import Uploads, pinned
+from cl.workgroups import pack_defines, pack_size, pixel_pack, row_group
+
+
+def test_uploads_arrive_in_order_and_only_when_asked_for(device: Device) -> None:
+    target = device.zeros((3, 5), np.uint8)
+    uploads = Uploads(device, target)
+    hosts = [np.full((3, 5), value, np.uint8) for value in range(1, 6)]
+    uploads.start(hosts[0])
+    assert not target.get().any()
+    for before, after in itertools.pairwise(hosts):
+        uploads.finish()
+        uploads.start(after)
+        np.testing.assert_array_equal(target.get(), before)
+
+
+def test_uploads_are_counted_and_checked(device: Device) -> None:
+    device = Device(device.handle)
+    uploads = Uploads(device, device.zeros((3, 5), np.uint8))
+    uploads.start(np.zeros((3, 5), np.uint8))
+    assert (device.transfers.uploads, device.transfers.upload_bytes) == (1, 15)
+    for wrong in (np.zeros((3, 5)), np.zeros((5, 3), np.uint8)):
+        with pytest.raises(ValueError, match=r"expected \(3, 5\) uint8, got"):
+            uploads.start(wrong)
+
+
+def test_pinned_memory_is_an_array_like_others(device: Device) -> None:
+    host = pinned(device, (4, 6), np.float32)
+    host[...] = np.arange(24).reshape(4, 6)
+    assert host.shape == (4, 6) and host.dtype == np.float32
+    np.testing.assert_array_equal(device.to_device(host).get(), np.arange(24).reshape(4, 6))
+
+
+@pytest.mark.parametrize("n", [1, 7, 640, 1024, 1025, 5000])
+def test_row_groups_cover_rows(device: Device, n: int) -> None:
+    x, y, z = row_group(device, n)
+    assert x * y * z <= device.handle.max_work_group_size
+    if not device.is_gpu:
+        parts = -(-n // x)
+        assert (y, z) == (1, 1) and x <= 1024 and parts * x - n < parts
+
+
+def test_packs_cover_particles(device: Device) -> None:
+    defines = pack_defines(device, 64)
+    assert (defines["PACK"] == 1) == device.is_gpu and defines["PACK"] in (1, 8, 16)
+    assert defines["GROUP"] == (64 if device.is_gpu else 1)
+    for n in (1, 16, 17, 100):
+        (size,) = pack_size(n, defines)
+        packs = size // defines["GROUP"]
+        assert size % defines["GROUP"] == 0
+        assert packs * defines["PACK"] >= n > (packs - 1) * defines["PACK"]
+    assert pixel_pack(device, 8) == 1
