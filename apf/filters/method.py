@@ -66,10 +66,11 @@ class Method:
 
     @property
     def uses_voxels(self) -> bool:
+        """Whether the objective is the voxels' likelihood."""
         return self.objective == "voxel"
 
     def described(self) -> dict[str, Any]:
-        """What was used, for a track's `config`."""
+        """Return what was used, for a track's provenance."""
         used = {"method": self.search, "objective": self.objective, "filter": self.filter.settings}
         if self.search == "pso":
             used["swarm"] = asdict(self.swarm)

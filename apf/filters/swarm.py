@@ -57,11 +57,11 @@ class Swarm(ParticleSet):
         self._best_errors = device.empty((config.n_particles,), np.float32, "the errors")
 
     def scatter(self) -> Launch:
-        """Eq. (2.31): the frame's particles, spread around the last best."""
+        """Return the launch of eq. (2.31): the frame's particles, spread around the last best."""
         return self.diffuse(0, 1)
 
     def move(self, iteration: int) -> Launch:
-        """Eq. (2.27)-(2.28), for iterations from 1 on."""
+        """Return the launch of eq. (2.27)-(2.28), for iterations from 1 on."""
         return self.device.launch(
             self._swarm_kernel("move"),
             (self.n_dof, self.config.n_particles),

@@ -16,7 +16,8 @@ from apf.scene import Scene
 
 
 def uniform_pairs(seed: int, frame: int, iteration: int, shape: tuple[int, int]) -> np.ndarray:
-    """(N, D, 2) r1 and r2 of Rymut 2016 eq. (2.27), for every particle and degree of freedom."""
+    """Return (N, D, 2) r1 and r2 of Rymut 2016 eq. (2.27), for every particle and degree of
+    freedom."""
     counter = np.zeros((*shape, 4), np.uint64)
     counter[..., 0], counter[..., 1] = frame, iteration
     counter[..., 2], counter[..., 3] = np.arange(shape[0])[:, None], np.arange(shape[1])
@@ -66,6 +67,6 @@ class NumpyParticleSwarm(NumpyTracker):
 def stopped_at_limits(
     body: BodyModel, poses: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (N, D) within the limits, and velocities that are 0 where one was reached."""
+    """Return poses (N, D) within the limits, and velocities that are 0 where one was reached."""
     kept = np.clip(poses, body.lower, body.upper)
     return kept, np.where(kept == poses, velocities, 0.0)
