@@ -18,7 +18,7 @@ from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
-from apf.tracking.batch import AT_ONCE_CPU, AT_ONCE_GPU, Take, at_once, track_take
+from apf.tracking.batch import BatchConfig, Take, at_once, track_take
 from apf.tracking.track import Track, spans
 from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice, UserError, select_device
@@ -57,7 +57,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         type=int,
         metavar="N",
         help="of several takes, work on N at a time "
-        f"(default: {AT_ONCE_GPU} on a GPU, else {AT_ONCE_CPU})",
+        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)

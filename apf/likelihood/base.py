@@ -25,6 +25,10 @@ class Likelihood:
     points: (K, 4) float32 surface points, m, that estimates are refined on; the fourth value is 0
     where there is none. None: estimates stay the particles' mean.
     misfits: (R,) float32 of R runs, which `misfit_launcher` fills. None: not known.
+
+    The misfit of a pose states in absolute terms how badly it fits: the share of the body that lies
+    outside the silhouettes plus the share of the surface voxels that the body leaves unexplained, 0
+    (perfect) to 2. It depends on no weight of `errors`, so that frames and searches compare.
     """
 
     errors: Array
@@ -48,8 +52,7 @@ class Likelihood:
         raise NotImplementedError
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that put into `misfits` how badly the first R of `poses` (.., D) fit,
-        in absolute terms."""
+        """Return the launches that put into `misfits` those of the first R of `poses` (.., D)."""
         return []
 
     def learning_launcher(self, pose: Array) -> list[Launch]:

@@ -177,9 +177,8 @@ class VoxelLikelihood(Likelihood):
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that put into `misfits` (R,) float32 how badly the first R of `poses`
-        (.., D) fit, 0 to 2: the share of the body that lies outside the silhouettes plus the share
-        of the surface voxels that it leaves unexplained."""
+        """Return the launches that put into `misfits` (R,) float32 those of the first R of `poses`
+        (.., D): silhouette and surface term, means over the cameras, all other weights 0."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
         return [
             self._launch(self.misfits.size, poses, PointSubset(0, 1), weights, 0.0, self.misfits)

@@ -20,18 +20,24 @@ WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """A synthetic sequence. size: (width, height) px; height: stature, m; noise: sigma of the
-    sensor, grey levels; flicker: relative standard deviation of each frame's gain. Raises
-    InputError if a value makes no sense."""
+    """A synthetic sequence. Raises InputError if a value makes no sense."""
 
     cameras: int = 4
+    """On a ring around the person."""
     frames: int = 60
+    """Per camera."""
     fps: float = 30.0
+    """frames/s."""
     size: tuple[int, int] = (640, 480)
+    """(width, height) px."""
     seed: int = 1
+    """Of person, walk, room, cameras and noise."""
     noise: float = 2.5
+    """Grey levels, sigma of the sensor."""
     flicker: float = 0.01
+    """Relative standard deviation of each frame's gain."""
     height: float = 1.76
+    """m, stature."""
 
     def __post_init__(self) -> None:
         width, height = self.size

@@ -2,34 +2,58 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 
 @dataclass(frozen=True)
+class Course:
+    """The closed curve on the floor that a person walks along; the defaults stay in the room."""
+
+    radius: float = 1.2
+    """m, mean distance from the origin."""
+    wobble: float = 0.15
+    """Share of the radius by which it is an oval."""
+    turn: float = 0.0
+    """rad, by which it is turned about the origin."""
+    clockwise: bool = False
+    """Seen from above."""
+
+
+@dataclass(frozen=True)
 class Walk:
-    """How a person walks. Lengths in m, angles in degrees, `stride` = two steps."""
+    """How a person walks; amplitudes from textbook gait analysis (Perry & Burnfield 2010),
+    rounded."""
 
     height: float = 1.76
+    """m, stature."""
     speed: float = 1.2
+    """m/s."""
     stride: float = 1.25
+    """m, two steps."""
     step_width: float = 0.10
-    path_radius: float = 1.2
-    path_wobble: float = 0.15
-    path_turn: float = 0.0
-    clockwise: bool = False
+    """m between the feet's lines."""
+    course: Course = field(default_factory=Course)
+    """Where to."""
     start_phase: float = 0.0
+    """Share of a stride already walked at time 0; 0 is the left heel strike."""
     arm_swing: float = 22.0
+    """Degrees, amplitude of the upper arms."""
     elbow_bend: float = 20.0
+    """Degrees, mean."""
     trunk_twist: float = 7.0
+    """Degrees, amplitude of the shoulders against the walking direction."""
     pelvis_twist: float = 5.0
+    """Degrees, amplitude of the pelvis."""
     toe_out: float = 6.0
+    """Degrees, of the feet from the walking direction."""
     head_turn: float = 16.0
+    """Degrees, amplitude of looking around."""
 
     @classmethod
     def varied(cls, seed: int, height: float) -> Walk:
-        """A person of the given stature who walks in a way of his own."""
+        """Return a person of the given stature who walks in a way of his own."""
         rng = np.random.default_rng([seed, 1])
         pace = (height / 1.76) ** 0.5 * rng.uniform(0.95, 1.05)
         return cls(
@@ -37,9 +61,11 @@ class Walk:
             speed=1.2 * pace,
             stride=1.25 * height / 1.76 * rng.uniform(0.97, 1.02),
             step_width=rng.uniform(0.08, 0.12),
-            path_wobble=rng.uniform(0.08, 0.18),
-            path_turn=rng.uniform(0.0, 2 * np.pi),
-            clockwise=bool(rng.integers(2)),
+            course=Course(
+                wobble=rng.uniform(0.08, 0.18),
+                turn=rng.uniform(0.0, 2 * np.pi),
+                clockwise=bool(rng.integers(2)),
+            ),
             start_phase=rng.uniform(0.0, 1.0),
             arm_swing=rng.uniform(19.0, 25.0),
             elbow_bend=rng.uniform(15.0, 24.0),
@@ -53,14 +79,13 @@ class Path:
     """A closed smooth curve on the floor around the origin, by arc length."""
 
     def __init__(self, walk: Walk) -> None:
+        course = walk.course
         angle = np.linspace(0.0, 2 * np.pi, 4001)
-        radius = walk.path_radius * (
-            1
-            + walk.path_wobble * np.cos(2 * angle + 1.0)
-            + 0.3 * walk.path_wobble * np.cos(3 * angle)
+        radius = course.radius * (
+            1 + course.wobble * np.cos(2 * angle + 1.0) + 0.3 * course.wobble * np.cos(3 * angle)
         )
-        direction = -1.0 if walk.clockwise else 1.0
-        bearing = direction * angle + walk.path_turn
+        direction = -1.0 if course.clockwise else 1.0
+        bearing = direction * angle + course.turn
         self._xy = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], -1)
         steps = np.diff(self._xy, axis=0)
         self._s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])

@@ -37,8 +37,17 @@ log = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
-#: Takes worked on at a time, see `default_at_once`.
-AT_ONCE_GPU, AT_ONCE_CPU = 4, 2
+
+@dataclass(frozen=True)
+class BatchConfig:
+    """How many takes are worked on at a time. Measured with takes of 172 frames."""
+
+    on_gpu: int = 4
+    """On an H200 with 16 cores four at once took 58 s, in processes one after the other about
+    150 s; six took as long a take as four, for they wait for each other's Python, that of the
+    starts above all."""
+    on_cpu: int = 2
+    """On 2 cores two at once saved an eighth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +148,9 @@ def track_takes(
 
 
 def default_at_once(device: Device | NumpyDevice) -> int:
-    """Return how many takes at a time pay.
-
-    Measured with takes of 172 frames: on an H200 with 16 cores four at once took 58 s, in processes
-    one after the other about 150 s; six took as long a take as four, for they wait for each other's
-    Python, that of the starts above all. On 2 cores two at once saved an eighth.
-    """
-    return AT_ONCE_GPU if isinstance(device, Device) and device.is_gpu else AT_ONCE_CPU
+    """Return how many takes at a time pay, see `BatchConfig`."""
+    config = BatchConfig()
+    return config.on_gpu if isinstance(device, Device) and device.is_gpu else config.on_cpu
 
 
 def at_once(
