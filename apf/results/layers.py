@@ -52,7 +52,11 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
             return None
         vertices = mesh.posed(body, track.poses[rows[frame]][None])[0][0]
         normals = trimesh.Trimesh(vertices, mesh.faces, process=False).vertex_normals
-        return Surface(vertices, mesh.faces, np.array(normals), colours, _OPACITY)
+        # Corners of their own for every triangle: with shared ones Open3D 0.20 presents no frame
+        # at all on Mesa's software Vulkan (seen with these cones, not with voxels).
+        corners = mesh.faces.ravel()
+        faces = np.arange(len(corners)).reshape(-1, 3)
+        return Surface(vertices[corners], faces, normals[corners], colours[corners], _OPACITY)
 
     return Layer("cones", lambda frame, _colouring: drawing(frame))
 

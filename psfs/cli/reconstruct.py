@@ -62,6 +62,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
     )
+    parser.add_argument(
+        "--normals", action="store_true", help="write the surface's normals into the PLY"
+    )
     add_all_cameras_flag(parser)
     add_device_flag(parser)
 
@@ -146,6 +149,7 @@ class _Job:
         self.out: Path = args.output
         self.debris: float = args.debris
         self.colour = not args.no_colour
+        self.normals: bool = args.normals
         self.stated = stated(args)
         self.folder: str = args.folder
         self.sequence, self.grid, self.device = sequence, grid, device
@@ -181,7 +185,7 @@ class _Job:
                 for old in (self.out / "clouds").glob(f"frame_*.{suffix}"):
                     old.unlink()
         for index, cloud in self._waiting:
-            write_cloud(cloud, runs.cloud_stem(self.out, index))
+            write_cloud(cloud, runs.cloud_stem(self.out, index), self.normals)
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()

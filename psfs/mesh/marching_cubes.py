@@ -42,7 +42,7 @@ def surface_mesh(
     debris: float = DEBRIS_SHARE,
     cloud: VoxelCloud | None = None,
 ) -> trimesh.Trimesh:
-    """The surface where the smoothed probability (nx, ny, nz) crosses `threshold`, in metres.
+    """Return the surface, m, where the smoothed probability (nx, ny, nz) crosses `threshold`.
 
     It is closed, also where the body is cut by the grid's border, and faces outwards. Connected
     parts with less than the share `debris` of the largest one's voxels are left out, and
@@ -64,7 +64,7 @@ def surface_mesh(
 
 
 def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
-    """`probability` with debris at 0 and cavities at 1."""
+    """Return `probability` with debris at 0 and cavities at 1."""
     occupied = probability > threshold
     labels, parts = ndimage.label(occupied, np.ones((3, 3, 3)))
     if not parts:
@@ -110,12 +110,12 @@ class Mesher:
     def _probability(self, index: int, box: VoxelGrid) -> np.ndarray:
         """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
         frame, (nx, ny, nz) = self.sequence.read(index), box.shape
-        probability = self._placed(box)(frame).probability
+        probability = self._covering(box)(frame).probability
         if not isinstance(probability, np.ndarray):
             probability = probability.get()
         return probability[:nx, :ny, :nz]
 
-    def _placed(self, box: VoxelGrid) -> AnyReconstructor:
+    def _covering(self, box: VoxelGrid) -> AnyReconstructor:
         """A reconstructor of a grid that begins with `box`. One that has the room is used again,
         for a grid of another shape means other kernels."""
         room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape
@@ -133,7 +133,8 @@ class Mesher:
 
 
 def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
-    """The part of the cloud's grid that holds it and, where there is one, a voxel around it."""
+    """Return the part of the cloud's grid that holds it and a voxel around it, where there is
+    one."""
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
     low = np.maximum(ijk.min(1) - 1, 0)
     nx, ny, nz = np.minimum(ijk.max(1) + 2, cloud.grid.shape) - low
@@ -142,7 +143,7 @@ def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
 
 
 def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
-    """(nx, ny, nz) bool: the voxels of `box` (see `occupied_box`) that the cloud's surface
+    """Return (nx, ny, nz) bool: the voxels of `box` (see `occupied_box`) that the cloud's surface
     encloses, itself included."""
     low = np.rint((box.origin - cloud.grid.origin) / box.voxel_size).astype(int)
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
@@ -153,7 +154,7 @@ def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
 
 
 def agreeing(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
-    """`probability` with the voxels on the wrong side of the threshold moved to the other one."""
+    """Return `probability`, voxels on the wrong side of the threshold moved to the other one."""
     agrees = (probability > threshold) == solid
     moved = np.where(solid, np.float32((threshold + 1) / 2), np.float32(threshold / 2))
     return np.where(agrees, probability, moved)
@@ -214,7 +215,7 @@ def _glb(mesh: trimesh.Trimesh) -> bytes:
 
 
 def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
-    """(N, 3) uint8 RGB of the vertices, or None if the mesh has no colours."""
+    """Return (N, 3) uint8 RGB of the vertices, or None if the mesh has no colours."""
     visual = mesh.visual
     if not isinstance(visual, ColorVisuals) or visual.kind != "vertex":
         return None
@@ -222,5 +223,5 @@ def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
 
 
 def _linear(srgb: np.ndarray) -> np.ndarray:
-    """Linear light of sRGB values 0..1 (IEC 61966-2-1)."""
+    """Return linear light of sRGB values 0..1 (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

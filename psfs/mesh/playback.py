@@ -16,7 +16,7 @@ _LONGEST_TICK = 0.1
 class Playback:
     """A clock over the `frames` of a run, numbers in a sequence of `fps` frames per second.
 
-    `position` is the place in `frames` of the one that is shown. Playing goes round: after the
+    `position` is the index into `frames` of the one that is shown. Playing goes round: after the
     last frame, which is shown as long as the one before it, comes the first.
     """
 
@@ -54,8 +54,8 @@ class Playback:
 
     def change_speed(self, by: int) -> None:
         """Take the speed that lies `by` entries of SPEEDS further, or the last one."""
-        place = SPEEDS.index(self.speed) + by
-        self.speed = SPEEDS[min(max(place, 0), len(SPEEDS) - 1)]
+        entry = SPEEDS.index(self.speed) + by
+        self.speed = SPEEDS[min(max(entry, 0), len(SPEEDS) - 1)]
 
     def advance(self, seconds: float) -> None:
         """Let `seconds` of the viewer's time go by."""

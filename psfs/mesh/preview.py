@@ -25,7 +25,7 @@ from psfs.sequence import Frame
 def mesh_preview(
     mesh: trimesh.Trimesh, rig: CameraRig, frame: Frame, title: str = ""
 ) -> np.ndarray:
-    """(h, w, 3) uint8 BGR: the same sheet as `psfs.output.preview.preview`, of a mesh."""
+    """Draw (h, w, 3) uint8 BGR: the same sheet as `psfs.output.preview.preview`, of a mesh."""
     scene = RayScene(mesh)
     views = [shaded_mesh(scene, azimuth, up, PANEL) for azimuth, up in VIEWS]
     text = f"{title}   {len(mesh.faces):,} triangles   volume {mesh.volume * 1e3:.3g} l"
@@ -35,7 +35,7 @@ def mesh_preview(
 def shaded_mesh(
     scene: RayScene, azimuth: float, elevation: float, size: tuple[int, int]
 ) -> np.ndarray:
-    """(h, w, 3) uint8 BGR orthographic view, as `output.preview.shaded_view` gives of clouds."""
+    """Draw the (h, w, 3) uint8 BGR orthographic view that `shaded_view` draws of clouds."""
     mesh = scene.mesh
     width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     extent = float(mesh.extents.max())

@@ -31,14 +31,14 @@ class RayScene:
         return self._tensor(np.concatenate([origins, directions], -1).astype(np.float32))
 
     def hits(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(N,) bool: does the ray meet the mesh?"""
+        """Return (N,) bool: does the ray meet the mesh?"""
         return self._scene.test_occlusions(self._rays(origins, directions)).numpy()
 
     def first_hits(
         self, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(N,) bool hit or not; of those that hit, the three vertices (M, 3) of the triangle and
-        their barycentric weights (M, 3)."""
+        """Return (N,) bool hit or not; of those that hit, the three vertices (M, 3) of the triangle
+        and their barycentric weights (M, 3)."""
         answer = self._scene.cast_rays(self._rays(origins, directions))
         hit = np.isfinite(answer["t_hit"].numpy())
         corners = np.asarray(self.mesh.faces)[answer["primitive_ids"].numpy()[hit]]
@@ -46,7 +46,7 @@ class RayScene:
         return hit, corners, np.stack([1 - u - v, u, v], -1)
 
     def silhouette(self, camera: Camera) -> np.ndarray:
-        """(h, w) bool: pixels whose centre's ray meets the mesh, lens distortion included."""
+        """Return (h, w) bool: pixels whose centre's ray, bent by the lens, meets the mesh."""
         width, height = camera.size
         low, high = np.zeros(2, int), np.array([width, height])
         pixels, depth = camera.project(self.mesh.vertices)

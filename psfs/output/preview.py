@@ -30,7 +30,7 @@ _MASK_GREY = 0.55  # brightness of a mask drawn as a picture, so that lines stan
 
 
 def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
-    """(h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
+    """Draw (h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
     the outline of the reprojected cloud is drawn."""
     shown = _for_pictures(cloud)
     normals = normals_of(shown)
@@ -49,7 +49,7 @@ def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") ->
 
 
 def _for_pictures(cloud: VoxelCloud) -> VoxelCloud:
-    """The cloud in voxels no finer than a small picture shows."""
+    """Return the cloud in voxels no finer than a small picture shows."""
     if not len(cloud):
         return cloud
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
@@ -64,7 +64,7 @@ def sheet(
     rig: CameraRig,
     frame: Frame,
 ) -> np.ndarray:
-    """(h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame with
+    """Draw (h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame with
     the outline of `silhouette(view)`, (h, w) bool."""
     above = np.hstack(views)
     cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
@@ -78,8 +78,8 @@ def shaded_view(
     elevation: float,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """(h, w, 3) uint8 BGR orthographic view of a cloud with `normals_of` it, `size` = (width,
-    height) px.
+    """Draw an (h, w, 3) uint8 BGR orthographic view of a cloud with `normals_of` it, `size` =
+    (width, height) px.
 
     azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
     the horizon. Voxels are splatted into a z-buffer and lit by their normals.
@@ -96,7 +96,7 @@ def shaded_view(
 
 
 def shrunk(picture: np.ndarray) -> np.ndarray:
-    """The final uint8 picture of one that was computed with SUPERSAMPLING."""
+    """Return the final uint8 picture of one that was computed with SUPERSAMPLING."""
     factor = 1 / SUPERSAMPLING
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return np.clip(small, 0, 255).astype(np.uint8)
@@ -120,7 +120,7 @@ class View:
         elevation: float,
         size: tuple[int, int],
     ) -> View:
-        """All `points` (N, 3) m, with a margin (m) around them, in a picture of `size` px."""
+        """Return the view of all `points` (N, 3) m, a margin (m) around them, in `size` px."""
         a, e = np.radians([azimuth, elevation])
         away = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -139,7 +139,7 @@ class View:
 
 
 def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarray:
-    """(h, w) number of the voxel nearest to the viewer, or -1."""
+    """Return (h, w): the number of the voxel nearest to the viewer, or -1."""
     pixels, depth = view.project(cloud.centres)
     order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
     half = 0.75 * cloud.grid.voxel_size * view.scale
@@ -156,8 +156,8 @@ def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarra
 
 
 def _lit(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
-    """(h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left; `normals` along
-    the view's axes, `scale` px per m."""
+    """Return (h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left; `normals`
+    along the view's axes, `scale` px per m."""
     seen = nearest >= 0
     field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
     # Normals flow from voxel to voxel, which hides their steps.
@@ -170,8 +170,8 @@ def _lit(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarr
 
 
 def lighting(normals: np.ndarray) -> np.ndarray:
-    """Brightness of surfaces with unit `normals` (..., 3) along the axes of the view: a key light
-    from the viewer's upper left, a weaker one from the right, and light from everywhere."""
+    """Return the brightness of surfaces with unit `normals` (..., 3) along the axes of the view: a
+    key light from the viewer's upper left, a weaker one from the right, light from everywhere."""
     key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
     fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
     return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
@@ -180,7 +180,7 @@ def lighting(normals: np.ndarray) -> np.ndarray:
 def outlined(
     picture: np.ndarray, silhouette: np.ndarray, colour: tuple[int, int, int] = _OUTLINE
 ) -> np.ndarray:
-    """`picture` (h, w, 3) with the outline of `silhouette` (h, w) bool drawn on it."""
+    """Return `picture` (h, w, 3) with the outline of `silhouette` (h, w) bool drawn on it."""
     contours, _ = cv2.findContours(
         silhouette.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
@@ -191,8 +191,8 @@ def outlined(
 
 
 def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
-    """(h, w, 3) uint8 BGR of one view without the rig's padding; a darkened mask if there is no
-    picture."""
+    """Return (h, w, 3) uint8 BGR of one view without the rig's padding; a darkened mask if there
+    is no picture."""
     width, height = camera.size
     if frame.images is not None:
         return frame.images[view, :height, :width]
@@ -205,7 +205,7 @@ def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
 def _picture_row(
     silhouette: Callable[[int], np.ndarray], rig: CameraRig, frame: Frame, width: int
 ) -> np.ndarray:
-    """Up to six of the frame's pictures with an outline, filling `width` px."""
+    """Draw up to six of the frame's pictures with an outline, filling `width` px."""
     chosen = np.unique(np.linspace(0, len(rig) - 1, min(6, len(rig))).round().astype(int))
     panels = []
     for view in chosen:

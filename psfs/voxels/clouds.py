@@ -12,19 +12,25 @@ from scipy import sparse
 from cl import InputError
 from psfs.common.files import read_npz, written_whole
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.normals import normals_of
 
 #: Parts of a cloud with fewer voxels than this share of the largest part's are debris.
 DEBRIS_SHARE = 0.05
 
-_POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
-_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+#: The columns of the PLY, in this order.
+_COLUMNS = {
+    "xyz": [("x", "<f4"), ("y", "<f4"), ("z", "<f4")],
+    "normal": [("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4")],
+    "colour": [("red", "u1"), ("green", "u1"), ("blue", "u1")],
+    "probability": [("probability", "<f4")],
+}
 _PLY_TYPES = {"<f4": "float", "u1": "uchar"}
 #: What an NPZ holds, and the colours where there are some.
 _ARRAYS = ("origin", "voxel_size", "shape", "indices", "probability", "volume")
 
 
 def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
-    """Only the connected parts with at least `share` of the largest part's surface voxels.
+    """Return only the connected parts with at least `share` of the largest part's surface voxels.
 
     Voxels are connected that share a corner. The volume keeps counting all occupied voxels,
     less the voxels that are dropped. share: 0 keeps everything, 1 the largest part only.
@@ -44,54 +50,61 @@ def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud
 
 
 def connected_parts(cloud: VoxelCloud) -> np.ndarray:
-    """(N,) int: number of the connected part that each voxel belongs to. Looks at the voxels of
-    the cloud only, not at its grid, which may be a thousand times as large."""
+    """Return (N,) int: number of the connected part that each voxel belongs to.
+
+    Reads the voxels of the cloud only, not its grid, which may be a thousand times as large.
+    """
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     _, ny, nz = cloud.grid.shape
-    # Places in a grid with a border, where no neighbour of a voxel lies in another row.
-    place = (i * (ny + 2) + j) * (nz + 2) + k
+    # Flat indices in a grid with a border, where no neighbour of a voxel lies in another row.
+    flat = (i * (ny + 2) + j) * (nz + 2) + k
     around = product((-1, 0, 1), repeat=3)
     steps = [(x * (ny + 2) + y) * (nz + 2) + z for x, y, z in around]
     pairs = []
     for step in (step for step in steps if step > 0):  # each pair once
-        found = np.minimum(np.searchsorted(place, place + step), len(place) - 1)
-        voxels = np.flatnonzero(place[found] == place + step)
+        found = np.minimum(np.searchsorted(flat, flat + step), len(flat) - 1)
+        voxels = np.flatnonzero(flat[found] == flat + step)
         pairs.append((voxels, found[voxels]))
     rows, columns = np.concatenate(pairs, axis=1)
-    links = sparse.coo_array((np.ones(len(rows), bool), (rows, columns)), (len(place),) * 2)
+    links = sparse.coo_array((np.ones(len(rows), bool), (rows, columns)), (len(flat),) * 2)
     _, label = sparse.csgraph.connected_components(links, directed=False)
     return np.asarray(label)
 
 
 def coarsened(cloud: VoxelCloud, factor: int) -> VoxelCloud:
-    """The cloud in voxels `factor` times as long; each takes over what one voxel in it says."""
+    """Return the cloud in voxels `factor` times as long, each with what one voxel in it holds."""
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape)) // factor
     nx, ny, nz = (-(-n // factor) for n in cloud.grid.shape)
     grid = VoxelGrid(cloud.grid.origin, factor * cloud.grid.voxel_size, (nx, ny, nz))
-    places = np.ravel_multi_index(tuple(ijk), grid.shape)
-    indices, first = np.unique(places.astype(np.int32), return_index=True)
+    flat = np.ravel_multi_index(tuple(ijk), grid.shape)
+    indices, first = np.unique(flat.astype(np.int32), return_index=True)
     colour = None if cloud.colour is None else cloud.colour[first]
     return VoxelCloud(grid, indices, cloud.probability[first], colour, cloud.volume)
 
 
-def write_cloud(cloud: VoxelCloud, stem: Path) -> None:
-    """Write `stem`.ply and `stem`.npz."""
-    write_ply(cloud, stem.with_suffix(".ply"))
+def write_cloud(cloud: VoxelCloud, stem: Path, normals: bool = False) -> None:
+    """Write `stem`.ply, with normals if they are wanted, and `stem`.npz."""
+    write_ply(cloud, stem.with_suffix(".ply"), normals)
     write_npz(cloud, stem.with_suffix(".npz"))
 
 
-def write_ply(cloud: VoxelCloud, path: Path) -> None:
-    """Binary PLY of the voxels' centres: metres, Z up (said in a comment), with the property
-    `probability`, and red, green, blue if the cloud is coloured."""
-    colours = _COLOUR if cloud.colour is not None else []
-    columns = [*_POSITION, *colours, ("probability", "<f4")]
-    vertices = np.zeros(len(cloud), columns)
-    for axis, values in zip("xyz", cloud.centres.T, strict=True):
-        vertices[axis] = values
+def write_ply(cloud: VoxelCloud, path: Path, normals: bool = False) -> None:
+    """Write a binary PLY of the voxels' centres: metres, Z up, which a comment says.
+
+    Its properties: x, y, z; nx, ny, nz (outward), if `normals` are wanted; red, green, blue, if the
+    cloud is coloured; probability.
+    """
+    values = {"xyz": cloud.centres}
+    if normals:
+        values["normal"] = normals_of(cloud)
     if cloud.colour is not None:
-        for (name, _), values in zip(_COLOUR, cloud.colour.T, strict=True):
-            vertices[name] = values
-    vertices["probability"] = cloud.probability
+        values["colour"] = cloud.colour
+    values["probability"] = cloud.probability[:, None]
+    columns = [column for name in values for column in _COLUMNS[name]]
+    vertices = np.zeros(len(cloud), columns)
+    for name, array in values.items():
+        for (column, _), row in zip(_COLUMNS[name], array.T, strict=True):
+            vertices[column] = row
     properties = [f"property {_PLY_TYPES[kind]} {name}" for name, kind in columns]
     header = [
         "ply",
@@ -108,7 +121,7 @@ def write_ply(cloud: VoxelCloud, path: Path) -> None:
 
 
 def write_npz(cloud: VoxelCloud, path: Path) -> None:
-    """Everything of a VoxelCloud, under the names of its fields and its grid's."""
+    """Write all of a VoxelCloud, under the names of its fields and its grid's."""
     arrays = {
         "origin": cloud.grid.origin,
         "voxel_size": np.array(cloud.grid.voxel_size),
@@ -124,7 +137,7 @@ def write_npz(cloud: VoxelCloud, path: Path) -> None:
 
 
 def read_cloud(path: Path) -> VoxelCloud:
-    """Inverse of `write_npz`. Raises InputError if the file is absent, cut short or another's."""
+    """Read what `write_npz` wrote. Raises InputError if the file is absent, cut or another's."""
     what = "a voxel cloud of `psfs reconstruct`"
     data = read_npz(path, _ARRAYS, what)
     try:

@@ -120,10 +120,10 @@ def test_an_interrupted_run_leaves_whole_files(
 ) -> None:
     out, write = tmp_path / "out", command.write_cloud
 
-    def interrupted(cloud, stem: Path) -> None:
+    def interrupted(cloud, stem: Path, normals: bool) -> None:
         if stem.name == "frame_000003":
             raise KeyboardInterrupt
-        write(cloud, stem)
+        write(cloud, stem, normals)
 
     monkeypatch.setattr(command, "write_cloud", interrupted)
     assert reconstruct(folder, out) == 130

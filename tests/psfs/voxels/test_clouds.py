@@ -11,9 +11,18 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import InputError
+from psfs.common.open3d import load_open3d
 from psfs.reference.surface import surface_voxels
-from psfs.voxels.clouds import coarsened, connected_parts, read_cloud, without_debris, write_cloud
+from psfs.voxels.clouds import (
+    coarsened,
+    connected_parts,
+    read_cloud,
+    without_debris,
+    write_cloud,
+    write_ply,
+)
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.normals import normals_of
 
 
 def a_cloud(colour: bool = False, speck: bool = False) -> VoxelCloud:
@@ -43,6 +52,24 @@ def test_round_trip(tmp_path: Path, colour: bool) -> None:
     np.testing.assert_array_equal(columns["probability"], cloud.probability)
     if cloud.colour is not None:
         np.testing.assert_array_equal(points.colors[:, :3], cloud.colour)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("normals", [False, True])
+def test_open3d_reads_our_ply(tmp_path: Path, colour: bool, normals: bool) -> None:
+    """All of it, also the probability, which is a property of our own."""
+    cloud = a_cloud(colour)
+    write_ply(cloud, tmp_path / "cloud.ply", normals)
+    content = (tmp_path / "cloud.ply").read_bytes()
+    assert b"unit metre; right-handed, Z up" in content
+    read = load_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.ply")).point
+    np.testing.assert_array_equal(read.positions.numpy(), cloud.centres.astype(np.float32))
+    np.testing.assert_array_equal(read.probability.numpy()[:, 0], cloud.probability)
+    assert ("colors" in read) == colour and ("normals" in read) == normals
+    if cloud.colour is not None:
+        np.testing.assert_array_equal(read.colors.numpy(), cloud.colour)
+    if normals:
+        np.testing.assert_array_equal(read.normals.numpy(), normals_of(cloud))
 
 
 def test_an_empty_cloud_is_written_and_read(tmp_path: Path) -> None:
