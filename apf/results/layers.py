@@ -11,7 +11,7 @@ from apf.body.mesh import cone_mesh
 from apf.body.model import BodyModel, side_of
 from apf.results.overlay import COLOURS
 from apf.tracking.track import Track
-from psfs.mesh.drawing import Layer, Lines, Surface
+from psfs.mesh.drawing import Layer, Lines, Surface, own_corners
 
 #: RGB of the skeleton, and of it where the person was lost.
 _BONE, _LOST = (20, 20, 20), (220, 30, 30)
@@ -44,7 +44,8 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     rows = {int(frame): row for row, frame in enumerate(track.frames)}
     mesh = cone_mesh(body, _VERTICES_PER_CONE)
     of_cone = np.array([COLOURS[side_of(name)][::-1] for name in mesh.names], np.uint8)
-    colours = np.repeat(of_cone, _VERTICES_PER_CONE, axis=0)
+    corners, faces = own_corners(mesh.faces)
+    colours = np.repeat(of_cone, _VERTICES_PER_CONE, axis=0)[corners]
 
     @lru_cache(_KEPT)
     def drawing(frame: int) -> Surface | None:
@@ -52,11 +53,7 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
             return None
         vertices = mesh.posed(body, track.poses[rows[frame]][None])[0][0]
         normals = trimesh.Trimesh(vertices, mesh.faces, process=False).vertex_normals
-        # Corners of their own for every triangle: with shared ones Open3D 0.20 presents no frame
-        # at all on Mesa's software Vulkan (seen with these cones, not with voxels).
-        corners = mesh.faces.ravel()
-        faces = np.arange(len(corners)).reshape(-1, 3)
-        return Surface(vertices[corners], faces, normals[corners], colours[corners], _OPACITY)
+        return Surface(vertices[corners], faces, normals[corners], colours, _OPACITY)
 
     return Layer("cones", lambda frame, _colouring: drawing(frame))
 

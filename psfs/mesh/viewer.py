@@ -238,7 +238,7 @@ class _Viewer:
 def _help() -> str:
     keys = [f"{key}: {what}" for key, what in KEYS.items()]
     return "\n".join(
-        [*keys, "", "mouse", "drag: turn", "wheel: nearer, farther", "ctrl + drag: move"]
+        ["keys", *keys, "", "mouse", "drag: turn", "wheel: nearer, farther", "ctrl + drag: move"]
     )
 
 
