@@ -11,7 +11,7 @@ from apf.body.mesh import cone_mesh
 from apf.body.model import BodyModel, side_of
 from apf.results.overlay import COLOURS
 from apf.tracking.track import Track
-from psfs.mesh.drawing import Layer, Lines, Surface, own_corners
+from psfs.mesh.drawing import Layer, Lines, Surface
 
 #: RGB of the skeleton, and of it where the person was lost.
 _BONE, _LOST = (20, 20, 20), (220, 30, 30)
@@ -44,7 +44,10 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     rows = {int(frame): row for row, frame in enumerate(track.frames)}
     mesh = cone_mesh(body, _VERTICES_PER_CONE)
     of_cone = np.array([COLOURS[side_of(name)][::-1] for name in mesh.names], np.uint8)
-    corners, faces = own_corners(mesh.faces)
+    # Every triangle has corners of its own: with shared ones Open3D 0.20 presented no frame of
+    # these cones on Mesa's software Vulkan.
+    corners = mesh.faces.ravel()
+    faces = np.arange(len(corners)).reshape(-1, 3)
     colours = np.repeat(of_cone, _VERTICES_PER_CONE, axis=0)[corners]
 
     @lru_cache(_KEPT)

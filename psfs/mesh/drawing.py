@@ -82,16 +82,6 @@ def cubes(cloud: VoxelCloud) -> tuple[np.ndarray, np.ndarray]:
     return vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32)
 
 
-def own_corners(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (3 M,) that the corners of `faces` (M, 3) are, and faces (M, 3) of which
-    none shares a corner with another.
-
-    With shared ones Open3D 0.20 presents no frame at all on Mesa's software Vulkan: seen with
-    meshes and cones, not with cubes.
-    """
-    return faces.ravel(), np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
-
-
 def voxel_colours(
     cloud: VoxelCloud, colouring: str, low: float = 0.0, high: float = 1.0
 ) -> np.ndarray:
@@ -153,9 +143,9 @@ def voxel_layer(
             normals = np.repeat(normals_of(cloud), 8, axis=0)
             voxel = np.repeat(np.arange(len(cloud)), 8)
         else:
-            corners, faces = own_corners(mesh.faces)
-            vertices, normals = mesh.vertices[corners], mesh.vertex_normals[corners]
-            voxel = spatial.cKDTree(cloud.centres).query(mesh.vertices)[1][corners]
+            vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, np.int32)
+            normals = np.array(mesh.vertex_normals)
+            _, voxel = spatial.cKDTree(cloud.centres).query(vertices)
         return cloud, Surface(vertices, faces, normals, bare, opacity), voxel
 
     @lru_cache(_KEPT)
