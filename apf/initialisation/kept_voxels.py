@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cl import Device, NumpyDevice
+from psfs.common.regions import large_parts
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -56,7 +56,4 @@ def person_points(grid: VoxelGrid, indices: np.ndarray, min_part: float = 0.05) 
         return np.zeros((0, 3))
     filled = np.zeros(grid.shape, bool)
     filled.ravel()[indices] = True
-    labels, _ = ndimage.label(filled, np.ones((3, 3, 3)))
-    mine = labels.ravel()[indices]
-    sizes = np.bincount(mine)
-    return grid.centres(indices[sizes[mine] >= min_part * sizes.max()])
+    return grid.centres(indices[large_parts(filled, min_part).ravel()[indices]])

@@ -14,6 +14,7 @@ from trimesh.visual import ColorVisuals
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
+from psfs.common.regions import large_parts
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
@@ -66,12 +67,9 @@ def surface_mesh(
 def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
     """Return `probability` with debris at 0 and cavities at 1."""
     occupied = probability > threshold
-    labels, parts = ndimage.label(occupied, np.ones((3, 3, 3)))
-    if not parts:
+    if not occupied.any():
         raise InputError(f"no voxel has a probability above {threshold:g}; expected a body")
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0  # what is not occupied
-    kept = (sizes >= debris * sizes.max())[labels] & occupied
+    kept = large_parts(occupied, debris)
     cavities = ndimage.binary_fill_holes(kept) & ~kept
     cleaned: np.ndarray = np.where(occupied & ~kept, np.float32(0), probability)
     cleaned[cavities] = 1

@@ -58,6 +58,19 @@ class ColourConfig:
 
 
 @dataclass(frozen=True)
+class EdgeConfig:
+    """Proximity to the edges of the voxels' silhouettes, see `psfs.voxels.reprojection`; set by
+    hand."""
+
+    sigma: float = 4.0
+    """Standard deviation of the proximity, px in maps `width` px wide."""
+    width: int = 640
+    """Width of maps, px, that `sigma` is stated for; in others it scales with them."""
+    reach: float = 3.0
+    """Standard deviations beyond which the proximity is 0: the usual 3 sigma."""
+
+
+@dataclass(frozen=True)
 class VolumeConfig:
     """How the volume is found when nobody states one, see `psfs.volume`.
 

@@ -7,6 +7,7 @@ import numpy as np
 from cl import Array, Device, InputError
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
+from psfs.voxels.config import EdgeConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.edge_distance import LOT, distance_defines, tiles_of
 from psfs.voxels.grid import VoxelGrid
@@ -21,8 +22,8 @@ class Reprojection:
     Channel 0: silhouette of the voxels, 0 or 255. Channel 1: proximity to its boundary,
     round(255 exp(-d^2 / (2 sigma^2))) with d the Euclidean distance in pixels to the nearest
     boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
-    are those of `rig.scaled(scale)`. sigma: px of the maps, by default 4 px in maps 640 px wide;
-    radius: px, by default 3 sigma.
+    are those of `rig.scaled(scale)`. sigma and radius: px of the maps, by default as `EdgeConfig`
+    says.
     """
 
     def __init__(
@@ -102,12 +103,15 @@ class Reprojection:
         self._grid = None
 
 
-def edge_reach(rig: CameraRig, sigma: float | None, radius: int | None) -> tuple[float, int]:
-    """Return sigma and radius in px, with the defaults that `Reprojection` states."""
-    sigma = 4.0 * rig.width / 640 if sigma is None else float(sigma)
+def edge_reach(
+    rig: CameraRig, sigma: float | None, radius: int | None, config: EdgeConfig | None = None
+) -> tuple[float, int]:
+    """Return sigma and radius in px; those that are not stated as `config` says."""
+    config = config or EdgeConfig()
+    sigma = config.sigma * rig.width / config.width if sigma is None else float(sigma)
     if not sigma > 0:
         raise InputError(f"the edge width is {sigma} px; expected a positive number")
-    radius = max(1, round(3 * sigma)) if radius is None else int(radius)
+    radius = max(1, round(config.reach * sigma)) if radius is None else int(radius)
     if not 1 <= radius <= 127:
         raise InputError(f"the edge radius is {radius} px; expected 1 to 127")
     return sigma, radius
