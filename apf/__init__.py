@@ -10,9 +10,8 @@
 parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
 `SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
 `Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `start_of` looks for the
-first pose. Angles are radians, lengths
-metres. What a user can mend raises `InputError`, `MissingFileError` or `DeviceError`, all of them
-`UserError`.
+first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
+`MissingFileError` or `DeviceError`, all of them `UserError`.
 """
 
 from __future__ import annotations
@@ -26,15 +25,18 @@ if TYPE_CHECKING:
     from apf.body import BodyModel, load_body, save_body
     from apf.filters.annealed import AnnealedParticleFilter
     from apf.filters.base import Estimate, Tracker
-    from apf.filters.config import FilterConfig
+    from apf.filters.config import FilterConfig, LimbSearchConfig, RefinementConfig, SearchConfig
     from apf.filters.method import Method
     from apf.filters.sir import SirConfig, SirParticleFilter
     from apf.filters.swarm import ParticleSwarm, SwarmConfig
-    from apf.initialisation import Start, start_of
+    from apf.image_objective.config import FeatureConfig, ObjectiveConfig, ProximityConfig
+    from apf.initialisation import Start, StartConfig, StartError, start_of
     from apf.initialisation.from_joints import fit_to_joints
+    from apf.likelihood.config import LikelihoodConfig, MotionPriorConfig, PartColourConfig
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
     from apf.tracking.batch import Take, track_take
+    from apf.tracking.recovery import RecoveryConfig
     from apf.tracking.track import Track
     from cl import (
         Device,
@@ -55,16 +57,28 @@ __all__ = [
     "DeviceError",
     "Estimate",
     "Evaluation",
+    "FeatureConfig",
     "FilterConfig",
     "InputError",
+    "LikelihoodConfig",
+    "LimbSearchConfig",
     "Method",
     "MissingFileError",
+    "MotionPriorConfig",
     "NumpyDevice",
+    "ObjectiveConfig",
+    "PartColourConfig",
     "ParticleSwarm",
+    "ProximityConfig",
+    "RecoveryConfig",
+    "RefinementConfig",
     "Scene",
+    "SearchConfig",
     "SirConfig",
     "SirParticleFilter",
     "Start",
+    "StartConfig",
+    "StartError",
     "SwarmConfig",
     "Take",
     "Track",
@@ -89,18 +103,26 @@ _MODULES = {
     "apf.body": ("BodyModel", "load_body", "save_body"),
     "apf.filters.annealed": ("AnnealedParticleFilter",),
     "apf.filters.base": ("Estimate", "Tracker"),
-    "apf.filters.config": ("FilterConfig",),
+    "apf.filters.config": ("FilterConfig", "LimbSearchConfig", "RefinementConfig", "SearchConfig"),
     "apf.filters.method": ("Method",),
     "apf.filters.sir": ("SirConfig", "SirParticleFilter"),
     "apf.filters.swarm": ("ParticleSwarm", "SwarmConfig"),
-    "apf.initialisation": ("Start", "start_of"),
+    "apf.image_objective.config": ("FeatureConfig", "ObjectiveConfig", "ProximityConfig"),
+    "apf.initialisation": ("Start", "StartConfig", "StartError", "start_of"),
     "apf.initialisation.from_joints": ("fit_to_joints",),
+    "apf.likelihood.config": ("LikelihoodConfig", "MotionPriorConfig", "PartColourConfig"),
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
     "apf.tracking.batch": ("Take", "track_take"),
+    "apf.tracking.recovery": ("RecoveryConfig",),
     "apf.tracking.track": ("Track",),
     "cl": (
-        *("Device", "DeviceError", "InputError", "MissingFileError", "NumpyDevice", "UserError"),
+        "Device",
+        "DeviceError",
+        "InputError",
+        "MissingFileError",
+        "NumpyDevice",
+        "UserError",
         "select_device",
     ),
 }

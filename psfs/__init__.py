@@ -29,22 +29,35 @@ if TYPE_CHECKING:
         select_device,
     )
     from psfs.api import open_sequence, reconstruct
+    from psfs.background.config import (
+        AdaptationConfig,
+        BackgroundConfig,
+        ChromaKeyConfig,
+        EvidenceConfig,
+    )
     from psfs.cameras.camera import Camera, CameraRig
     from psfs.reconstructor import ReconstructionConfig, Reconstructor
     from psfs.sequence import Frame, Sequence
-    from psfs.silhouettes.config import SilhouetteConfig
+    from psfs.silhouettes.config import AppearanceConfig, FloorConfig, RimConfig, SilhouetteConfig
     from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
-    from psfs.voxels.config import OccupancyConfig
+    from psfs.voxels.config import ColourConfig, OccupancyConfig, VolumeConfig
     from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 __version__: str
 
 __all__ = [
+    "AdaptationConfig",
+    "AppearanceConfig",
+    "BackgroundConfig",
     "Camera",
     "CameraRig",
+    "ChromaKeyConfig",
+    "ColourConfig",
     "Device",
     "DeviceError",
+    "EvidenceConfig",
+    "FloorConfig",
     "Frame",
     "InputError",
     "MissingFileError",
@@ -52,9 +65,11 @@ __all__ = [
     "OccupancyConfig",
     "ReconstructionConfig",
     "Reconstructor",
+    "RimConfig",
     "Sequence",
     "SilhouetteConfig",
     "UserError",
+    "VolumeConfig",
     "VoxelCloud",
     "VoxelGrid",
     "__version__",
@@ -70,17 +85,28 @@ __all__ = [
 #: must not wait for OpenCL and OpenCV.
 _MODULES = {
     "cl": (
-        *("Device", "DeviceError", "InputError", "MissingFileError", "NumpyDevice", "UserError"),
+        "Device",
+        "DeviceError",
+        "InputError",
+        "MissingFileError",
+        "NumpyDevice",
+        "UserError",
         "select_device",
     ),
     "psfs.api": ("open_sequence", "reconstruct"),
+    "psfs.background.config": (
+        "AdaptationConfig",
+        "BackgroundConfig",
+        "ChromaKeyConfig",
+        "EvidenceConfig",
+    ),
     "psfs.cameras.camera": ("Camera", "CameraRig"),
     "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
     "psfs.sequence": ("Frame", "Sequence"),
-    "psfs.silhouettes.config": ("SilhouetteConfig",),
+    "psfs.silhouettes.config": ("AppearanceConfig", "FloorConfig", "RimConfig", "SilhouetteConfig"),
     "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
-    "psfs.voxels.config": ("OccupancyConfig",),
+    "psfs.voxels.config": ("ColourConfig", "OccupancyConfig", "VolumeConfig"),
     "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import pytest
+
+import apf
+import psfs
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -22,6 +26,28 @@ def test_paths_and_links_exist(page: Path) -> None:
     quoted = re.findall(r"`([\w./-]+)`", text)
     paths = [path for path in quoted if path.startswith(ROOMS)]
     missing += [path for path in paths if not (ROOT / path).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_public_names_exist(page: Path) -> None:
+    """`psfs.X`, `apf.X`, and `X.y` of their classes."""
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    missing = []
+    for name in re.findall(r"`((?:\w+\.)+\w+)(?:\([^`]*)?`", text):
+        first, *rest = name.split(".")
+        if first in ("psfs", "apf"):
+            owner = {"psfs": psfs, "apf": apf}[first]
+        elif first in psfs.__all__ or first in apf.__all__:
+            owner = getattr(psfs if first in psfs.__all__ else apf, first)
+        else:
+            continue  # a file, or a name of another kind
+        for part in rest:
+            if not hasattr(owner, part):
+                if not re.search(rf"\b{part}\b", inspect.getsource(owner)):
+                    missing.append(name)
+                break  # else a field without a default, or an attribute of instances
+            owner = getattr(owner, part)
     assert not missing
 
 
@@ -62,7 +88,7 @@ def test_code_of_the_stage_is_the_repositorys() -> None:
     """Every block under `path`: is in that file, but for its dots."""
     text = (ROOT / "docs" / "add_a_stage.md").read_text()
     blocks = re.findall(r"\n`([\w./]+)`:\n\n```\w+\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     for path, block in blocks:
         source = (ROOT / path).read_text()
         for piece in re.split(r"^ *\.\.\.\n|\n\n", block, flags=re.MULTILINE):

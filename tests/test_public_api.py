@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import re
 import subprocess
@@ -34,6 +35,20 @@ def test_public_names_are_there_documented_and_listed(package: ModuleType) -> No
             assert value.__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = package.nonsense
+
+
+def configs_in(config: type) -> set[type]:
+    """A config and all that it is made of."""
+    parts = {type(getattr(config(), field.name)) for field in dataclasses.fields(config)}
+    return {config}.union(*(configs_in(p) for p in parts if dataclasses.is_dataclass(p)))
+
+
+def test_all_settings_are_public() -> None:
+    found = configs_in(psfs.ReconstructionConfig) | configs_in(apf.Method)
+    assert len(found) > 20
+    for config in found:
+        home = psfs if config.__module__.startswith("psfs.") else apf
+        assert getattr(home, config.__name__) is config
 
 
 def test_imports_alone_load_neither_opencl_nor_opencv() -> None:
