@@ -16,10 +16,19 @@ from apf.reference.likelihood.voxel import posture_errors, subset, total_errors
 from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.voxels.grid import VoxelGrid
 
 CONFIG = FilterConfig.of(n_particles=37, n_points=100)
+#: Looks along -x at a cone on the z axis, 1 px per cm at the origin.
+FRONT = Camera(
+    "front",
+    np.array([[200.0, 0, 50], [0, 200, 60], [0, 0, 1]]),
+    np.zeros(5),
+    np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    np.array([0.0, 0, 2]),
+    (101, 121),
+)
 
 
 def smooth_maps(rig: CameraRig, seed: int = 0) -> np.ndarray:

@@ -1,0 +1,319 @@
+"""One layer's bookkeeping: twin against known answers, kernels against the twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import bodies
+
+from apf.body.model import BodyModel
+from apf.filters.config import FilterConfig
+from apf.filters.particle_set import ParticleSet
+from apf.reference.filters.annealing import (
+    annealing_exponent,
+    diffuse,
+    effective_size,
+    normalised_weights,
+    systematic_parents,
+)
+from apf.reference.filters.noise import normals, uniform
+from cl import Device, Launch
+
+SONG, STICK = bodies.named("song31"), bodies.named("stick")
+#: Survival rates that even two particles can reach.
+MILD = {"first_survival": 0.9, "last_survival": 0.6}
+
+
+def errors_of(kind: str, n: int) -> np.ndarray:
+    """(n,) float32 errors of particles."""
+    random = np.random.default_rng(n)
+    spread = random.gamma(4.0, 2.0, n)
+    kinds = {
+        "spread": spread,
+        "large": 5000 + spread,
+        "narrow": 3 + 1e-4 * spread,
+        "equal": np.full(n, 2.5),
+        "zero": np.zeros(n),
+        "one dominant": np.where(np.arange(n) == n // 3, 0.01, 1e4),
+        "half the best": np.where(np.arange(n) % 2 == 0, 1.0, 1.0 + spread),
+        "one hopeless": np.where(np.arange(n) == n - 1, 1e30, spread),
+    }
+    return kinds[kind].astype(np.float32)
+
+
+KINDS = ["spread", "large", "narrow", "equal", "zero"]
+KINDS += ["one dominant", "half the best", "one hopeless"]
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("kind", ["spread", "large", "narrow"])
+def test_beta_reaches_the_survival_rate(kind: str, rate: float) -> None:
+    errors = errors_of(kind, 200).astype(float)
+    beta = annealing_exponent(errors, rate)
+    assert effective_size(errors, beta) == pytest.approx(rate * 200, rel=1e-3)
+    weights = normalised_weights(errors, beta)
+    assert 1 / np.sum(weights**2) == pytest.approx(rate * 200, rel=1e-3)
+    assert weights.sum() == pytest.approx(1)
+    assert np.argmax(weights) == np.argmin(errors)  # the sign of Song et al. eq. (16)
+
+
+def test_beta_does_not_depend_on_a_common_error_and_scales_inversely() -> None:
+    errors = errors_of("spread", 100).astype(float)
+    beta = annealing_exponent(errors, 0.3)
+    assert annealing_exponent(errors + 700, 0.3) == pytest.approx(beta)
+    assert annealing_exponent(errors * 10, 0.3) == pytest.approx(beta / 10)
+
+
+def test_weights_where_no_exponent_reaches_the_rate() -> None:
+    equal = errors_of("equal", 10)
+    np.testing.assert_allclose(normalised_weights(equal, annealing_exponent(equal, 0.3)), 0.1)
+    half = errors_of("half the best", 10)
+    weights = normalised_weights(half, annealing_exponent(half, 0.2))
+    np.testing.assert_allclose(weights, [0.2, 0] * 5, atol=1e-9)
+    one = errors_of("one dominant", 9)
+    weights = normalised_weights(one, annealing_exponent(one, 1 - 1e-6))
+    assert np.isfinite(weights).all() and weights.argmax() == 3
+
+
+@pytest.mark.parametrize("offset", [1e-7, 0.3, 1 - 1e-7])
+@pytest.mark.parametrize("n", [2, 37, 129])
+def test_systematic_resampling_keeps_the_shares(n: int, offset: float) -> None:
+    weights = np.random.default_rng(n).dirichlet(np.full(n, 0.3))
+    parents = systematic_parents(weights, offset)
+    assert len(parents) == n and np.all(np.diff(parents) >= 0)
+    counts = np.bincount(parents, minlength=n)
+    assert np.all(np.abs(counts - n * weights) < 1)
+
+
+def test_resampling_of_extremes() -> None:
+    np.testing.assert_array_equal(systematic_parents(np.full(5, 0.2), 0.5), np.arange(5))
+    np.testing.assert_array_equal(systematic_parents(np.eye(5)[3], 0.999), np.full(5, 3))
+    np.testing.assert_array_equal(systematic_parents(np.array([0.5, 0.5, 0]), 0.9), [0, 1, 1])
+
+
+def test_children_are_reflected_at_the_limits() -> None:
+    lower, upper = np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 0.5])
+    poses = np.array([[0.9, 5.0, 0.1], [-0.9, -5.0, 0.4]])
+    noise = np.array([[0.3, 100.0, -0.3], [-0.4, -100.0, 3.0]])
+    children = diffuse(poses, np.array([0, 1]), noise, lower, upper)
+    np.testing.assert_allclose(children, [[0.8, 105, 0.2], [-0.7, -105, 0.0]])
+    swapped = diffuse(poses, np.array([1, 1]), 0 * noise, lower, upper)
+    np.testing.assert_array_equal(swapped, poses[[1, 1]])
+
+
+class Layer:
+    """A `ParticleSet` of `n` particles whose frame, parents and weights the test sets."""
+
+    def __init__(
+        self,
+        device: Device,
+        body: BodyModel,
+        n: int,
+        seeds: tuple[int, ...] | None = None,
+        **settings: float,
+    ) -> None:
+        settings = {"n_layers": 3, "trunk_layers": 0, "seed": 0x12345_6789ABCD, **MILD} | settings
+        self.config = FilterConfig.of(n_particles=n, **settings).search
+        self.set = ParticleSet(device, body, self.config, seeds)
+        self.device = device
+        self.set.start(body.rest_pose)
+
+    def at_frame(self, frame: int) -> Layer:
+        self.set.frame.set(np.array([frame], np.uint32))
+        return self
+
+    def anneal(self, layer: int, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights (N,), parents (N,) and (ess, beta, least error) of the layer."""
+        self.set.anneal(layer, self.device.to_device(errors))()
+        diagnostics = self.set.result.get()[2 * self.set.n_dof :].reshape(-1, 3)
+        return self.set.weights.get(), self.set.parents.get(), diagnostics[layer]
+
+    def diffuse(self, layer: int, poses: np.ndarray, parents: np.ndarray) -> np.ndarray:
+        self.set.sets[0].set(poses.astype(np.float32))
+        self.set.parents.set(parents.astype(np.int32))
+        self.set.diffuse(layer, 0)()
+        return self.set.sets[1].get()
+
+
+@pytest.mark.parametrize("n", [2, 37, 129, 1000])
+@pytest.mark.parametrize("kind", KINDS)
+def test_anneal_kernel_agrees_with_the_twin(device: Device, kind: str, n: int) -> None:
+    errors = errors_of(kind, n)
+    layer = Layer(device, STICK, n).at_frame(5)
+    weights, parents, (ess, beta, least) = layer.anneal(1, errors)
+    rate = layer.config.survival_rates[1]
+    assert least == errors.min()
+    assert beta > 0 and np.isfinite(beta)
+    assert ess == pytest.approx(effective_size(errors.astype(float), float(beta)), rel=1e-3)
+    expected = normalised_weights(errors.astype(float), float(beta))
+    np.testing.assert_allclose(weights, expected, rtol=1e-3, atol=1e-6)
+    assert weights.sum() == pytest.approx(1, abs=1e-5)
+    if kind in ("spread", "large", "one hopeless") and n > 2:
+        assert beta == pytest.approx(annealing_exponent(errors.astype(float), rate), rel=5e-3)
+        assert ess == pytest.approx(rate * n, rel=1e-2)
+    # Parents: the twin's but where rounding decides; each as often as its weight says.
+    wanted = systematic_parents(weights.astype(float), uniform(layer.config.seed, 5, 1))
+    assert np.abs(parents - wanted).max() <= 1 or kind == "half the best"
+    assert (parents != wanted).mean() < 0.05
+    counts = np.bincount(parents, minlength=n)
+    assert len(counts) == n and np.all(np.abs(counts - n * weights) < 1 + 1e-3)
+    assert np.all(np.diff(parents) >= 0)
+
+
+def test_layers_have_their_own_rates_offsets_and_diagnostics(device: Device) -> None:
+    errors = errors_of("spread", 200)
+    layer = Layer(device, STICK, 200, first_survival=0.6, last_survival=0.1)
+    for index, rate in enumerate((0.6, 0.35, 0.1)):
+        _, parents, (ess, _, _) = layer.anneal(index, errors)
+        assert ess == pytest.approx(200 * rate, rel=1e-2)
+        again = layer.at_frame(1).anneal(index, errors)[1]
+        assert (parents != again).any()  # another frame, another offset
+        layer.at_frame(0)
+    diagnostics = layer.set.result.get()[2 * STICK.n_dof :].reshape(-1, 3)
+    np.testing.assert_allclose(diagnostics[:, 0], [120, 70, 20], rtol=1e-2)
+
+
+@pytest.mark.parametrize("n", [2, 37, 129])
+@pytest.mark.parametrize("body", [SONG, STICK], ids=["song31", "stick"])
+def test_diffuse_kernel_agrees_with_the_twin(device: Device, body: BodyModel, n: int) -> None:
+    layer = Layer(device, body, n, noise=3.0).at_frame(11)
+    poses = bodies.random_poses(body, n, wild=True).astype(np.float32)
+    parents = np.random.default_rng(n).integers(0, n, n)
+    children = layer.diffuse(2, poses, parents)
+    noise = normals(layer.config.seed, 11, 2, n, body.n_dof)
+    noise = noise * body.sigma * layer.config.layer_noise[2]
+    expected = diffuse(poses.astype(float), parents, noise, body.lower, body.upper)
+    np.testing.assert_allclose(children, expected, atol=5e-6)
+
+
+def test_children_keep_the_limits_however_wide_the_noise(device: Device) -> None:
+    layer = Layer(device, SONG, 129, noise=100.0)
+    parents = np.arange(129)
+    poses = np.stack([SONG.lower, SONG.upper, SONG.rest_pose])[parents % 3]
+    poses = np.where(np.isfinite(poses), poses, 0)
+    children = layer.diffuse(0, poses, parents)
+    low, high = SONG.lower.astype(np.float32), SONG.upper.astype(np.float32)
+    assert np.isfinite(children).all()
+    assert np.all((children >= low) & (children <= high))
+    inner = np.isfinite(SONG.lower)
+    assert np.mean((children == low) | (children == high), axis=0)[inner].max() < 1
+    gentle = Layer(device, SONG, 129, noise=0.5).diffuse(0, poses, parents)
+    # A reflected child lies inside, hardly ever on the limit itself.
+    assert np.mean((gentle == low) | (gentle == high)) < 0.01
+    assert np.ptp(gentle[parents % 3 == 0], axis=0).min() > 0
+
+
+def test_noise_is_bounded_by_the_sets_own_spread(device: Device) -> None:
+    n = 129
+    layer = Layer(device, SONG, n, spread=0.5)
+    deviation = SONG.sigma * np.linspace(0, 3, SONG.n_dof)
+    result = np.zeros(layer.set.result.size, np.float32)
+    result[SONG.n_dof : 2 * SONG.n_dof] = deviation
+    layer.set.result.set(result)
+    poses = np.tile(np.clip(SONG.rest_pose, SONG.lower + 0.2, SONG.upper - 0.2), (n, 1))
+    for index in (0, 1):
+        wide = layer.config.layer_noise[index] * SONG.sigma
+        used = np.minimum(wide, 0.5 * deviation) if index else wide
+        expected = poses + used * normals(layer.config.seed, 0, index, n, SONG.n_dof)
+        found = layer.diffuse(index, poses, np.arange(n))
+        inside = np.isclose(found, np.clip(expected, SONG.lower, SONG.upper), atol=5e-6)
+        assert inside.mean() > 0.99
+        np.testing.assert_allclose(found, expected, atol=0.3)
+    np.testing.assert_array_equal(found[:, 0], np.float32(poses[:, 0]))  # no spread, no noise
+
+
+@pytest.mark.parametrize("n", [2, 37, 129, 1000])
+def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
+    layer = Layer(device, SONG, n)
+    poses = bodies.random_poses(SONG, n, wild=True).astype(np.float32)
+    weights = np.random.default_rng(n).dirichlet(np.full(n, 0.3)).astype(np.float32)
+    layer.set.sets[1].set(poses)
+    layer.set.weights.set(weights)
+    layer.set.estimate(1)()
+    found = layer.set.result.get()
+    mean = weights @ poses.astype(float)
+    np.testing.assert_allclose(found[: SONG.n_dof], mean, atol=1e-5)
+    deviation = np.sqrt(weights @ (poses - mean) ** 2)
+    np.testing.assert_allclose(found[SONG.n_dof : 2 * SONG.n_dof], deviation, atol=1e-5)
+    assert not found[2 * SONG.n_dof :].any()  # the layers' diagnostics are left alone
+
+
+def test_runs_do_not_mix(device: Device) -> None:
+    """Kernels for several runs against the twin of each."""
+    n, velocity, seeds, frames = 37, 0.4, (3, 0x12345_6789ABCD, 8), [5, 0, 2]
+    layer = Layer(device, SONG, n, seeds=seeds, noise=3.0, velocity=velocity)
+    particles, random = layer.set, np.random.default_rng(0)
+    particles.frame.set(np.array(frames, np.uint32))
+    errors = np.stack([errors_of(kind, n) for kind in ("large", "spread", "narrow")])
+    particles.anneal(1, device.to_device(errors))()
+    diagnostics = particles.result.get()[6 * SONG.n_dof :].reshape(-1, 3, 3)[1]
+    weights, parents = (a.get().reshape(3, n) for a in (particles.weights, particles.parents))
+    poses = bodies.random_poses(SONG, 3 * n, wild=True).astype(np.float32).reshape(3, n, -1)
+    children = layer.diffuse(2, poses, parents).reshape(3, n, -1)
+    particles.estimate(0)()
+    means, deviations = particles.result.get()[: 6 * SONG.n_dof].reshape(2, 3, -1)
+    shift = random.normal(size=means.shape).astype(np.float32)
+    information, misfit = (random.random(k).astype(np.float32) for k in (3 * 496, 3))
+    given = [device.to_device(array) for array in (shift, information, misfit)]
+    report = device.empty(particles.result.size + 3 * 496 + 3, np.float32)
+    particles.end_frame(*given, report)()
+    expected = np.r_[particles.result.get(), information, misfit]
+    np.testing.assert_array_equal(report.get(), expected)
+    drift = particles.motion.get()[..., 1]
+    for run, (seed, frame) in enumerate(zip(seeds, frames, strict=True)):
+        ess, beta, least = diagnostics[run]
+        assert least == errors[run].min()
+        assert ess == pytest.approx(layer.config.survival_rates[1] * n, rel=1e-2)
+        expected = normalised_weights(errors[run].astype(float), float(beta))
+        np.testing.assert_allclose(weights[run], expected, rtol=1e-3, atol=1e-6)
+        wanted = systematic_parents(weights[run].astype(float), uniform(seed, frame, 1))
+        assert np.abs(parents[run] - wanted).max() <= 1
+        assert (parents[run] != wanted).mean() < 0.05
+        noise = normals(seed, frame, 2, n, SONG.n_dof) * SONG.sigma * layer.config.layer_noise[2]
+        wanted = diffuse(poses[run].astype(float), parents[run], noise, SONG.lower, SONG.upper)
+        np.testing.assert_allclose(children[run], wanted, atol=5e-6)
+        mean = weights[run] @ poses[run].astype(float)
+        np.testing.assert_allclose(means[run], mean, atol=1e-5)
+        deviation = np.sqrt(weights[run] @ (poses[run] - mean) ** 2)
+        np.testing.assert_allclose(deviations[run], deviation, atol=1e-5)
+        change = velocity * mean if frame > 1 else 0.0
+        np.testing.assert_allclose(drift[run], shift[run] + change, atol=1e-5)
+
+
+@pytest.mark.parametrize("n", [2, 37, 200, 1000])
+def test_two_stages_in_one_launch_are_the_same(device: Device, n: int) -> None:
+    layer = Layer(device, SONG, n, seeds=(3, 2**40), noise=3.0)
+    particles, errors = layer.set, np.stack([errors_of(kind, n) for kind in ("large", "spread")])
+    poses = bodies.random_poses(SONG, 2 * n).astype(np.float32)
+
+    def found(*launches: Launch) -> list[np.ndarray]:
+        particles.frame.set(np.array([5, 2], np.uint32))
+        particles.sets[0].set(poses)
+        outputs = [particles.weights, particles.parents, particles.result, particles.sets[1]]
+        for array in outputs:
+            array.fill(0)
+        for launch in launches:
+            launch()
+        return [array.get() for array in outputs]
+
+    on_device = device.to_device(errors)
+    apart = found(particles.anneal(1, on_device), particles.diffuse(2, 0))
+    both = particles._anneal_diffuse(1, on_device, 0)
+    for one, other in zip(found(both), apart, strict=True):
+        np.testing.assert_array_equal(one, other)
+    particles.widen(0.0)
+    parents = apart[1] + np.repeat([0, n], n)
+    np.testing.assert_allclose(found(both)[3], poses[parents], atol=1e-6)
+
+
+def test_one_run_is_started_again_alone(device: Device) -> None:
+    layer = Layer(device, STICK, 5, seeds=(1, 2, 3))
+    particles, pose = layer.set, STICK.rest_pose + 0.01
+    of_runs = [*particles.sets, particles.parents, particles.frame, particles.motion]
+    for array in of_runs:
+        array.fill(7)
+    particles.restart(1, pose)
+    for array, expected in zip(of_runs, (pose, pose, np.arange(5), 0, 0), strict=True):
+        first, second, third = np.split(array.get(), 3)
+        np.testing.assert_allclose(second, np.broadcast_to(expected, second.shape), rtol=1e-6)
+        assert np.all(first == 7) and np.all(third == 7)
