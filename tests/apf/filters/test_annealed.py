@@ -20,7 +20,7 @@ from apf.filters.config import FilterConfig
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from cl import Device, InputError, NumpyDevice
 
-SONG, STICK = bodies.named("song31"), bodies.named("stick")
+SONG = bodies.named("song31")
 #: Survival rates that even two particles can reach.
 MILD = {"first_survival": 0.9, "last_survival": 0.6}
 
