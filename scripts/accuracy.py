@@ -28,9 +28,9 @@ from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
 from accuracy.thesis import TABLES as THESIS
 from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
-from timings.report_readme import replace_marked
+from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
-from timings.tables import Grid
+from timings.tables.grid import Grid
 
 from apf.filters.config import TERMS, FilterConfig
 from apf.filters.method import OBJECTIVES, SEARCHES

@@ -14,10 +14,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from timings import report_figures
-from timings.report_machines import read_machines
-from timings.report_page import write_report
-from timings.report_readme import update_readme
+from timings.report import figures
+from timings.report.machines import read_machines
+from timings.report.page import write_report
+from timings.report.readme import update_readme
 
 from psfs.cli.commandline import run_command, stdout
 
@@ -42,7 +42,7 @@ def _run(args: argparse.Namespace) -> None:
     stdout.print(f"wrote {args.out / 'report.md'} and report.html", soft_wrap=True)
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"
-        report_figures.write_figure(report_figures.headline(machines), picture)
+        figures.write_figure(figures.headline(machines), picture)
         update_readme(_ROOT / "README.md", machines)
         stdout.print(f"wrote README.md and {picture}", soft_wrap=True)
 

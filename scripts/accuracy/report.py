@@ -13,7 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from timings.tables import NONE, Grid
+from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import DIMENSIONS, Setting, Table

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from timings.tables import NONE, Grid, quoted
-from timings.whole_tables import papers
+from timings.tables.grid import NONE, Grid, quoted
+from timings.tables.whole import papers
 
 from accuracy.report import Summary, made_on
 from accuracy.runs import Results

@@ -18,7 +18,6 @@ from cl import NumpyDevice
 from psfs.cli.commandline import add_command
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
-from timings.apf_tables import print_report
 from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
 from timings.measure import (
     Place,
@@ -31,6 +30,7 @@ from timings.measure import (
     timed,
 )
 from timings.results import Results, add_timing_flags
+from timings.tables.apf import print_report
 from timings.whole_frame import Problem, make_problem
 
 #: Hypotheses that all devices score at once, and what they and their layers grow to.

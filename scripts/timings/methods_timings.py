@@ -23,8 +23,8 @@ from apf.image_objective.config import ObjectiveConfig
 from psfs.cli.commandline import add_command
 from timings.bench_scene import FPS, playing
 from timings.measure import Place, Timing, places
-from timings.methods_tables import print_report
 from timings.results import Results, add_timing_flags
+from timings.tables.methods import print_report
 from timings.whole_frame import Problem, make_problem
 
 VIEWS, ITERATIONS, OBJECTIVE = 4, 10, "sp"

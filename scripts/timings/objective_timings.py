@@ -28,8 +28,8 @@ from cl import Device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command
 from timings.measure import Place, Timing, apart, cpu_place, fewer_cores, only_cores, places, timed
-from timings.objective_tables import print_report
 from timings.results import Results, add_timing_flags
+from timings.tables.objective import print_report
 from timings.whole_frame import make_problem
 
 #: The thesis's hypotheses and cameras.

@@ -31,9 +31,9 @@ from timings.measure import (
     resident_megabytes,
     timed,
 )
-from timings.psfs_report import print_report
 from timings.results import Results, add_timing_flags
 from timings.stages import STAGES, reconstruction_work, stage_of
+from timings.tables.psfs import print_report
 
 #: Frames of one streamed run.
 _STREAM = 16

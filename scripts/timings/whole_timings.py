@@ -32,6 +32,7 @@ from timings.measure import (
 )
 from timings.results import Results, add_timing_flags
 from timings.stages import reconstruction_work, tracking_work
+from timings.tables.whole import print_report
 from timings.whole_frame import (
     Problem,
     WholeFrame,
@@ -40,7 +41,6 @@ from timings.whole_frame import (
     stage_times,
     stream_run,
 )
-from timings.whole_tables import print_report
 
 #: Song et al.: frames of a run, and runs.
 FRAMES, REPETITIONS = 200, 3

@@ -28,7 +28,7 @@ from accuracy.report import Summary, grids, headline, joints, write_summary, wri
 from accuracy.runs import Results, Run, method_of, together
 from accuracy.settings import Setting, Table
 from accuracy.thesis import TABLES, thesis_headline, thesis_plan, write_thesis
-from timings.report_readme import replace_marked
+from timings.report.readme import replace_marked
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
 specification = importlib.util.spec_from_file_location("accuracy_script", SCRIPT)

@@ -15,15 +15,15 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from timings.bench_scene import Scene
 from timings.measure import Limits, Timing
-from timings.report_limits import serial_share
-from timings.report_machines import read_machines
-from timings.report_page import write_report
-from timings.report_readme import update_readme
+from timings.report.limits import serial_share
+from timings.report.machines import read_machines
+from timings.report.page import write_report
+from timings.report.readme import update_readme
 from timings.results import Results, read_results
 from timings.stages import PARTS, stage_of
-from timings.tables import number
+from timings.tables.grid import number
+from timings.tables.whole import papers, table_3
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
-from timings.whole_tables import papers, table_3
 
 from apf.body import load_body
 from apf.filters.config import FilterConfig

@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 
 from psfs.common.files import written_whole
-from timings.report_machines import Machine, device_title
+from timings.report.machines import Machine, device_title
 from timings.stages import PARTS, STAGES
-from timings.tables import number
-from timings.whole_tables import average, columns, papers
+from timings.tables.grid import number
+from timings.tables.whole import average, columns, papers
 
 #: Okabe and Ito's colours, told apart by the colour-blind as well.
 _KIND = {

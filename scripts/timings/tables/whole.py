@@ -12,7 +12,7 @@ import numpy as np
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import PARTS, STAGES
-from timings.tables import NONE, Grid, number, quoted, ratio
+from timings.tables.grid import NONE, Grid, number, quoted, ratio
 
 _PAPERS = Path(__file__).with_name("papers.json")
 

@@ -13,12 +13,10 @@ from markdown_it import MarkdownIt
 
 from apf.body import load_body
 from psfs.common.files import written_whole
-from timings import report_figures as figures
-from timings import report_limits as limits
-from timings import report_peers, report_rymut
-from timings.report_machines import Machine, device_title, named
-from timings.tables import Grid, number
-from timings.whole_tables import (
+from timings.report import figures, limits, peers, rymut
+from timings.report.machines import Machine, device_title, named
+from timings.tables.grid import Grid, number
+from timings.tables.whole import (
     average,
     columns,
     later,
@@ -91,7 +89,7 @@ def html(text: str, folder: Path) -> str:
 def page(machines: Sequence[Machine], drawn: Set[str]) -> str:
     """The report's Markdown, with the figures that were drawn."""
     parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
-    parts += [_growth(), report_peers.peers(machines), report_rymut.tables(machines)]
+    parts += [_growth(), peers.peers(machines), rymut.tables(machines)]
     parts.append(_left_out(machines))
 
     def kept(found: re.Match[str]) -> str:
@@ -123,7 +121,7 @@ pictures in host memory to the pose and the coloured surface voxels in host memo
 
 Everything on this page is made by `scripts/report_timings.py` from the files under
 `scripts/results/`, which hold all raw samples; only the papers' own figures were typed
-(`scripts/timings/papers.json`). The same on another machine:
+(`scripts/timings/tables/papers.json`). The same on another machine:
 
 ```sh
 python scripts/compare_timings.py all -o scripts/results/NAME

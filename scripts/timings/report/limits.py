@@ -9,11 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from timings.report_figures import STAGE_COLOURS, plain_numbers, styled
-from timings.report_machines import Machine, device_title
+from timings.report.figures import STAGE_COLOURS, plain_numbers, styled
+from timings.report.machines import Machine, device_title
 from timings.results import Results
 from timings.stages import STAGES
-from timings.whole_tables import average, papers
+from timings.tables.whole import average, papers
 
 #: What the axes of the scaling plots show.
 _SCALED = {

@@ -10,7 +10,7 @@ from psfs.cli.commandline import stdout
 from timings.measure import Timing
 from timings.results import Results
 from timings.stages import STAGES
-from timings.tables import number
+from timings.tables.grid import number
 
 #: What the comparison with carving alone is about.
 SHAPE_STAGES = ("silhouette", "occupancy", "smoothing", "surface")

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from timings.methods_tables import SEARCHES
-from timings.objective_tables import table_6_7
-from timings.report_machines import Machine, device_title, named
-from timings.tables import NONE, Grid, number, quoted
-from timings.whole_tables import papers
+from timings.report.machines import Machine, device_title, named
+from timings.tables.grid import NONE, Grid, number, quoted
+from timings.tables.methods import SEARCHES
+from timings.tables.objective import table_6_7
+from timings.tables.whole import papers
 
 _OPENING = """Whole frames from pictures to pose by particle swarm (PSO) and particle filter (PF)
 over the images' objective function; the synthetic walk in place of P1S, P1D, P2S and LeeWalk, so

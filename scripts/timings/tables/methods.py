@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from timings.results import Results
-from timings.tables import Grid, number
+from timings.tables.grid import Grid, number
 
 #: What the thesis calls them.
 SEARCHES = {"pso": "PSO", "sir": "PF"}

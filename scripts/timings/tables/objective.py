@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from timings.results import Results
-from timings.tables import Grid, number
+from timings.tables.grid import Grid, number
 
 #: Rows of the thesis's table; ours draws and counts in one, so that (c) holds both.
 ROWS = {

@@ -7,7 +7,7 @@ from typing import Any
 
 from timings.measure import Timing
 from timings.results import Results
-from timings.tables import Grid, number
+from timings.tables.grid import Grid, number
 
 _HALVES = ("both", "reconstruction", "tracking")
 _HEADINGS = ("pictures to pose", "reconstruction", "tracking")

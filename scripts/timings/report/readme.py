@@ -8,10 +8,10 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.common.files import written_whole
-from timings.report_machines import Machine
-from timings.report_page import headline_sentences
-from timings.tables import Grid, number, quoted, ratio
-from timings.whole_tables import average, columns, papers, streams
+from timings.report.machines import Machine
+from timings.report.page import headline_sentences
+from timings.tables.grid import Grid, number, quoted, ratio
+from timings.tables.whole import average, columns, papers, streams
 
 #: What the rows of streamed frames are.
 _STREAMED = (

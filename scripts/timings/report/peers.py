@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from timings.apf_tables import tables
 from timings.measure import Timing
-from timings.psfs_report import compared
-from timings.report_machines import Machine, device_title, named
+from timings.report.machines import Machine, device_title, named
 from timings.results import Results
-from timings.tables import NONE, Grid, number
+from timings.tables.apf import tables
+from timings.tables.grid import NONE, Grid, number
+from timings.tables.psfs import compared
 
 
 def peers(machines: Sequence[Machine]) -> str:

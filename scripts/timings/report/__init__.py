@@ -1,0 +1,1 @@
+"""Results as a page, figures, and the README's table."""

@@ -1,0 +1,1 @@
+"""Results as tables, beside those of the papers."""
