@@ -152,6 +152,7 @@ def test_the_parts_fit_together(walk: Path) -> None:
     tracker.start(pose)
     estimates = [tracker.step(voxels) for voxels in reconstructor.stream(sequence)]
     assert len(estimates) == 5 and isinstance(estimates[0], apf.Estimate)
+    assert estimates[-1].joints.shape == (len(body.joint_names), 3)
 
 
 def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
