@@ -236,6 +236,13 @@ class EvidenceConfig:
         """Return the evidence of silhouette likelihoods in whole counts of `step`, int8."""
         return np.rint(self.log_odds(likelihood, self.clamp) / self.step).astype(np.int8)
 
+    def likelihood(self, counts: np.ndarray) -> np.ndarray:
+        """Return the silhouette likelihoods, float64, of evidence in counts: the inverse of
+        `counts`, but for what was clipped and rounded."""
+        odds, occluded = np.exp(self.step * counts.astype(np.float64)), self.occlusion_prior
+        slm: np.ndarray = odds * (1 - occluded) / (1 + odds * (1 - 2 * occluded))
+        return slm
+
     def mask_counts(self, masks: np.ndarray) -> np.ndarray:
         """Return the evidence counts, int8, of ready masks, 0..255."""
         evidence = self.log_odds(np.asarray(masks) / 255, self.mask_clamp)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from psfs.cli import check, devices, info, mesh, reconstruct, view
+from psfs.cli import check, devices, info, mesh, reconstruct, silhouettes, view
 from psfs.cli.commandline import run_command
 
 
@@ -13,6 +13,6 @@ def main(argv: list[str] | None = None) -> int:
         prog="psfs", description="Probabilistic shape from silhouette: calibrated views to voxels."
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in (info, reconstruct, check, mesh, view, devices):
+    for command in (info, reconstruct, silhouettes, check, mesh, view, devices):
         command.register(commands)
     return run_command(parser, argv)

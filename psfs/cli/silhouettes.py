@@ -1,0 +1,132 @@
+"""`psfs silhouettes FOLDER -o OUT`: the silhouettes as pictures, beside true ones if there are."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from cl import InputError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.iou import plain
+from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.common.files import write_json, write_picture
+from psfs.diagnostics.silhouette_pictures import mosaic
+from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
+from psfs.sequence import Sequence
+
+REPORT = "silhouettes.json"
+#: Frames shown by default, spread over the sequence.
+_SHOWN = 6
+_FIGURES = ("iou", "missed", "extra", "foreground")
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    help = "show the silhouettes that are reconstructed from as pictures"
+    parser = add_command(commands, "silhouettes", _run, help=help)
+    parser.description = (
+        f"{help}. OUT gets frame_NNNNNN.png, a row per camera: picture, likelihood, silhouette; "
+        "where FOLDER has truth_masks/CAMERA_NNNNNN.png also what is missed (red) and too much "
+        f"(green); and {REPORT}. All frames before those shown are reconstructed, since "
+        f"silhouettes learn from them. Shown by default: frames with true masks, else {_SHOWN} "
+        "spread over the sequence."
+    )
+    add_sequence_flags(parser)
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
+    add_device_flag(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    out: Path = args.output
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; expected a folder, or a name for a new one")
+    device = select_device(args.device)
+    sequence = open_sequence(args)
+    wanted = _wanted(args, sequence)
+    report = _Report(sequence)
+    try:
+        with progress_bar() as bar:
+            shown = followed_silhouettes(device, sequence, wanted)
+            for found in bar.track(shown, max(wanted) + 1, description="reconstructing"):
+                if found is None:
+                    continue
+                index = found.frame.index
+                if not report.scores and (out / REPORT).is_file():  # pictures of an earlier run
+                    for old in out.glob("frame_*.png"):
+                        old.unlink()
+                write_picture(out / f"frame_{index:06d}.png", mosaic(sequence.rig, found))
+                report.scores[index] = found.scores
+    finally:  # what there is, also when interrupted
+        if report.scores:
+            write_json(out / REPORT, report.plain())
+            stdout.print(report.table())
+            stdout.print(f"wrote {out}", soft_wrap=True)
+
+
+def _wanted(args: argparse.Namespace, sequence: Sequence) -> list[int]:
+    """Return the numbers of the frames to show, ascending. Raises InputError if there is none."""
+    chosen = selected_frames(args, sequence)
+    if args.frames is not None:
+        return sorted(chosen)
+    spread = np.linspace(0, len(sequence) - 1, min(_SHOWN, len(sequence))).round()
+    return truth_frames(sequence) or [int(index) for index in spread]
+
+
+class _Report:
+    """The scores (V, 4) of each frame that was shown."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self.sequence = sequence
+        self.scores: dict[int, np.ndarray] = {}
+
+    def _masked(self) -> np.ma.MaskedArray:
+        """Return (frames, V, 4), masked where there is no truth."""
+        return np.ma.masked_invalid(np.stack(list(self.scores.values())))
+
+    def plain(self) -> dict[str, Any]:
+        """Return all figures as JSON has them."""
+        scores = self._masked()
+        means, worst = scores.mean(axis=0), scores[..., 0].min(axis=0)
+        return {
+            "definition": DEFINITION,
+            "sequence": str(self.sequence.folder),
+            "mean_iou": plain(scores[..., 0].mean()),
+            "cameras": {
+                name: {f"mean_{key}": plain(v) for key, v in zip(_FIGURES, mean, strict=True)}
+                | {"worst_iou": plain(low)}
+                for name, mean, low in zip(self.sequence.rig.names, means, worst, strict=True)
+            },
+            "frames": {
+                str(index): {key: [plain(v) for v in of[:, k]] for k, key in enumerate(_FIGURES)}
+                for index, of in self.scores.items()
+            },
+        }
+
+    def table(self) -> Table:
+        """Return the cameras' means over the frames; IoU where true masks are."""
+        scores = self._masked()
+        known = not np.ma.is_masked(scores[..., 0].mean())
+        table = Table("camera", title=f"Silhouettes in {len(scores)} frames", title_justify="left")
+        titles = ("mean IoU", "worst frame", "missed", "too much") if known else ()
+        for title in (*titles, "share of the picture"):
+            table.add_column(title, justify="right")
+        for name, of in zip(self.sequence.rig.names, np.ma.swapaxes(scores, 0, 1), strict=True):
+            table.add_row(escape(name), *_cells(of, known))
+        table.add_section()
+        table.add_row("all", *_cells(scores.reshape(-1, len(_FIGURES)), known))
+        return table
+
+
+def _cells(scores: np.ma.MaskedArray, known: bool) -> list[str]:
+    """Return the cells of scores (N, 4): means, and the worst IoU."""
+    mean, missed, extra, foreground = scores.mean(axis=0)
+    if not known:
+        return [f"{foreground:.1%}"]
+    if np.ma.is_masked(mean):
+        return ["-", "-", "-", "-", f"{foreground:.1%}"]
+    worst = scores[:, 0].min()
+    return [f"{mean:.3f}", f"{worst:.3f}", f"{missed:.1%}", f"{extra:.1%}", f"{foreground:.1%}"]

@@ -1,0 +1,171 @@
+"""`psfs silhouettes`: pictures of the silhouettes, and how far they agree with true masks."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import psfs.cli.silhouettes as command
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device, NumpyDevice
+from psfs.background.config import EvidenceConfig
+from psfs.cli import main
+from psfs.diagnostics.silhouette_pictures import differences
+from psfs.diagnostics.silhouettes import followed_silhouettes, true_mask, truth_frames
+from psfs.reconstructor import Reconstructor
+from psfs.sequence import Sequence
+from psfs.volume import automatic_grid
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four frames of a walk; true masks of frame 0, and of frame 2 as far as the test writes them:
+    of cam01 and cam02 what is seen of them in frame 0, moved by 3 px."""
+    folder = tmp_path_factory.mktemp("silhouettes") / "walk"
+    config = SceneConfig(cameras=4, frames=FRAMES, fps=30, size=(160, 120), seed=4)
+    generate(folder, config, Device.best())
+    masks = folder / "truth_masks"
+    for name in ("cam01", "cam02"):
+        mask = cv2.imread(str(masks / f"{name}_000000.png"), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(masks / f"{name}_000002.png"), np.roll(mask, 3, axis=1))
+    cv2.imwrite(str(masks / "cam09_000001.png"), np.zeros((120, 160), np.uint8))  # no such camera
+    return folder
+
+
+def show(folder: Path, out: Path, *flags: str) -> int:
+    return main(["silhouettes", str(folder), "-o", str(out), *flags])
+
+
+def test_frames_with_true_masks_are_shown(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert show(folder, out) == 0
+    pictures = sorted(path.name for path in out.glob("*.png"))
+    assert pictures == ["frame_000000.png", "frame_000002.png"]
+    report = json.loads((out / "silhouettes.json").read_text())
+    first, third = report["frames"]["0"], report["frames"]["2"]
+    assert min(first["iou"]) > 0.7 and third["iou"][2:] == [None, None]
+    assert max(third["iou"][:2]) < min(first["iou"][:2])  # the masks were moved
+    assert all(0 < share < 0.5 for share in third["foreground"])
+    camera = report["cameras"]["cam01"]
+    assert camera["mean_iou"] == pytest.approx((first["iou"][0] + third["iou"][0]) / 2, abs=1e-4)
+    assert camera["worst_iou"] == third["iou"][0]
+    known = [value for of in (first, third) for value in of["iou"] if value is not None]
+    assert report["mean_iou"] == pytest.approx(np.mean(known), abs=1e-4)
+    printed = capsys.readouterr().out
+    assert "mean IoU" in printed and "cam04" in printed
+    # Four panels a row, one row a camera.
+    height, width = cv2.imread(str(out / "frame_000000.png")).shape[:2]
+    assert height > 4 * 200 and width > 4 * 100
+
+
+def test_chosen_frames_replace_those_of_an_earlier_run(folder: Path, tmp_path: Path) -> None:
+    assert show(folder, tmp_path) == 0
+    assert show(folder, tmp_path, "--frames", "3") == 0
+    assert [path.name for path in tmp_path.glob("*.png")] == ["frame_000003.png"]
+    assert list(json.loads((tmp_path / "silhouettes.json").read_text())["frames"]) == ["3"]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_without_true_masks_frames_are_spread(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = shutil.copytree(folder, tmp_path / "walk", ignore=shutil.ignore_patterns("truth*"))
+    out = tmp_path / "out"
+    assert show(bare, out) == 0
+    report = json.loads((out / "silhouettes.json").read_text())
+    assert list(report["frames"]) == ["0", "1", "2", "3"]
+    assert report["mean_iou"] is None and report["cameras"]["cam01"]["mean_foreground"] > 0
+    printed = capsys.readouterr().out
+    assert "share of the picture" in printed and "IoU" not in printed
+
+
+def test_the_silhouettes_are_those_of_the_reconstruction(folder: Path, device: Device) -> None:
+    """Those of frame 2, after the frames before have taught what they teach."""
+    sequence = Sequence.open(folder)
+    grid = automatic_grid(sequence, device=device)
+    reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
+    for frame in sequence.frames(slice(3)):
+        reconstruct(frame)
+    evidence = reconstruct.evidence()
+    first, second, third = followed_silhouettes(device, sequence, [2], grid)
+    assert first is None and second is None and third is not None
+    np.testing.assert_array_equal(third.masks, (evidence > 0) & third.region)
+    np.testing.assert_array_equal(third.likelihood > 0.5, evidence > 0)
+    assert 0 < third.likelihood.min() < third.likelihood.max() < 1
+
+
+def test_the_twin_shows_the_same(folder: Path) -> None:
+    sequence = Sequence.open(folder)
+    grid = automatic_grid(sequence, voxel_size=0.04, device=Device.best())
+    found = [
+        next(followed_silhouettes(device, sequence, [0], grid))
+        for device in (Device.best(), NumpyDevice())
+    ]
+    ours, twins = (of.scores for of in found if of is not None)
+    np.testing.assert_allclose(ours, twins, atol=0.02)
+
+
+def test_the_likelihood_is_that_of_the_counts() -> None:
+    for config in (EvidenceConfig(), EvidenceConfig(occlusion_prior=0.3)):
+        slm = np.linspace(0.01, 0.99, 50)
+        back = config.likelihood(config.counts(slm))
+        np.testing.assert_allclose(back, slm, rtol=0.08)
+        assert ((back > 0.5) == (config.counts(slm) > 0)).all()
+
+
+def test_differences_are_red_and_green() -> None:
+    picture = np.full((1, 4, 3), 100, np.uint8)
+    mask, truth = np.array([[0, 0, 1, 1]], bool), np.array([[0, 1, 0, 1]], bool)
+    drawn = differences(picture, mask, truth)[0]
+    assert (drawn[0] == 35).all() and (drawn[3] == 100).all()
+    assert drawn[1].argmax() == 2 and drawn[2].argmax() == 1  # BGR
+
+
+def test_only_masks_of_the_sequence_count(folder: Path) -> None:
+    sequence = Sequence.open(folder)
+    assert truth_frames(sequence) == [0, 2]
+    mask = true_mask(folder, sequence.rig[0], 0, (130, 160))
+    assert mask is not None and mask.shape == (130, 160) and not mask[120:].any()
+    assert true_mask(folder, sequence.rig[3], 2, (120, 160)) is None
+
+
+def test_errors_write_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    assert show(folder, file) == 2
+    assert "is a file; expected a folder" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert show(folder, out, "--frames", "9:") == 2
+    assert "none of the 4 frames" in capsys.readouterr().err
+    spoilt = shutil.copytree(folder, tmp_path / "spoilt")
+    cv2.imwrite(str(spoilt / "truth_masks" / "cam01_000000.png"), np.zeros((8, 8), np.uint8))
+    assert show(spoilt, out) == 2
+    assert "8 x 8 px; expected a mask of 160 x 120 px" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_an_interrupt_keeps_what_was_shown(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, out = command.mosaic, tmp_path / "out"
+
+    def interrupted(rig, shown):
+        if shown.frame.index == 2:
+            raise KeyboardInterrupt
+        return whole(rig, shown)
+
+    monkeypatch.setattr(command, "mosaic", interrupted)
+    assert show(folder, out) == 130
+    assert list(json.loads((out / "silhouettes.json").read_text())["frames"]) == ["0"]
