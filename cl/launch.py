@@ -50,7 +50,8 @@ class Kernel:
 class Launch:
     """A kernel whose arguments are set; calling it enqueues it and records its event.
 
-    name: the label of its timings, that of the kernel unless changed.
+    name: the label of its timings, that of the kernel unless changed. arguments: what is set, by
+    name: arrays, numbers, None.
     """
 
     def __init__(
@@ -68,10 +69,11 @@ class Launch:
         missing = [name for name in kernel.parameters if name not in arguments]
         if missing:
             raise TypeError(f"{kernel}: missing {', '.join(missing)}")
-        self._description, self._parameters = str(kernel), kernel.parameters
+        self.kernel = kernel
         self._places = {name: place for place, name in enumerate(kernel.parameters)}
-        self._kernel = kernel.fresh()
-        self._kept: dict[str, Any] = {}  # alive as long as the kernel refers to them
+        self._bound = kernel.fresh()
+        # Keeps arrays alive as long as the kernel refers to them.
+        self.arguments: dict[str, Any] = {}
         self.set(**arguments)
 
     def set(self, **arguments: Any) -> None:
@@ -83,20 +85,20 @@ class Launch:
         kernel does not know or a value of the wrong kind, ValueError for an integer out of range.
         """
         for name, value in arguments.items():
-            parameter = self._parameters.get(name)
+            parameter = self.kernel.parameters.get(name)
             if parameter is None:
-                known = ", ".join(self._parameters)
-                raise TypeError(f"{self._description}: no argument {name}; expected {known}")
+                known = ", ".join(self.kernel.parameters)
+                raise TypeError(f"{self.kernel}: no argument {name}; expected {known}")
             try:
                 bound = parameter.bound(value)
             except (TypeError, ValueError) as error:
-                raise type(error)(f"{self._description}, argument {name}: {error}") from None
-            self._kernel.set_arg(self._places[name], bound)
-            self._kept[name] = value
+                raise type(error)(f"{self.kernel}, argument {name}: {error}") from None
+            self._bound.set_arg(self._places[name], bound)
+            self.arguments[name] = value
 
     def __call__(self) -> Any:
         event = pyopencl.enqueue_nd_range_kernel(
-            self.device.queue, self._kernel, self.global_size, self.local_size
+            self.device.queue, self._bound, self.global_size, self.local_size
         )
         if self.device.profiler is not None:
             self.device.profiler.add(self.name, event)

@@ -1,13 +1,15 @@
-"""Fixtures that many tests share: every OpenCL device, a small walk, a stored run."""
+"""Fixtures that many tests share: every OpenCL device, a small walk, a stored run; and that tests
+launch the kernels that they are marked for."""
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from helpers import footage, scenes
+from helpers import footage, parity, scenes
 
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
@@ -47,3 +49,51 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = folder / "out"
     assert main(["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.04"]) == 0
     return out
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--without-kernels",
+        action="store_true",
+        help="run parity tests again without each of their kernels: they must fail (with -n 0)",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", "parity(*kernels): compares each kernel, 'stage.name', with its twin"
+    )
+
+
+#: Whether some marked test noticed that the kernel was left out.
+NOTICED: dict[str, bool] = {}
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    wanted = {name for mark in item.iter_markers("parity") for name in mark.args}
+    if not wanted:
+        return (yield)
+    with parity.launched() as names:
+        yield
+    assert wanted <= names, f"marked for {sorted(wanted - names)}, which it does not launch"
+    if item.config.getoption("--without-kernels"):
+        for kernel in sorted(wanted):
+            NOTICED[kernel] = NOTICED.get(kernel, False) or fails_without(kernel, item)
+
+
+def fails_without(kernel: str, item: pytest.Item) -> bool:
+    """Does the test fail where the kernel is not run?"""
+    try:
+        with parity.left_out(kernel):
+            item.runtest()
+    except Exception:
+        return True
+    return False
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    unnoticed = sorted(kernel for kernel, noticed in NOTICED.items() if not noticed)
+    if unnoticed:
+        print(f"\nno parity test fails without {', '.join(unnoticed)}")
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

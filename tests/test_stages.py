@@ -1,40 +1,35 @@
-"""A stage is a kernel file, a launcher, a NumPy twin, and a test that compares the two."""
+"""A stage is a kernel file, a launcher, a NumPy twin, and tests that compare the two."""
 
 from __future__ import annotations
 
-import ast
+import re
 from pathlib import Path
 
 import pytest
-from helpers.source_tree import imports
+from helpers.parity import marked_in
+
+from cl.program import kernel_source
+from cl.signature import signatures
 
 ROOT = Path(__file__).parents[1]
-KERNELS = {path.stem: path.read_text() for path in (ROOT / "cl" / "kernels").rglob("*.cl")}
-SOURCES = {
-    path.relative_to(ROOT): path.read_text()
-    for package in ("psfs", "apf")
-    for path in sorted((ROOT / package).rglob("*.py"))
-}
-#: Host mathematics that production needs too, and that a kernel is compared with.
-HOST = {Path("apf/body/kinematics.py")}
-TWINS = {p: text for p, text in SOURCES.items() if "reference" in p.parts or p in HOST}
-LAUNCHERS = {path: text for path, text in SOURCES.items() if path not in TWINS}
+FOLDER = ROOT / "cl" / "kernels"
+STAGES = sorted(str(p.relative_to(FOLDER).with_suffix("")) for p in FOLDER.rglob("*.cl"))
 
 
-def imported_by_tests() -> set[str]:
-    paths = (ROOT / "tests").rglob("*.py")
-    return {module for path in paths for module, _ in imports(ast.parse(path.read_text()))}
+def test_every_kernel_is_compared_with_its_twin() -> None:
+    """A test marked for it does so, and launches it, or fails (conftest.py)."""
+    kernels = {
+        f"{stage}.{name}" for stage in STAGES for name in signatures(kernel_source(stage), stage)
+    }
+    marked = set(marked_in(ROOT / "tests"))
+    assert not kernels - marked, "no test has @pytest.mark.parity for these"
+    assert not marked - kernels, "tests are marked for kernels that there are not"
 
 
-@pytest.mark.parametrize("stage", sorted(KERNELS))
-def test_every_stage_is_launched_and_compared_with_its_twin(stage: str) -> None:
-    assert [
-        p
-        for p, text in LAUNCHERS.items()
-        if f"/{stage}" in text or (f'"{stage}"' in text and "kernel(" in text)
-    ]
-    twins = [p for p, text in TWINS.items() if p.stem == stage or f"{stage}.cl" in text]
-    assert twins, f"no NumPy twin names {stage}.cl"
-    assert "twin" in KERNELS[stage].split("#include")[0].lower(), f"{stage}.cl names no twin"
-    modules = {".".join(path.with_suffix("").parts) for path in twins}
-    assert modules & imported_by_tests(), f"no test imports {', '.join(sorted(modules))}"
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_stage_names_its_twin(stage: str) -> None:
+    head = (FOLDER / f"{stage}.cl").read_text().split("#if")[0].replace("//", "").split()
+    named = re.findall(r"[Tt]win\S*.*?\s((?:\w+/)+\s?\w+\.py)", " ".join(head))
+    assert named, f"{stage}.cl names no twin"
+    for path in (name.replace(" ", "") for name in named):
+        assert any((ROOT / package / path).is_file() for package in ("", "psfs", "apf")), path

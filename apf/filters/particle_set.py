@@ -82,7 +82,7 @@ class ParticleSet:
         there is one, in the other set."""
         last = layer == self.config.n_layers - 1
         if self.device.is_gpu and not last and self.config.spread == 0:
-            return [self._anneal_diffuse(layer, errors, source)]
+            return [self.anneal_diffuse(layer, errors, source)]
         launches = [self.anneal(layer, errors)]
         if last or self.config.spread > 0:
             launches.append(self.estimate(source))
@@ -146,7 +146,7 @@ class ParticleSet:
             result=self.result,
         )
 
-    def _anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
+    def anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
         """Return `anneal` of a layer and `diffuse` of the next in one launch: on a GPU, work-groups
         that all do the first take less time than another launch."""
         config, n = self.config, self.config.n_particles

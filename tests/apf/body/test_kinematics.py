@@ -144,6 +144,7 @@ def test_packed_tables_hold_the_tree() -> None:
     assert cones.size == 3 * CONE_FLOATS and table.dtype == np.float32
 
 
+@pytest.mark.parity("tracking/kinematics.pose_cones")
 @pytest.mark.parametrize("n_particles", [1, 37, 129])
 @pytest.mark.parametrize("name", BODIES)
 def test_kernel_agrees_with_the_twin(device: Device, name: str, n_particles: int) -> None:

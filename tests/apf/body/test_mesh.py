@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 import trimesh
 from helpers import bodies, rendered, scenes
+from helpers.parity import traced
 
 import apf.image_objective.renderer
 from apf.body import BodyModel, load_body
+from apf.body.cones import FAR_OUT
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh, skinned_mesh
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
+from apf.image_objective.renderer import draw_hypotheses
 from apf.reference.image_objective.objective import NumpyImageObjective
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -66,11 +69,32 @@ def test_a_skinned_mesh_rests_where_it_was_bound() -> None:
     assert mesh.names == ("l_lower", "upper")
 
 
+@pytest.mark.parity("image/render_mesh.count_pixels")
 @pytest.mark.parametrize(("name", "n"), [("song31", 8), ("song31", 18), ("stick", 66)])
 def test_pictures_of_frusta_equal_the_twins(device: Device, name: str, n: int) -> None:
     body, rig = bodies.named(name), scenes.ring(3, (161, 123))
     poses = rendered.scattered_poses(body, 6)
     rendered.check_pictures(device, body, rig, poses, cone_mesh(body, n))
+
+
+@pytest.mark.parity("image/skin.project_vertices")
+@pytest.mark.parametrize("n", [1, 7])
+def test_projected_vertices_agree_with_the_twin(device: Device, n: int) -> None:
+    body, rig = bodies.named("stick"), scenes.ring(2, (97, 75))
+    mesh, poses = soft_mesh(body), rendered.scattered_poses(body, n)
+    with traced("image/skin.project_vertices") as launches:
+        draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
+    found = np.concatenate([launch.after["pixels"] for launch in launches], axis=1)
+    vertices, middles = mesh.posed(body, poses.astype(float))
+    for camera, pixels in zip(rig, found, strict=True):
+        expected, depth = camera.project(vertices.reshape(-1, 3))
+        shown = pixels[:, : mesh.n_vertices].reshape(-1, 2)
+        seen = (depth > 0.05) & (np.abs(expected) < 1e4).all(1)
+        np.testing.assert_allclose(shown[seen], expected[seen], rtol=1e-4, atol=0.01)
+        assert (shown[depth < -0.05] >= FAR_OUT).all()
+        away = np.linalg.norm(middles - camera.centre, axis=-1)
+        np.testing.assert_allclose(pixels[:, mesh.n_vertices :, 0], away, rtol=1e-5)
+    assert seen.any()
 
 
 def test_pictures_of_a_skinned_mesh_equal_the_twins(device: Device) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import bodies
+from helpers.parity import traced
 
 from apf.body import BodyModel, load_body
 from apf.body.cones import distances
@@ -117,6 +118,47 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
     np.testing.assert_allclose(information / scale[lower], (matrix / scale)[lower], atol=0.02)
+
+
+@pytest.mark.parity(
+    "tracking/limb_search.propose", "tracking/limb_search.choose", "tracking/limb_search.accept"
+)
+@pytest.mark.parametrize("n_particles", [3, 37, 150])
+def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> None:
+    """On what it gets: what the kernels before it left."""
+    body = load_body("song31")
+    config = CONFIG.changed(n_particles=n_particles, first_survival=0.9, last_survival=0.6)
+    pose = bodies.random_poses(body, 1)[0].astype(np.float32)
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
+    likelihood.errors = device.zeros((n_particles,), np.float32)
+    mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper).astype(np.float32)
+    with (
+        traced("tracking/limb_search.propose") as proposing,
+        traced("tracking/limb_search.choose") as choosing,
+        traced("tracking/limb_search.accept") as accepting,
+    ):
+        search_limbs(device, body, likelihood, mean, config)
+    expected, which = propose(body, mean.astype(float), config, 7)
+    np.testing.assert_allclose(proposing[0].after["poses"], expected, atol=5e-5)
+
+    given, n_limbs = choosing[0].before, len(limb_masks(body))
+    candidates = [mean]
+    for kind in range(2 * n_limbs):
+        tried = np.flatnonzero(which == kind)
+        least = tried[given["errors"][tried].argmin()] if len(tried) else 0
+        candidates.append(given["poses"][least])
+    found = choosing[0].after["candidates"].reshape(-1, body.n_dof)
+    np.testing.assert_array_equal(found, candidates)
+
+    given, found = accepting[0].before, accepting[0].after
+    margins = 1 - np.repeat(np.float32(given["margins"]), n_limbs)
+    gains = given["errors"][0] * margins - given["errors"][1:]
+    best = int(np.r_[0.0, gains].argmax())
+    taken = given["candidates"].reshape(-1, body.n_dof)[best]
+    np.testing.assert_array_equal(found["result"].ravel(), taken)
+    np.testing.assert_allclose(found["shift"][0], taken - mean, atol=1e-6)
+    informations = given["informations"].reshape(len(candidates), -1)
+    np.testing.assert_array_equal(found["information"][0], informations[best])
 
 
 def test_a_lost_arm_is_found(device: Device) -> None:

@@ -135,6 +135,7 @@ class Layer:
         return self.set.sets[1].get()
 
 
+@pytest.mark.parity("tracking/annealing.anneal")
 @pytest.mark.parametrize("n", [2, 37, 129, 1000])
 @pytest.mark.parametrize("kind", KINDS)
 def test_anneal_kernel_agrees_with_the_twin(device: Device, kind: str, n: int) -> None:
@@ -173,6 +174,7 @@ def test_layers_have_their_own_rates_offsets_and_diagnostics(device: Device) -> 
     np.testing.assert_allclose(diagnostics[:, 0], [120, 70, 20], rtol=1e-2)
 
 
+@pytest.mark.parity("tracking/annealing.diffuse")
 @pytest.mark.parametrize("n", [2, 37, 129])
 @pytest.mark.parametrize("body", [SONG, STICK], ids=["song31", "stick"])
 def test_diffuse_kernel_agrees_with_the_twin(device: Device, body: BodyModel, n: int) -> None:
@@ -222,6 +224,7 @@ def test_noise_is_bounded_by_the_sets_own_spread(device: Device) -> None:
     np.testing.assert_array_equal(found[:, 0], np.float32(poses[:, 0]))  # no spread, no noise
 
 
+@pytest.mark.parity("tracking/annealing.estimate")
 @pytest.mark.parametrize("n", [2, 37, 129, 1000])
 def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
     layer = Layer(device, SONG, n)
@@ -238,6 +241,7 @@ def test_estimate_is_the_weighted_mean(device: Device, n: int) -> None:
     assert not found[2 * SONG.n_dof :].any()  # the layers' diagnostics are left alone
 
 
+@pytest.mark.parity("tracking/annealing.end_frame")
 def test_runs_do_not_mix(device: Device) -> None:
     """Kernels for several runs against the twin of each."""
     n, velocity, seeds, frames = 37, 0.4, (3, 0x12345_6789ABCD, 8), [5, 0, 2]
@@ -280,6 +284,7 @@ def test_runs_do_not_mix(device: Device) -> None:
         np.testing.assert_allclose(drift[run], shift[run] + change, atol=1e-5)
 
 
+@pytest.mark.parity("tracking/annealing.anneal_diffuse")
 @pytest.mark.parametrize("n", [2, 37, 200, 1000])
 def test_two_stages_in_one_launch_are_the_same(device: Device, n: int) -> None:
     layer = Layer(device, SONG, n, seeds=(3, 2**40), noise=3.0)
@@ -298,9 +303,17 @@ def test_two_stages_in_one_launch_are_the_same(device: Device, n: int) -> None:
 
     on_device = device.to_device(errors)
     apart = found(particles.anneal(1, on_device), particles.diffuse(2, 0))
-    both = particles._anneal_diffuse(1, on_device, 0)
+    both = particles.anneal_diffuse(1, on_device, 0)
     for one, other in zip(found(both), apart, strict=True):
         np.testing.assert_array_equal(one, other)
+    weights, parents, children = (apart[k].reshape(2, n, -1) for k in (0, 1, 3))
+    for run, (seed, frame) in enumerate(((3, 5), (2**40, 2))):
+        wanted = systematic_parents(weights[run, :, 0].astype(float), uniform(seed, frame, 1))
+        assert np.abs(parents[run, :, 0] - wanted).max() <= 1
+        noise = normals(seed, frame, 2, n, SONG.n_dof) * SONG.sigma * layer.config.layer_noise[2]
+        given = poses.reshape(2, n, -1)[run].astype(float)
+        expected = diffuse(given, parents[run, :, 0], noise, SONG.lower, SONG.upper)
+        np.testing.assert_allclose(children[run], expected, atol=5e-6)
     particles.widen(0.0)
     parents = apart[1] + np.repeat([0, n], n)
     np.testing.assert_allclose(found(both)[3], poses[parents], atol=1e-6)

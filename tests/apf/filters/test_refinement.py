@@ -96,6 +96,11 @@ def test_never_worse_than_the_mean() -> None:
     assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
 
 
+@pytest.mark.parity(
+    "tracking/refinement.refine_system",
+    "tracking/refinement.refine_step",
+    "tracking/refinement.refine_end",
+)
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
@@ -131,6 +136,7 @@ def test_several_poses_at_once(device: Device) -> None:
         np.testing.assert_array_equal(refinement.information.get()[k], information)
 
 
+@pytest.mark.parity("tracking/refinement.refine_on")
 @pytest.mark.parametrize("name", ["song31", "stick"])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str) -> None:
     """GPUs take a step and the next linear system in one launch, CPUs in two."""
@@ -144,6 +150,9 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str)
         )
     np.testing.assert_allclose(one, two, atol=2e-4)
     np.testing.assert_allclose(knows, knows_too, atol=1e-3 * np.abs(knows).max())
+    expected = refined(body, mean, points, CONFIG)[0]
+    for found in (one, two):
+        np.testing.assert_allclose(found, expected, atol=5e-4)
 
 
 def test_nothing_to_refine_on(device: Device) -> None:

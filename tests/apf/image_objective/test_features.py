@@ -41,8 +41,21 @@ def both(device: Device, rig, background, frame, config):
     return features(frame).get(), features.roi.get(), twin(frame), twin.roi
 
 
+@pytest.mark.parity("image/features.region")
 @pytest.mark.parametrize("views", [1, 3])
-@pytest.mark.parametrize("edges", ["sobel", "canny", "outline"])
+@pytest.mark.parametrize(
+    "edges",
+    [
+        pytest.param(
+            "sobel",
+            marks=pytest.mark.parity(
+                "image/features.gradient_rows", "image/features.gradient_edges"
+            ),
+        ),
+        pytest.param("canny", marks=pytest.mark.parity("image/features.masked_edges")),
+        pytest.param("outline", marks=pytest.mark.parity("image/features.outline_edges")),
+    ],
+)
 @pytest.mark.parametrize("proximity", ["impulse", "proportional", "exponential"])
 def test_masks_and_twin_agree_exactly(device: Device, views: int, edges, proximity) -> None:
     rig = scenes.ring(views)
@@ -103,6 +116,7 @@ def test_sobel_as_opencv_has_it() -> None:
     assert (found != expected).mean() < 0.02  # OpenCV rounds the blurred picture
 
 
+@pytest.mark.parity("image/distance.edge_proximity")
 @pytest.mark.parametrize("density", [0.0, 0.001, 0.2])
 @pytest.mark.parametrize("reach", [0, 7, 200])
 def test_distances_are_exact(device: Device, density: float, reach: int) -> None:

@@ -111,6 +111,7 @@ def test_cones_behind_the_camera_are_not_drawn() -> None:
     assert not edges.any()
 
 
+@pytest.mark.parity("image/parts.place_parts", "image/render.count_pixels")
 @pytest.mark.parametrize("round_ends", [True, False])
 @pytest.mark.parametrize(
     ("name", "size"), [("song31", (64, 51)), ("song31", (333, 240)), ("stick", (161, 123))]
@@ -137,6 +138,9 @@ def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None
     rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7), n_labels)
 
 
+@pytest.mark.parity(
+    "image/objective.pack_maps", "image/objective.silhouette_areas", "image/objective.score_counts"
+)
 @pytest.mark.parametrize(
     ("kind", "n_labels"), [*((kind, 1) for kind in OBJECTIVE_KINDS), ("ws", 4), ("posp", 4)]
 )

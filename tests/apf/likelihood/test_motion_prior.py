@@ -36,6 +36,9 @@ def test_the_cost_is_the_mean_squared_change_in_sigmas() -> None:
     assert not motion_errors(still, poses, expected, CONFIG).any()
 
 
+@pytest.mark.parity(
+    "tracking/motion_prior.add_motion_errors", "tracking/motion_prior.expect_motion"
+)
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n", [1, 37, 300])
 def test_kernels_agree_with_the_twin(device: Device, name: str, n: int) -> None:

@@ -10,6 +10,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, only, scattered_poses, smooth_maps
+from helpers.parity import traced
 from helpers.worlds import World
 
 from apf.body.cones import distances
@@ -127,6 +128,12 @@ def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.n
 CASES = [(name, n, "own") for name in ("song31", "stick") for n in (0, 1, 900)]
 
 
+@pytest.mark.parity(
+    "tracking/part_colour.compare_colours",
+    "tracking/part_colour.add_colour_errors",
+    "tracking/part_colour.find_nearest_parts",
+    "tracking/part_colour.learn_colours",
+)
 @pytest.mark.parametrize(("name", "n_voxels", "kind"), [*CASES, ("stick", 900, "other")])
 def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, kind: str) -> None:
     """Samples as near to one part as to another may count for either."""
@@ -164,6 +171,25 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, k
     assert not colours_known.parts.get().any()
 
 
+@pytest.mark.parity("tracking/part_colour.sample_colours")
+@pytest.mark.parametrize("n_voxels", [0, 1, 299, 900])
+def test_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
+    random = np.random.default_rng(n_voxels)
+    indices = np.sort(random.choice(GRID.size, n_voxels, replace=False)).astype(np.int32)
+    colours = random.integers(0, 256, (n_voxels, 4)).astype(np.uint8)
+    colours[:, 3] = random.integers(0, 3, n_voxels)  # some are seen by no camera
+    config = FilterConfig.of(part_colour_weight=1.0, n_points=300).likelihood
+    likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), config, 2)
+    with traced("tracking/part_colour.sample_colours") as launches:
+        likelihood.observe(coloured(device, GRID, indices, colours))
+    found = launches[0].after["samples"]
+    expected = np.zeros((300, 3))
+    if n_voxels:
+        expected = sampled_surface(chromaticities(colours, DARK), 300)
+    np.testing.assert_allclose(found[:, :3], expected, atol=1e-6)
+    assert not found[:, 3].any()
+
+
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
     config = FilterConfig.of(n_particles=37, n_layers=2, part_colour_weight=1.0, n_points=400)
@@ -196,15 +222,17 @@ def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
     picture: Any = scenes.frame(images=images, masks=masks)
     config = FilterConfig.of(n_points=200, part_colour_weight=1.0).likelihood
     here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
-    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    with traced("tracking/part_colour.sample_colours") as launches:
+        here.observe(Reconstructor(device, rig, grid, None)(picture))
+    voxels = NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture)
     twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
-    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
-    assert here.part_colours is not None
-    found, points = here.part_colours._samples.get(), here.points.get()
+    twin.observe(voxels)
+    found, points = launches[0].after["samples"], here.points.get()
+    expected = sampled_surface(chromaticities(voxels.colours(), DARK), 200)
     assert np.ptp(found[found[:, 2] > 0, 0]) > 0.3
     same = np.linalg.norm(points[:, :3] - twin.points, axis=1) < 1e-4
     assert same.mean() > 0.8  # a voxel more or less shifts those behind it
-    close = np.linalg.norm(found[:, :3] - twin._colours, axis=1) < 0.02
+    close = np.linalg.norm(found[:, :3] - expected, axis=1) < 0.02
     assert close[same].mean() > 0.95
 
 

@@ -7,6 +7,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
 from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
+from helpers.parity import traced
 
 from apf.body import load_body
 from apf.body.cones import outlines
@@ -14,6 +15,7 @@ from apf.body.kinematics import posed_cones
 from apf.reference.likelihood.silhouette_recall import covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface
 from cl import Device
+from psfs.voxels.grid import VoxelGrid
 
 SONG = load_body("song31")
 
@@ -44,6 +46,7 @@ def test_a_hidden_leg_costs_what_it_leaves_uncovered() -> None:
     assert whole < 0.02 and half > whole + 0.05
 
 
+@pytest.mark.parity("tracking/silhouette_recall.add_uncovered")
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("views", [1, 5])
 @pytest.mark.parametrize("n_voxels", [0, 1, 900])
@@ -64,6 +67,33 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
         assert np.abs(found - expected).max() <= 1.5 * 4 / 150
         assert np.mean(np.abs(found - expected) < 1e-4) > 0.6
     assert np.isfinite(outlines(rig[0], posed_cones(body, poses))).any()
+
+
+@pytest.mark.parity("tracking/silhouette_recall.project_points")
+@pytest.mark.parametrize("views", [1, 5])
+@pytest.mark.parametrize("n_points", [1, 37, 300])
+def test_projected_points_agree_with_the_twin(device: Device, views: int, n_points: int) -> None:
+    """A point on a picture's border may count as in or out."""
+    rig, grid = scenes.ring(views), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.3)
+    config = only("none").changed(silhouette_recall_weight=1.5, n_points=n_points)
+    poses = scattered_poses(SONG, 2)
+    setup = Setup(device, SONG, rig, poses, smooth_maps(rig), config, grid)
+    indices = np.sort(np.random.default_rng(views).choice(grid.size, 999, replace=False))
+    count, surface = np.array([999], np.int32), device.to_device(indices.astype(np.int32))
+    with traced("tracking/silhouette_recall.project_points") as launches:
+        setup.likelihood.observe(cloud(grid, surface, device.to_device(count)))
+    found = launches[0].after["pixels"].reshape(views, n_points, 2)
+    points = sampled_surface(grid.centres(indices), n_points)
+    for camera, pixels in zip(rig, found, strict=True):
+        expected, depth = camera.project(points)
+        end = np.array(camera.size) - 0.5
+        inside = (depth > 0) & (expected >= -0.5).all(1) & (expected < end).all(1)
+        border = np.abs(expected + 0.5).min(1) < 1e-3
+        border |= np.abs(expected - end).min(1) < 1e-3
+        assert ((pixels > -1e5).all(1) == inside)[~border].all()
+        both = inside & ~border
+        np.testing.assert_allclose(pixels[both], expected[both], atol=1e-3)
+        assert (both.any() and not both.all()) or n_points == 1
 
 
 @pytest.mark.parametrize("views", [1, 3, 11])

@@ -105,6 +105,7 @@ def test_many_cameras_are_taken_in_turns(device: Device) -> None:
         Setup(device, crowd, rig, poses, setup.maps, CONFIG)
 
 
+@pytest.mark.parity("tracking/likelihood.sample_surface")
 @pytest.mark.parametrize("n_voxels", [0, 1, 99, 100, 101, 2345])
 def test_surface_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
     body, grid = bodies.named("stick"), VoxelGrid(np.array([-0.3, 0.2, -0.1]), 0.07, (11, 17, 23))
@@ -138,6 +139,7 @@ def test_surface_kernel_agrees_with_the_twin(
         np.testing.assert_allclose(setup.errors(turn), setup.expected(points, turn), atol=1e-4)
 
 
+@pytest.mark.parity("tracking/likelihood.score_poses")
 @pytest.mark.parametrize("weights", [{}, {"surface_weight": 0.0}, {"overlap_weight": 0.0}])
 @pytest.mark.parametrize("views", [1, 5])
 @pytest.mark.parametrize("name", ["song31", "stick"])

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.parity import traced
 
-from apf.reference.synthetic.scene import silhouette
+from apf.reference.synthetic.room import empty_room
+from apf.reference.synthetic.scene import FOUR, floor_shadow, shadowed_room, silhouette
 from apf.synthetic.body import Flesh
 from apf.synthetic.gait import Gait
-from apf.synthetic.render import Renderer
+from apf.synthetic.render import SHADOW_SIZE, SHADOW_STEP, TILE, Renderer
 from apf.synthetic.scene import SceneConfig, make_furniture, make_rig
 from apf.synthetic.walk import Walk
 from cl import Device
@@ -39,8 +41,8 @@ def rigs(pelvis: np.ndarray) -> dict[str, CameraRig]:
     }
 
 
-@pytest.mark.parametrize("case", ["around", "near", "turned away", "amid the body"])
-def test_kernel_agrees_with_twin(device: Device, case: str) -> None:
+def drawn(device: Device, case: str) -> tuple[CameraRig, Renderer, np.ndarray]:
+    """The rig, a renderer that has drawn the walker, and his primitives."""
     gait = Gait(Walk.varied(2, 1.7))
     motion = gait.motion(np.array([0.0, 0.37]))
     flesh = Flesh(gait.skeleton)
@@ -49,6 +51,16 @@ def test_kernel_agrees_with_twin(device: Device, case: str) -> None:
     balls = flesh.balls(primitives)
     renderer = Renderer(device, rig, make_furniture(2), 2, len(primitives), len(balls))
     renderer(primitives, balls, motion.positions[1, 0, :2])
+    return rig, renderer, primitives
+
+
+CASES = ["around", "near", "turned away", "amid the body"]
+
+
+@pytest.mark.parity("synthetic/scene.render")
+@pytest.mark.parametrize("case", CASES)
+def test_kernel_agrees_with_twin(device: Device, case: str) -> None:
+    rig, renderer, primitives = drawn(device, case)
     masks, depths = renderer.mask.get(), renderer.depth.get()
     assert np.isfinite(renderer.picture.get()).all()
     for camera, mask, depth in zip(rig, masks, depths, strict=True):
@@ -62,3 +74,79 @@ def test_kernel_agrees_with_twin(device: Device, case: str) -> None:
         both = (mask > 0) & (true_mask > 0)
         difference = np.abs(depth - true_depth)[both]
         assert (difference > 2e-3).mean() <= 0.02 if both.any() else True
+
+
+@pytest.mark.parity("synthetic/scene.empty_room")
+@pytest.mark.parametrize("case", CASES)
+def test_the_empty_room_agrees_with_its_twin(device: Device, case: str) -> None:
+    with traced("synthetic/scene.empty_room") as launches:
+        rig, _, _ = drawn(device, case)
+    found, furniture = launches[0].after, make_furniture(2)
+    for view, camera in enumerate(rig):
+        picture, distance, floor = empty_room(camera, furniture.posters, furniture.boxes, 2)
+        # Rays that graze an edge end on either side of it; so do those at the rim of a colour.
+        assert picture.std() > 10
+        assert (np.abs(found["picture"][view] - picture).max(-1) < 0.5).mean() > 0.98
+        assert np.isclose(found["distance"][view], distance, rtol=1e-4).mean() > 0.995
+        assert np.isclose(found["floor_point"][view], floor, rtol=1e-3, atol=1e-3).mean() > 0.995
+
+
+@pytest.mark.parity("synthetic/scene.floor_shadow")
+def test_the_shadow_agrees_with_its_twin(device: Device) -> None:
+    with traced("synthetic/scene.floor_shadow") as launches:
+        drawn(device, "near")
+    given, found = launches[0].before, launches[0].after["shadow"]
+    expected = floor_shadow(given["balls"], given["centre"], SHADOW_SIZE, SHADOW_STEP)
+    assert expected.min() < 0.8 and expected.max() == 1
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parity("synthetic/scene.bin_primitives")
+@pytest.mark.parametrize("case", CASES)
+def test_tiles_list_what_their_rays_meet(device: Device, case: str) -> None:
+    """Each primitive that a ray of the tile meets alone, each once, in order; not all of them."""
+    with traced("synthetic/scene.bin_primitives") as launches:
+        rig, _, primitives = drawn(device, case)
+    tiles = launches[0].after["tiles"]
+    met = 0
+    for view, camera in enumerate(rig):
+        for k, primitive in enumerate(primitives):
+            mask = silhouette(camera, primitive[None])[0]
+            for j, i in np.ndindex(*tiles.shape[1:3]):
+                if mask[j * TILE : (j + 1) * TILE, i * TILE : (i + 1) * TILE].any():
+                    count, *listed = tiles[view, j, i]
+                    assert k in listed[:count]
+                    met += 1
+    counts = tiles[..., 0]
+    for count, *listed in tiles.reshape(-1, tiles.shape[-1]):
+        assert (np.diff(listed[:count]) > 0).all()
+    assert counts.sum() >= met and (met == 0) == (case == "turned away")
+    assert counts.mean() < 0.7 * len(primitives)
+
+
+@pytest.mark.parity("synthetic/scene.smooth_edges")
+@pytest.mark.parametrize("case", ["around", "near"])
+def test_smooth_edges_agree_with_their_twin(device: Device, case: str) -> None:
+    """Pixels at the outline show as much of the person as of 2 x 2 rays meet him."""
+    with traced("synthetic/scene.smooth_edges") as launches:
+        rig, _, primitives = drawn(device, case)
+    given, found = launches[0].before, launches[0].after["picture"]
+    smoothed = wrong = 0
+    for view, camera in enumerate(rig):
+        mask, before = given["mask"][view] > 0, given["picture"][view].astype(float)
+        padded = np.pad(mask, 1, "edge")
+        beside = [padded[1 + y : y - 1 or None, 1 + x : x - 1 or None]
+                  for y, x in ((0, 1), (0, -1), (1, 0), (-1, 0))]  # fmt: skip
+        edge = np.any([other != mask for other in beside], axis=0)
+        np.testing.assert_array_equal(found[view][~edge], given["picture"][view][~edge])
+        hits = [silhouette(camera, primitives, given["distance"][view], at)[0] > 0 for at in FOUR]
+        share = np.mean(hits, axis=0)[..., None]
+        scene = (given[name][view] for name in ("room", "floor_point"))
+        behind = shadowed_room(*scene, given["shadow"], given["centre"], SHADOW_STEP)
+        # A pixel whose own ray missed takes the colour of another's, which no twin has.
+        known = edge & (mask | (share[..., 0] == 0))
+        expected = behind + share * (before - behind)
+        smoothed += known.sum()
+        wrong += (np.abs(found[view] - expected).max(-1) > 1)[known].sum()
+    assert smoothed > 50
+    assert wrong <= 0.05 * smoothed  # rays that graze the surface

@@ -19,6 +19,7 @@ from psfs.silhouettes.silhouette import background_planes
 CONFIG = SilhouetteConfig(adaptation=AdaptationConfig(rate=0.1))
 
 
+@pytest.mark.parity("reconstruction/adaptation.adapt", "reconstruction/adaptation.view_drift")
 @pytest.mark.parametrize("views", [1, 3])
 def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     rig, random = scenes.ring(views), np.random.default_rng(views)

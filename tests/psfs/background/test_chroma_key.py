@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import footage, scenes
+from helpers.parity import traced
 
 from cl import Device, InputError
 from psfs.background.chroma_key import ChromaKey, key_from_media
@@ -42,16 +43,38 @@ def key_of(rig: CameraRig, colour: np.ndarray = GREEN) -> ChromaKey:
     )
 
 
-@pytest.mark.parametrize("views", [1, 3])
-def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
-    rig, random = scenes.ring(views), np.random.default_rng(views)
-    background, config = key_of(rig), SilhouetteConfig()
-    shape = (views, rig.height, rig.width, 3)
+def near_the_screens_colour(rig: CameraRig) -> np.ndarray:
+    """Pictures (V, H, W, 3): mostly the screen in all lights, anything else, and black."""
+    random, shape = np.random.default_rng(len(rig)), (len(rig), rig.height, rig.width, 3)
     near = GREEN * random.uniform(0.2, 1.3, shape[:3])[..., None] + random.normal(0, 15, shape)
     anything = random.uniform(0, 256, shape)
     images = np.where(random.random(shape[:3])[..., None] < 0.7, near, anything)
-    images = np.clip(images, 0, 255).astype(np.uint8)
     images[:, :20] = 0
+    return np.clip(images, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parity("reconstruction/chroma_key.chroma_ratio")
+@pytest.mark.parametrize(("views", "size"), [(1, (97, 75)), (3, (50, 37)), (2, (17, 40))])
+def test_ratios_agree_with_the_twin(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig = scenes.ring(views, size)
+    background, config = key_of(rig), SilhouetteConfig()
+    images = near_the_screens_colour(rig)
+    with traced("reconstruction/chroma_key.chroma_ratio") as launches:
+        Silhouette(device, rig, background, config)(images)
+    found = launches[0].after["ratios"][:, 1:-1, 1:-1]
+    evidence = config.evidence
+    for view, image in enumerate(images):
+        nats = evidence.ratio_steps * chroma_ratio(image, background, view, config.chroma_key)
+        expected = np.floor(np.clip(nats, *evidence.ratio_range) + 0.5).astype(int)
+        wrong = np.abs(found[view] - np.where(background.screen[view] > 0, expected, 0))
+        assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count
+
+
+@pytest.mark.parametrize("views", [1, 3])
+def test_maps_agree_with_the_twin(device: Device, views: int) -> None:
+    rig = scenes.ring(views)
+    background, config = key_of(rig), SilhouetteConfig()
+    images = near_the_screens_colour(rig)
     silhouette = Silhouette(device, rig, background, config)
     counts = silhouette(images).get().astype(int)
     expected = silhouette_evidence(images, rig, background, config)

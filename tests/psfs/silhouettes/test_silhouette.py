@@ -71,6 +71,7 @@ def test_black_and_noiseless_backgrounds(device: Device) -> None:
     assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
 
 
+@pytest.mark.parity("reconstruction/silhouette.mask_silhouette")
 def test_masks_agree_with_the_twin(device: Device) -> None:
     rig = scenes.ring(3)
     masks = np.random.default_rng(0).integers(0, 256, (3, rig.height, rig.width)).astype(np.uint8)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from helpers import scenes
+from helpers.parity import traced
 from helpers.recolour import peak_signal_to_noise, recoloured
 from helpers.shared import shared_data
 
 from cl import Device, InputError, NumpyDevice
+from psfs.cameras.footprints import footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
@@ -33,6 +37,7 @@ def painted(rig) -> Frame:
     return scenes.frame(images=(images % 256).astype(np.uint8), masks=scenes.masks_of(rig))
 
 
+@pytest.mark.parity("reconstruction/colour.surface_colour")
 @pytest.mark.parametrize("views", [1, 2, 5])
 def test_agrees_with_the_twin(device: Device, views: int) -> None:
     rig = scenes.ring(views)
@@ -40,6 +45,26 @@ def test_agrees_with_the_twin(device: Device, views: int) -> None:
     assert len(colours) > 100
     # Voxels at the limit of visibility, or between two pixels, may differ.
     assert (colours != expected).any(1).mean() < 0.03
+
+
+@pytest.mark.parity("reconstruction/colour.nearest_depth")
+@pytest.mark.parametrize("views", [1, 3])
+def test_depths_agree_with_the_twin(device: Device, views: int) -> None:
+    rig = scenes.ring(views)
+    grid = VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
+    masks = np.full((views, rig.height, rig.width), 255, np.uint8)
+    voxels = Reconstructor(device, rig, grid, None)(replace(painted(rig), masks=masks))
+    with traced("reconstruction/colour.nearest_depth") as launches:
+        voxels.colours()
+    centres = grid.centres(voxels.surface.get(int(voxels.count.get()[0])))
+    depths = launches[0].after["depths"].view(np.float32)
+    for view, (camera, footprint) in enumerate(
+        zip(rig, footprints(rig, grid.voxel_size), strict=True)
+    ):
+        expected = nearest_depth(camera, centres, footprint, (rig.height, rig.width))
+        assert np.isfinite(expected).any()
+        # The edge of a voxel's box in the middle between two pixels.
+        assert np.isclose(depths[view], expected, rtol=1e-5).mean() > 0.99
 
 
 def test_pictures_with_a_background_agree_with_the_twin(device: Device) -> None:

@@ -26,6 +26,7 @@ def both(
     return probability, occupancy(rig, grid, evidence, STEP, config)
 
 
+@pytest.mark.parity("reconstruction/occupancy.occupancy")
 @pytest.mark.parametrize("distorted", [True, False])
 @pytest.mark.parametrize("views", [1, 2, 5, 16])
 def test_agrees_with_the_twin(device: Device, views: int, distorted: bool) -> None:

@@ -25,6 +25,9 @@ def both(device: Device, rig, grid, masks, **options):
     return maps, NumpyReprojection(NumpyDevice(), rig, grid, **options)(twin)
 
 
+@pytest.mark.parity(
+    "reconstruction/reprojection.splat", "reconstruction/reprojection.edge_proximity"
+)
 @pytest.mark.parametrize("views", [1, 3])
 @pytest.mark.parametrize("options", [{}, {"scale": 0.5}, {"sigma": 2.5, "radius": 5}])
 def test_maps_agree_with_the_twin(device: Device, views: int, options) -> None:

@@ -14,6 +14,7 @@ from psfs.backend import reconstructor_for
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.reference.occupancy import occupancy
+from psfs.reference.surface import smooth, surface_voxels
 from psfs.voxels import sparse
 from psfs.voxels.bricks import Bricks, lens_reach
 from psfs.voxels.config import OccupancyConfig
@@ -71,6 +72,36 @@ def test_sparse_is_dense(device: Device, views: int, distorted: bool) -> None:
         compare(device, rig, scenes.small_grid(0.04), evidence, config)
 
 
+@pytest.mark.parity(
+    "reconstruction/occupancy.find_bricks",
+    "reconstruction/occupancy.sparse_occupancy",
+    "reconstruction/occupancy.sparse_gather",
+    "reconstruction/occupancy.spread",
+)
+@pytest.mark.parametrize("views", [1, 3])
+@pytest.mark.parametrize("shape", [(3, 30, 70), (33, 40, 32), (21, 28, 17)])
+def test_sparse_agrees_with_the_twin(
+    device: Device, views: int, shape: tuple[int, int, int]
+) -> None:
+    rig, grid = scenes.ring(views), VoxelGrid(np.array([-0.2, -0.1, 0.3]), 0.03, shape)
+    config = OccupancyConfig(prior=0.4, min_cameras=1)
+    evidence = scenes.patches_of_evidence(rig, 1, 8, 70, 0.2)
+    found = SparseSurface(Bricks(device, rig, grid, device.to_device(evidence), STEP, config))
+    found()
+    indices = found.list.indices.get(int(found.list.count.get()[0]))
+    smoothed = smooth(occupancy(rig, grid, evidence, STEP, config))
+    expected = surface_voxels(smoothed > config.threshold)
+    assert len(expected) > 20
+    # Voxels at the border of two pixels, or as probable as the threshold, may differ.
+    union = np.union1d(indices, expected)
+    common = np.intersect1d(indices, expected)
+    assert len(union) - len(common) <= max(2, 5e-3 * len(union))
+    away = np.abs(found.surface_probability(len(indices)) - smoothed.ravel()[indices])
+    assert (away > 1e-5).mean() < 0.01
+    near = ndimage.binary_dilation(smoothed > config.threshold, np.ones((3, 3, 3)))
+    assert (np.abs(found.probability.get() - smoothed)[near] > 1e-5).mean() < 0.01
+
+
 @pytest.mark.parametrize("shape", [(1, 1, 1), (3, 1, 70), (2, 35, 1), (9, 8, 17), (33, 40, 32)])
 def test_odd_grids(device: Device, shape: tuple[int, int, int]) -> None:
     rig = scenes.ring(3)
@@ -124,6 +155,7 @@ def test_pictures_of_either_mode_agree_with_the_twin(device: Device) -> None:
     assert len(union) - len(common) <= max(2, 0.01 * len(union))
 
 
+@pytest.mark.parity("reconstruction/occupancy.evidence_tiles")
 def test_tiles_hold_the_extremes(device: Device) -> None:
     rig = scenes.ring(3)
     evidence = evidence_of(rig, 3, 3)

@@ -21,6 +21,13 @@ def run(device: Device, padded: np.ndarray, threshold: float = 0.5) -> Surface:
     return surface
 
 
+@pytest.mark.parity(
+    "reconstruction/surface.smooth",
+    "reconstruction/surface.threshold",
+    "reconstruction/surface.count_slabs",
+    "reconstruction/surface.list_surface",
+    "reconstruction/surface.gather",
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_agrees_with_the_twin(device: Device, shape: tuple[int, int, int]) -> None:
     # Multiples of 1/64: their sums are exact, no voxel sits on the threshold by rounding.
@@ -58,6 +65,7 @@ def test_every_run_gives_the_same_order(device: Device) -> None:
     np.testing.assert_array_equal(first.list.indices.get(count), second.list.indices.get(count))
 
 
+@pytest.mark.parity("reconstruction/surface.mean_position")
 @pytest.mark.parametrize("shape", [*SHAPES, (60, 50, 40)])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.7])
 def test_the_mean_position_agrees_with_the_twin(

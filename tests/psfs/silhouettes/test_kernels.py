@@ -1,0 +1,176 @@
+"""Each kernel of the silhouettes on every OpenCL device, given what the others left, against the
+twin of that step."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.parity import Traced, traced
+from scipy import ndimage
+
+from cl import Device
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.cells import CELL, cells
+from psfs.reference.appearance import NumpyForeground
+from psfs.reference.silhouette import (
+    background_ratio,
+    box_sums,
+    floor_light,
+    in_pictures,
+    mixed_ratio,
+    of_pixels,
+)
+from psfs.reference.surface import surface_voxels
+from psfs.silhouettes.appearance import BINS, Foreground
+from psfs.silhouettes.config import SilhouetteConfig
+from psfs.silhouettes.silhouette import Silhouette
+
+CONFIG = SilhouetteConfig()
+
+
+def shaded(views: int, size: tuple[int, int]) -> tuple[CameraRig, Background, np.ndarray]:
+    """A noisy textured scene with the test body, whose mixed edges are soft, and a shadow."""
+    rig = scenes.ring(views, size)
+    frame, background = scenes.pictures_of(rig, seed=views)
+    images = frame.images.astype(float)
+    images[:, rig.height // 2 :, : rig.width // 2] *= 0.7
+    soft = ndimage.gaussian_filter(frame.masks / 255.0, (0, 1, 1))[..., None]
+    images = (1 - soft) * images + soft * [30, 160, 60]
+    return rig, background, np.clip(images, 0, 255).astype(np.uint8)
+
+
+def launch_of(
+    device: Device, kernel: str, rig: CameraRig, background: Background, images
+) -> Traced:
+    silhouette = Silhouette(device, rig, background, CONFIG)
+    with traced(f"reconstruction/{kernel}") as launches:
+        silhouette(images)
+    (launch,) = launches
+    return launch
+
+
+def in_counts(nats: np.ndarray) -> np.ndarray:
+    lowest, highest = CONFIG.evidence.ratio_range
+    return np.floor(np.clip(CONFIG.evidence.ratio_steps * nats, lowest, highest) + 0.5).astype(int)
+
+
+def evidence_of(ratios: np.ndarray, rig: CameraRig) -> np.ndarray:
+    """(V, H, W) counts from log ratios (V, H + 2, W + 2) that have a border."""
+    counts = np.where(in_pictures(rig), ratios[:, 1:-1, 1:-1], 0).astype(int)
+    table = CONFIG.evidence.ratio_counts()
+    return np.where(
+        in_pictures(rig), table[box_sums(counts) - 9 * CONFIG.evidence.ratio_range[0]], 0
+    )
+
+
+SIZES = [(2, (97, 75)), (3, (50, 37)), (2, (17, 40)), (2, (161, 121))]
+
+
+@pytest.mark.parity("reconstruction/floor_light.floor_light")
+@pytest.mark.parametrize(("views", "size"), SIZES)
+def test_light_on_the_floor(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig, background, images = shaded(views, size)
+    bordered = launch_of(device, "floor_light.floor_light", rig, background, images).after["light"]
+    inner = bordered[:, 1:-1, 1:-1]
+    np.testing.assert_array_equal(bordered, np.pad(inner, ((0, 0), (1, 1), (1, 1)), "edge"))
+    expected = floor_light(images, rig, background, CONFIG)
+    y, x = np.indices((rig.height, rig.width)) / CELL - (CELL - 1) / (2 * CELL)
+    for light, wanted in zip(inner, expected, strict=True):
+        found = ndimage.map_coordinates((light >> 1) / 127, [y, x], order=1, mode="nearest")
+        found = np.where(of_pixels(light & 1, found.shape), found, np.nan)
+        # A cell whose factor rounding takes over a limit, and the pixels between it and the next.
+        assert np.isclose(found, wanted, atol=1e-6, equal_nan=True).mean() > 0.99
+    assert (expected < 1).any() or size == (17, 40)
+
+
+@pytest.mark.parity("reconstruction/silhouette.log_ratio")
+@pytest.mark.parametrize(("views", "size"), SIZES)
+def test_log_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig, background, images = shaded(views, size)
+    ratios = launch_of(device, "silhouette.log_ratio", rig, background, images).after["ratios"]
+    seen = zip(images, background.mean, background.std, strict=True)
+    light = floor_light(images, rig, background, CONFIG)
+    expected = [background_ratio(*view, CONFIG, lit) for view, lit in zip(seen, light, strict=True)]
+    wrong = np.abs(ratios[:, 1:-1, 1:-1] - in_counts(np.stack(expected)))[in_pictures(rig)]
+    # Half a count may round either way; the light of a cell differs as above.
+    assert (wrong > 1).mean() < 2e-3 and (wrong > 0).mean() < 0.02
+    assert not ratios[:, [0, -1]].any() and not ratios[..., [0, -1]].any()
+
+
+@pytest.mark.parity("reconstruction/silhouette.silhouette")
+@pytest.mark.parametrize(("views", "size"), SIZES)
+def test_sums_of_ratios(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig, background, images = shaded(views, size)
+    launch = launch_of(device, "silhouette.silhouette", rig, background, images)
+    np.testing.assert_array_equal(
+        launch.after["evidence"], evidence_of(launch.before["ratios"], rig)
+    )
+
+
+@pytest.mark.parity("reconstruction/silhouette.rim")
+@pytest.mark.parametrize(("views", "size"), SIZES)
+def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig, background, images = shaded(views, size)
+    launch = launch_of(device, "silhouette.rim", rig, background, images)
+    seen = zip(images, background.mean, background.std, launch.before["evidence"], strict=True)
+    mixed = in_counts(np.stack([mixed_ratio(*view, CONFIG) for view in seen]))
+    before, after = (which["ratios"][:, 1:-1, 1:-1] for which in (launch.before, launch.after))
+    wrong = np.abs(after - np.maximum(before, mixed))[in_pictures(rig)]
+    assert wrong.max() <= 1 and (wrong > 0).mean() < 5e-3  # half a count
+    assert ((after != before) & in_pictures(rig)).any()
+
+
+@pytest.mark.parity("reconstruction/silhouette.silhouette_again")
+@pytest.mark.parametrize(("views", "size"), SIZES)
+def test_sums_once_more(device: Device, views: int, size: tuple[int, int]) -> None:
+    rig, background, images = shaded(views, size)
+    launch = launch_of(device, "silhouette.silhouette_again", rig, background, images)
+    expected = evidence_of(launch.before["ratios"], rig)
+    np.testing.assert_array_equal(launch.after["evidence"], expected)
+    assert (launch.before["evidence"] != expected).any()
+
+
+@pytest.mark.parity(
+    "reconstruction/appearance.mark",
+    "reconstruction/appearance.observe",
+    "reconstruction/appearance.fade",
+    "reconstruction/appearance.colour_table",
+)
+@pytest.mark.parametrize("views", [1, 3])
+@pytest.mark.parametrize("shown", ["body", "few voxels", "nobody", "foreground all over"])
+def test_what_is_learnt(device: Device, views: int, shown: str) -> None:
+    """Three frames from given evidence and voxels, so that nothing before decides."""
+    rig, grid = scenes.ring(views, size=(201, 153)), scenes.small_grid()
+    surface = surface_voxels(scenes.solid(grid.centres()).reshape(grid.shape)).astype(np.int32)
+    surface = {"few voxels": surface[:3], "nobody": surface[:0]}.get(shown, surface)
+    random, person = np.random.default_rng(views), scenes.masks_of(rig) > 0
+    twin, shape = NumpyForeground(rig, CONFIG), (views, rig.height, rig.width)
+    inputs = [device.zeros((*shape, 3), np.uint8), device.zeros(shape, np.int8)]
+    tables = [device.zeros(BINS**3, np.int8), device.zeros((views, *cells(rig)), np.int8)]
+    foreground = Foreground(device, rig, *inputs, *tables, CONFIG)
+    listed = np.append(surface, np.int32(grid.size - 1))  # what is beyond `count` is stale
+    voxels = SimpleNamespace(
+        grid=grid,
+        surface=device.to_device(listed),
+        count=device.to_device(np.array([len(surface)], np.int32)),
+    )
+    for _ in range(3):
+        images = np.where(person[..., None], [40, 90, 200], random.integers(0, 256, (*shape, 3)))
+        images = images.astype(np.uint8)
+        evidence = np.where(person | (shown == "foreground all over"), 9, -9).astype(np.int8)
+        for array, values in zip(inputs, (images, evidence), strict=True):
+            array.set(values)
+        foreground.learn(voxels)
+        twin.learn(images, evidence, grid, surface)
+        reach = CONFIG.appearance.reach
+        marks = foreground.marks.get()[:, reach:-reach, reach:-reach]
+        # The edge of a voxel's box in the middle between two cells.
+        assert ((marks > 0) != twin.marked).mean() < 5e-3
+        assert (foreground.location.get() != twin.location).mean() < 0.02
+        difference = np.abs(foreground.colours.get().astype(int) - twin.colours)
+        assert difference.max() <= 1 and (difference > 0).mean() < 5e-3
+    assert twin.colours.any() or shown != "body"
