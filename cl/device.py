@@ -89,6 +89,7 @@ class Device:
             raise DeviceError(f"the device {self.name} cannot be used: {error}") from error
         self.profiler = Profile() if self.profile else None
         self._programs: dict[tuple[str, str, str], Any] = {}
+        self._kernels: dict[tuple[str, str, str, str], Kernel] = {}
         # Shared by siblings, as a list and a lock are: bytes, and who is building.
         self._allocated = [0]
         self._building = threading.Lock()
@@ -207,7 +208,10 @@ class Device:
                 started = time.perf_counter()
                 self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
-        return Kernel(self._programs[key], name, file, signatures(source, file))
+            if (*key, name) not in self._kernels:
+                kernel = Kernel(self._programs[key], name, file, signatures(source, file))
+                self._kernels[*key, name] = kernel
+            return self._kernels[*key, name]
 
     def launch(
         self,

@@ -37,6 +37,11 @@ class Kinematics:
         shape = (n_particles, len(body.cones), CONE_FLOATS)
         self.cones = device.empty(shape, np.float32, "the posed cones")
 
+    def change_body(self, body: BodyModel) -> None:
+        """Pose `body`, which differs from the one before in numbers alone, from now on."""
+        self.body = body
+        self._body.set(pack_body(body))
+
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that pose all cones of `poses` (N, D) float32."""
         defines = body_defines(self.body) | pack_defines(self.device, _GROUP)

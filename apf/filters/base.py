@@ -94,6 +94,14 @@ class DeviceTracker(Tracker):
         self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
         self._n_frames = 0
 
+    def change_body(self, body: BodyModel) -> None:
+        """Track `body`, which has the structure of the one before: the same bones, axes and cones
+        of other sizes, limits and sigmas. After the next `start` it does what a new tracker of
+        `body` would, bit by bit."""
+        self.body = body
+        for part in (self._particles, self.likelihood, self._limb_search):
+            part.change_body(body)
+
     def start(self, pose: np.ndarray) -> None:
         """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
         self._particles.start(checked_pose(self.body, pose))

@@ -73,6 +73,13 @@ class LimbSearch:
         self.shift = device.zeros((n_runs, n), np.float32)
         self.information = device.zeros((n_runs, n * (n + 1) // 2), np.float32)
 
+    def change_body(self, body: BodyModel) -> None:
+        """Search for the limbs of `body`, which differs from the one before in numbers alone."""
+        self._refinement.change_body(body)
+        self._sigma.set(body.sigma.astype(np.float32))
+        self._limits.set(body.limits)
+        self._ranges.set(limb_ranges(body).astype(np.float32))
+
     def launcher(self, frame: Array, result: Array) -> list[Launch]:
         """Return the launches that search: they move the means in `result`, its first R D values.
 

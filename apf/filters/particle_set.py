@@ -58,6 +58,11 @@ class ParticleSet:
         self._diffusions: list[tuple[int, Launch]] = []
         self._seeds = device.to_device(seed_words(self.seeds))
 
+    def change_body(self, body: BodyModel) -> None:
+        """Spread by the sigmas of `body`, within its limits, from now on."""
+        self._sigmas.set(layer_sigmas(body, self.config).astype(np.float32))
+        self._limits.set(body.limits)
+
     def start(self, pose: np.ndarray) -> None:
         """Put all particles of all runs at `pose` (D,), frame number 0."""
         n = self.config.n_particles

@@ -36,6 +36,7 @@ class Refinement:
         self.device = device
         self.body = body
         self.config, self._n_points = config.refinement, config.likelihood.n_points
+        self._filter = config
         self.n_poses = n_poses
         n = body.n_dof
         block = _GPU_BLOCK if device.is_gpu else _CPU_BLOCK
@@ -58,6 +59,13 @@ class Refinement:
         # What a step reads and what it writes.
         self._poses = [device.empty((n_poses, n), np.float32) for _ in range(2)]
         self._parts = [device.empty(shape, np.float32, "the refinement") for _ in range(2)]
+
+    def change_body(self, body: BodyModel) -> None:
+        """Refine poses of `body`, which differs from the one before in numbers alone."""
+        self.body = body
+        self._body.set(pack_body(body))
+        self._sigma.set(prior_deviation(body, self._filter).astype(np.float32))
+        self._limits.set(body.limits)
 
     def launcher(self, points: Array, results: Array) -> list[Launch]:
         """Return the launches that refine `results` (n_poses, D) on `points` (K, 4); none with 0

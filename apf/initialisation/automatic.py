@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import filter_for
 from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
 from apf.filters.config import FilterConfig
@@ -156,10 +155,9 @@ class _Fitting:
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""
         search, every = self.search, self._every
-        scene = replace(search.scene, body=body)
         poses = np.tile(pose, (len(self._voxels), 1))
         for order in (range(anchor * every, len(poses)), range(anchor * every, -1, -1)):
-            tracker = filter_for(scene, self._tracking)
+            tracker = search.trackers(body, self._tracking)
             tracker.start(pose)
             for k in order:
                 self._progress()

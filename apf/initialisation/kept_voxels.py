@@ -16,6 +16,8 @@ from psfs.voxels.host_voxels import HostVoxels
 class StoredVoxels:
     """A copy of one frame's surface voxels, which trackers can be shown like `Voxels`."""
 
+    stays = True
+
     def __init__(self, device: Device, cloud: VoxelCloud) -> None:
         self.grid = cloud.grid
         self._cloud = cloud

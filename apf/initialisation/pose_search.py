@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from apf.backend import filter_for
 from apf.body.limbs import swinging_bones
 from apf.body.model import BodyModel
 from apf.body.stature import stature
@@ -23,6 +22,7 @@ from apf.initialisation.hypotheses import (
 )
 from apf.initialisation.shape_fit import Cloud, fit_shape
 from apf.initialisation.shape_model import ShapeModel
+from apf.initialisation.trackers import Trackers
 from apf.scene import Scene
 
 
@@ -49,7 +49,13 @@ class PoseSearch:
         self.model = ShapeModel(self.template, config.shape.prior)
         self.free = () if task.keep_shape else (0, 1)
         self.random = np.random.default_rng(task.seed)
-        self._near: tuple[np.ndarray, Any] | None = None  # a shape and its tracker
+        self.trackers = Trackers(scene)
+        search = config.search
+        self._near_config = config.filter.changed(
+            n_particles=search.n_particles_near, noise=search.near_noise, trunk_layers=0,
+            limb_search_reach=0.0, seed=task.seed,
+        )  # fmt: skip
+        self._near: tuple[np.ndarray, BodyModel] | None = None  # a shape and its body
 
     def __call__(self, voxels: Any, cloud: Cloud) -> list[Hypothesis]:
         """Return the best hypotheses that look in different directions, best first.
@@ -92,15 +98,9 @@ class PoseSearch:
 
     def near(self, voxels: Any, cloud: Cloud, shape: np.ndarray, pose: np.ndarray) -> Hypothesis:
         """Return the best hypothesis of that shape near that pose."""
-        if self._near is None or np.any(self._near[0] != shape):  # takes longer than a step
-            search = self.config.search
-            config = self.config.filter.changed(
-                n_particles=search.n_particles_near, noise=search.near_noise, trunk_layers=0,
-                limb_search_reach=0.0, seed=self.task.seed,
-            )  # fmt: skip
-            body = self.model.body(shape)
-            self._near = shape, filter_for(replace(self.scene, body=body), config)
-        tracker = self._near[1]
+        if self._near is None or np.any(self._near[0] != shape):
+            self._near = shape, self.model.body(shape)
+        tracker = self.trackers(self._near[1], self._near_config)
         pose, error = _searched(tracker, pose, voxels)
         return self._hypothesis(shape, pose, error, tracker.body, cloud)
 
@@ -144,7 +144,7 @@ class PoseSearch:
             n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
             trunk_layers=0, seed=self.task.seed,
         )  # fmt: skip
-        return filter_for(replace(self.scene, body=body), config)
+        return self.trackers(body, config)
 
     def _limb_starts(self, pose: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
         """Poses whose `moving` part is as it was, at rest, and anywhere else."""

@@ -60,5 +60,9 @@ class Likelihood:
         (.., D)."""
         return []
 
+    def change_body(self, body: BodyModel) -> None:
+        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
+        raise NotImplementedError
+
     def forget(self) -> None:
         """Forget what was learnt: a new track begins."""

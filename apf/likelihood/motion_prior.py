@@ -29,6 +29,10 @@ class MotionPrior:
         self.motion = device.empty((body.n_dof, 2), np.float32, "the expected pose")
         self.forget()
 
+    def change_body(self, body: BodyModel) -> None:
+        """Count changes in the sigmas of `body` from now on."""
+        self._factors.set(change_factors(body, self.config).astype(np.float32))
+
     def forget(self) -> None:
         """Expect nothing: a new track begins."""
         self.motion.fill(np.nan)

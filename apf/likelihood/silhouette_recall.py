@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
@@ -49,6 +50,12 @@ class SilhouetteRecall:
             cameras=cameras,
             pixels=self._pixels,
         )
+
+    def change_body(self, body: BodyModel) -> None:
+        """Take poses for those of `body`, which differs from the one before in numbers alone."""
+        self.body = body
+        for kinematics in self._kinematics.values():
+            kinematics.change_body(body)
 
     def launcher(
         self, poses: Array, subset: PointSubset, weight: float, errors: Array

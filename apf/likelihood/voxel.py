@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyopencl
 
 from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
@@ -52,6 +54,11 @@ def sample_rows(sampling: np.ndarray) -> np.ndarray:
     return np.array(rows, np.float32).reshape(-1, 4)
 
 
+def posture_prior(body: BodyModel) -> np.ndarray:
+    """Return (D, 2) float32 rest and 1 / sigma, 0 where all values are as likely."""
+    return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
+
+
 class VoxelLikelihood(Likelihood):
     """Scores poses of a scene's body by its voxels: by their reprojection into the cameras, and by
     the surface voxels themselves.
@@ -91,10 +98,10 @@ class VoxelLikelihood(Likelihood):
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
         self._pairs = device.to_device(pairs, "the parts that stay apart")
-        posture = np.stack([body.rest_pose, 1 / body.posture_sigma], -1)
-        self._posture = device.to_device(posture.astype(np.float32), "the posture prior")
+        self._posture = device.to_device(posture_prior(body), "the posture prior")
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self._n_launchers = 0
+        self._scores: list[Launch] = []
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((n_runs,), np.float32)
@@ -107,6 +114,20 @@ class VoxelLikelihood(Likelihood):
         self.motion_prior: MotionPrior | None = None
         if config.motion_prior.weight > 0:
             self.motion_prior = MotionPrior(device, body, config.motion_prior, velocity)
+
+    def change_body(self, body: BodyModel) -> None:
+        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
+        self._scene = replace(self._scene, body=body)
+        self._body.set(pack_body(body))
+        self._posture.set(posture_prior(body))
+        rows = sample_rows(cone_sampling(body, self.config.sample_spacing))
+        self._rows = self.device.to_device(rows, "the cones' samples")
+        for launch in self._scores:
+            launch.set(**self._row_arguments())
+        if self._recall is not None:
+            self._recall.change_body(body)
+        if self.motion_prior is not None:
+            self.motion_prior.change_body(body)
 
     def forget(self) -> None:
         """Forget colours and the expected pose: a new track begins."""
@@ -124,6 +145,8 @@ class VoxelLikelihood(Likelihood):
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
+        if voxels is self._voxels and voxels.stays:
+            return
         self._reprojection(voxels)
         if voxels is not self._voxels:
             self._voxels, self._grid = voxels, None
@@ -195,7 +218,7 @@ class VoxelLikelihood(Likelihood):
     ) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples."""
         config = self.config
-        return self.device.launch(
+        launch = self.device.launch(
             self._kernel("score_poses"),
             pack_size(n, self._defines),
             (self._defines["GROUP"],),
@@ -207,7 +230,7 @@ class VoxelLikelihood(Likelihood):
             height=self.rig.height,
             cameras=self._cameras,
             maps=self._reprojection.maps,
-            row_table=self._rows,
+            **self._row_arguments(),
             n_points=config.n_points,
             first_point=subset.first,
             stride=subset.stride,
@@ -220,6 +243,13 @@ class VoxelLikelihood(Likelihood):
             posture_weight=posture_weight,
             errors=errors,
         )
+        self._scores.append(launch)
+        return launch
+
+    def _row_arguments(self) -> dict[str, Any]:
+        """Return the arguments of score_poses that depend on the number of sample rows."""
+        room = pyopencl.LocalMemory(self._rows.nbytes)
+        return {"n_rows": self._rows.shape[0], "row_table": self._rows, "rows": room}
 
     def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
         """Return the defines of likelihood.cl, with as many cameras at once as local memory holds.
@@ -227,7 +257,6 @@ class VoxelLikelihood(Likelihood):
         Raises InputError if the body is too large even for one.
         """
         defines = body_defines(body) | pack_defines(self.device, _GROUP)
-        defines["N_ROWS"] = self._rows.shape[0]
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}

@@ -18,8 +18,10 @@ class Voxels:
     """The voxels of the latest frame, on the device; overwritten by the next frame.
 
     surface: (capacity,) int32 flat indices, of which the first `count[0]` are valid, ascending.
-    count, occupied: (1,) int32.
+    count, occupied: (1,) int32. stays: whether they are those of one frame for ever.
     """
+
+    stays = False
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood/voxel.py.
-// Defines: those of kinematics.h; N_ROWS of samples on all cones; VIEWS, the cameras whose outlines
-// are in local memory at once, at most GROUP; NO_DISTORTION if no camera has any.
-#if !defined(CAMERA_FLOATS) || !defined(N_ROWS) || !defined(OUTLINE_FLOATS) || !defined(PACK) || \
-    !defined(VIEWS)
-#error "tracking/likelihood.cl needs CAMERA_FLOATS, N_ROWS, OUTLINE_FLOATS, PACK and VIEWS"
+// Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
+// most GROUP; NO_DISTORTION if no camera has any. None depends on a body's size: bodies that differ
+// in that alone share a program.
+#if !defined(CAMERA_FLOATS) || !defined(OUTLINE_FLOATS) || !defined(PACK) || !defined(VIEWS)
+#error "tracking/likelihood.cl needs CAMERA_FLOATS, OUTLINE_FLOATS, PACK and VIEWS"
 #endif
 #include "common/packed_cones.h"
 
@@ -67,7 +67,7 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
 // silhouette, else 0 and 0; the first item gets their sums.
 inline void score_views(int first_view, int n_views, int width, int height,
                         __global const float *cameras, __global const uchar *maps,
-                        __local const float4 *rows, float2 weights,
+                        int n_rows, __local const float4 *rows, float2 weights,
                         __local const vfloat *cones, __local vfloat *outlines,
                         __local samples *partial, __local vfloat *views, vfloat *error,
                         vfloat *seeing)
@@ -83,7 +83,7 @@ inline void score_views(int first_view, int n_views, int width, int height,
     samples sums = {0, 0, 0, 0};
     if (view < here) {
         __global const uchar *map = maps + 2 * (size_t)(first_view + view) * width * height;
-        for (int r = view_lane; r < N_ROWS; r += VIEW_LANES)
+        for (int r = view_lane; r < n_rows; r += VIEW_LANES)
             take_row(cameras + (first_view + view) * CAMERA_FLOATS, map, width,
                      outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], &sums);
     }
@@ -180,11 +180,13 @@ inline vfloat posture_error(__global const float2 *posture, __global const float
 // The exponent of Song et al. eq. (16) with its sign put right: the sum over cameras of edge and
 // silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
+// row_table: the n_rows rows of samples on all cones, for which `rows` is room.
 // weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses, __global const float *table,
                  int n_views, int width, int height, __global const float *cameras,
-                 __global const uchar *maps, __global const float4 *row_table,
+                 __global const uchar *maps, int n_rows, __global const float4 *row_table,
+                 __local float4 *rows,
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
                  __global const float2 *posture, float4 weights, float posture_weight,
@@ -194,17 +196,16 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
     __local vfloat spans[N_CONES * SPAN_FLOATS] __attribute__((aligned(64)));
     __local float body[BODY_FLOATS];
-    __local float4 rows[N_ROWS];
     __local vfloat outlines[VIEWS * N_CONES * OUTLINE_FLOATS], views[2 * VIEWS], sums[GROUP];
     __local samples partial[GROUP];
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
-    for (int r = lane; r < N_ROWS; r += GROUP) rows[r] = row_table[r];
+    for (int r = lane; r < n_rows; r += GROUP) rows[r] = row_table[r];
     take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
 
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, rows, weights.xy, cones, outlines,
-                    partial, views, &error, &seeing);
+        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cones,
+                    outlines, partial, views, &error, &seeing);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat sum = 0.0f;
