@@ -208,10 +208,11 @@ class Device:
                 started = time.perf_counter()
                 self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
-            if (*key, name) not in self._kernels:
+            kernel = self._kernels.get((*key, name))
+            if kernel is None:
                 kernel = Kernel(self._programs[key], name, file, signatures(source, file))
-                self._kernels[*key, name] = kernel
-            return self._kernels[*key, name]
+                self._kernels[(*key, name)] = kernel
+            return kernel
 
     def launch(
         self,

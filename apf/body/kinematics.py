@@ -26,6 +26,13 @@ def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
     return rotation
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross product of two vectors (3,): bit by bit `np.cross`, which takes 30 times as
+    long for so few numbers."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return world rotations (N, B, 3, 3) and origins (N, B, 3) m of the bones in poses (N, D)."""
     poses = np.asarray(poses, np.float64)
@@ -70,5 +77,5 @@ def posed_cones(body: BodyModel, poses: np.ndarray) -> np.ndarray:
         out[:, c, 4:7] = origin + rotation @ cone.end
         out[:, c, 7] = cone.radii[1]
         out[:, c, 8:11] = rotation @ (cone.side / cone.scale[0])
-        out[:, c, 12:15] = rotation @ (np.cross(axis, cone.side) / cone.scale[1])
+        out[:, c, 12:15] = rotation @ (cross(axis, cone.side) / cone.scale[1])
     return out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from apf.body.model import BodyModel
@@ -71,9 +73,10 @@ def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     return np.concatenate([t, local / np.maximum(np.linalg.norm(local, axis=1)[:, None], 1e-9)], 1)
 
 
+@lru_cache(maxsize=8)  # a body is compared with many frames
 def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Return cones (K,) and cone coordinates (K, 4) of points about `spacing` m apart on all cones
-    and their round ends."""
+    and their round ends; not to be written to."""
     cones, coordinates = [], []
     for c, cone in enumerate(body.cones):
         length = float(np.linalg.norm(cone.end - cone.start))
@@ -86,7 +89,10 @@ def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.nda
                 side = np.sqrt(1 - cap * cap)
                 coordinates.append((t, cap, side * np.cos(angle), side * np.sin(angle)))
                 cones.append(c)
-    return np.array(cones), np.array(coordinates)
+    samples = np.array(cones), np.array(coordinates)
+    for array in samples:
+        array.flags.writeable = False
+    return samples
 
 
 def inner_axes(body: BodyModel) -> np.ndarray:

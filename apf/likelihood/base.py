@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from apf.body.model import BodyModel
 from cl import Array, Launch
 
 

@@ -10,6 +10,7 @@ from apf.body.kinematics import (
     CONE_FLOATS,
     axis_rotation,
     bone_matrices,
+    cross,
     posed_cones,
     posed_joints,
 )
@@ -185,3 +186,8 @@ def test_new_poses_in_the_same_array_are_followed(device: Device) -> None:
     array.set(poses[::-1].copy())
     launch()
     np.testing.assert_array_equal(kinematics.cones.get(), first[::-1])
+
+
+def test_cross_is_that_of_numpy_bit_by_bit() -> None:
+    for a, b in np.random.default_rng(0).normal(size=(100, 2, 3)):
+        np.testing.assert_array_equal(cross(a, b), np.cross(a, b))

@@ -17,6 +17,7 @@ from apf.body.kinematics import posed_joints
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
+from apf.likelihood.voxel import cone_sampling
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from cl import Device, InputError, NumpyDevice
 
@@ -181,6 +182,38 @@ def test_a_filter_started_again_forgets(device: Device) -> None:
         runs.append([tracker.step(world.voxels(frame)) for frame in range(3)])
     for a, b in zip(*runs, strict=True):
         assert_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"limb_search_reach": 0.0, "silhouette_recall_weight": 1.0, "motion_prior_weight": 0.1}],
+)
+def test_a_filter_of_a_changed_body_is_that_bodys(device: Device, settings: dict) -> None:
+    """Bit by bit: sizes, sample rows, limits and deviations are the new body's."""
+    world = World(device)
+    scene, config = world.scene(), FilterConfig.of(n_particles=37, n_layers=2, **settings)
+    taller = replace(
+        scene.body.scaled(dict.fromkeys(scene.body.scale_groups, 1.3), 0.9),
+        sigma=0.5 * scene.body.sigma,
+        upper=scene.body.upper - 0.01,
+        posture_sigma=2.0 * scene.body.posture_sigma,
+    )
+    n_rows = [cone_sampling(body, 0.06)[:, 0].sum() for body in (scene.body, taller)]
+    assert n_rows[0] < n_rows[1]
+    changed = AnnealedParticleFilter(scene, config)
+    changed.start(world.pose(0))
+    changed.step(world.voxels(0))
+    for body in (taller, scene.body):
+        changed.change_body(body)
+        new = AnnealedParticleFilter(replace(scene, body=body), config)
+        for tracker in (changed, new):
+            tracker.start(world.pose(0))
+        for frame in range(3):
+            a, b = (tracker.step(world.voxels(frame)) for tracker in (changed, new))
+            assert a.body is body
+            assert_equal(a, b)
+            np.testing.assert_array_equal(a.information, b.information)
+            assert a.misfit == b.misfit
 
 
 @pytest.mark.parametrize(
