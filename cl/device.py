@@ -208,11 +208,11 @@ class Device:
                 started = time.perf_counter()
                 self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
-            kernel = self._kernels.get((*key, name))
-            if kernel is None:
-                kernel = Kernel(self._programs[key], name, file, signatures(source, file))
-                self._kernels[(*key, name)] = kernel
-            return kernel
+            named = (*key, name)
+            if named not in self._kernels:
+                program = self._programs[key]
+                self._kernels[named] = Kernel(program, name, file, signatures(source, file))
+            return self._kernels[named]
 
     def launch(
         self,
