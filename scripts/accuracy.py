@@ -5,9 +5,14 @@
 
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
-writes OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
-and prints tables.
-Without folders it films walks of its own. A second call with the same OUT goes on where the first
+    scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4] [-o OUT]
+
+tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
+first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others
+
+write OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
+and print tables.
+Without folders they film walks of its own. A second call with the same OUT goes on where the first
 stopped.
 """
 
@@ -22,10 +27,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from accuracy.processes import do_jobs
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
 from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
+from accuracy.suite import (
+    STARTS,
+    Job,
+    KeptSilhouettes,
+    Outcome,
+    lacking_jobs,
+    suite_folders,
+    suite_settings,
+)
+from accuracy.suite_report import suite_grid, suite_rows, write_suite
 from accuracy.thesis import TABLES as THESIS
 from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
@@ -37,7 +53,7 @@ from apf.filters.method import OBJECTIVES, SEARCHES
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.tracking.track import spans
-from cl import Device, InputError, select_device
+from cl import Device, InputError, UserError, select_device
 from psfs.cli.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
 from psfs.sequence import Sequence
 
@@ -96,6 +112,12 @@ def main() -> int:
         "thesis.md, too",
     )
     parser.add_argument(
+        "--suite", type=Path, metavar="FOLDER", help="instead, all sequences with truth in it"
+    )
+    group = parser.add_argument_group("of --suite")
+    group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
+    group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
+    parser.add_argument(
         "--readme",
         action="store_true",
         help="instead of any run: the Markdown and the README's table (with --thesis that of "
@@ -114,12 +136,17 @@ def main() -> int:
 def _run(args: argparse.Namespace) -> None:
     if args.seeds < 1:
         raise InputError(f"--seeds {args.seeds}; expected at least 1")
-    if args.readme:
+    if args.suite is not None:
+        _check_suite(args)
+    elif args.readme:
         _update_readme(args)
         return
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy would take days; expected an OpenCL device")
+    if args.suite is not None:
+        _run_suite(args, device)
+        return
     folders = [folder.resolve() for folder in args.folders]
     if args.thesis is not None:
         if len(folders) != 1:
@@ -131,13 +158,7 @@ def _run(args: argparse.Namespace) -> None:
         folders = folders or _own_walks(args.out, device)
         tables = [Table.named(text) for text in args.tables]
         plan = _plan(folders, tables, {name: getattr(args, name) for name in DIMENSIONS})
-    conditions = {
-        "version": version("psfs-apf"),
-        "commit": args.commit or checked_out_commit(),
-        "device": device.name,
-        "filter": FilterConfig().settings,
-        "folders": {folder.name: str(folder) for folder in folders},
-    }
+    conditions = _conditions(args, device, folders)
     results = Results.resumed(args.out / "results.json", conditions)
     by_name = {folder.name: folder for folder in folders}
     try:
@@ -155,6 +176,63 @@ def _run(args: argparse.Namespace) -> None:
             else:
                 write_tables(args.out / "tables.md", shown, results)
             stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
+
+
+def _conditions(args: argparse.Namespace, device: Device, folders: list[Path]) -> dict[str, Any]:
+    """What runs depend on besides their settings."""
+    return {
+        "version": version("psfs-apf"),
+        "commit": args.commit or checked_out_commit(),
+        "device": device.name,
+        "filter": FilterConfig().settings,
+        "folders": {folder.name: str(folder) for folder in folders},
+    }
+
+
+def _check_suite(args: argparse.Namespace) -> None:
+    if args.folders or args.thesis is not None or args.readme:
+        raise InputError("--suite with folders, --thesis or --readme; expected it alone")
+    if args.processes < 1:
+        raise InputError(f"--processes {args.processes}; expected at least 1")
+
+
+def _run_suite(args: argparse.Namespace, device: Device) -> None:
+    """All runs of the suite that OUT lacks, then its reports, also when interrupted."""
+    folders = suite_folders(args.suite)
+    varied = ("method", "objective", "particles", "layers")
+    first = {name: getattr(args, name)[0] for name in varied}
+    settings = dict(suite_settings(folders, args.start, first))
+    conditions = _conditions(args, device, folders)
+    results = Results.resumed(args.out / "results.json", conditions)
+    same = {name: conditions[name] for name in ("version", "commit", "device")}
+    silhouettes = KeptSilhouettes(args.out / "silhouettes", same)
+    jobs = lacking_jobs(
+        settings, results, args.seeds, lambda name: silhouettes.of(name) is not None
+    )
+    errors: list[str] = []
+    try:
+        with progress_bar() as bar:
+            task = bar.add_task("suite", total=len(jobs))
+
+            def keep(job: Job, outcome: Outcome | UserError) -> None:
+                if isinstance(outcome, UserError):
+                    errors.append(f"{job.folder.name}: {outcome}")
+                elif isinstance(outcome, dict):
+                    silhouettes.add(job.folder.name, outcome)
+                else:
+                    for run in outcome:
+                        results.add(run)
+                bar.advance(task)
+
+            do_jobs(jobs, device, args.device, args.processes, keep, args.seconds)
+    finally:
+        rows = suite_rows(results, list(settings), silhouettes.iou)
+        if rows:
+            write_suite(args.out, results, rows)
+            suite_grid(rows).show()
+            stdout.print(f"{len(results.runs)} runs: {args.out}", soft_wrap=True)
+    if errors:
+        raise InputError("; ".join(dict.fromkeys(errors)))
 
 
 def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,6 +19,7 @@ from accuracy.settings import Setting
 from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
 from apf.filters.method import OBJECTIVES, Method
+from apf.formats.trc import JointSeries
 from apf.results.evaluate import evaluate
 from apf.scene import Scene
 from apf.tracking.pipeline import track_of, track_voxels
@@ -37,6 +39,12 @@ class Run:
     share of joint-frames in which truth lies in the stated ellipsoid, -1 where none is stated;
     seconds: to track all frames, voxels given; of seeds tracked at once, the share of one. joints:
     name -> [mean, constant, rest].
+
+    The others are known of the runs of a suite, NaN of others. wrists: mean of both. heading:
+    degrees between the hips' axis at the start and the truth's, seen from above. stature: % that
+    the body is too tall. limb_frames: share of frames in which a limb's end is farther than
+    `LOST_LIMB` from the truth. seconds of such a run are those of all that it took, start and
+    reconstruction as well. failed: why there is no track; figures are NaN then.
     """
 
     setting: Setting
@@ -54,6 +62,11 @@ class Run:
     inside_95: float
     seconds: float
     joints: dict[str, list[float]]
+    wrists: float = math.nan
+    heading: float = math.nan
+    stature: float = math.nan
+    limb_frames: float = math.nan
+    failed: str = ""
 
     @property
     def lost(self) -> bool:
@@ -115,13 +128,14 @@ def run(device: Device, recording: Recording, setting: Setting, seeds: list[int]
     if len(tracks[0]) < len(recording.frames):
         raise KeyboardInterrupt  # trackers keep what they have when they are interrupted
     return [
-        _run_of(track, recording, setting, seed, seconds)
+        run_of(track, recording.truth, setting, seed, seconds)
         for seed, track in zip(seeds, tracks, strict=True)
     ]
 
 
-def _run_of(track: Track, recording: Recording, setting: Setting, seed: int, seconds: float) -> Run:
-    found = evaluate(track, recording.truth)
+def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, seconds: float) -> Run:
+    """How far a track lies from the truth."""
+    found = evaluate(track, truth)
     constant, rest = found.constant_and_rest
     rows = 1000 * np.stack([np.nanmean(found.errors, axis=0), constant, rest], -1)
     return Run(
@@ -143,6 +157,27 @@ def _run_of(track: Track, recording: Recording, setting: Setting, seed: int, sec
     )
 
 
+def _plain(run: Run) -> dict[str, Any]:
+    """As JSON has it: None for NaN."""
+    row = asdict(run)
+    row["joints"] = {name: [_none(of) for of in errors] for name, errors in run.joints.items()}
+    return {name: _none(value) for name, value in row.items()}
+
+
+def _known(row: dict[str, Any]) -> Run:
+    """The inverse of `_plain`."""
+    values = {name: math.nan if value is None else value for name, value in row.items()}
+    joints = {
+        name: [math.nan if of is None else of for of in errors]
+        for name, errors in row["joints"].items()
+    }
+    return Run(**{**values, "setting": Setting(**row["setting"]), "joints": joints})
+
+
+def _none(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
 @dataclass
 class Results:
     """The runs so far and the file that keeps them; `conditions` are what they depend on besides
@@ -158,7 +193,7 @@ class Results:
         """What the file holds. Raises InputError if it is no such file."""
         try:
             data = json.loads(path.read_text())
-            runs = [Run(**{**row, "setting": Setting(**row["setting"])}) for row in data["runs"]]
+            runs = [_known(row) for row in data["runs"]]
             return cls(path, dict(data["conditions"]), runs, data["made"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not the results of accuracy.py ({error})") from None
@@ -194,10 +229,10 @@ class Results:
         """Keep a run, on disk too."""
         self.runs.append(run)
         self.made = date.today().isoformat()
-        runs = [asdict(run) for run in self.runs]
+        runs = [_plain(run) for run in self.runs]
         data = {"conditions": self.conditions, "made": self.made, "runs": runs}
         with written_whole(self.path) as temporary:
-            temporary.write_text(json.dumps(data) + "\n")
+            temporary.write_text(json.dumps(data, allow_nan=False) + "\n")
 
     def write_csv(self, path: Path) -> None:
         """One row per run; errors in mm."""

@@ -12,7 +12,8 @@ from cl import InputError
 
 @dataclass(frozen=True)
 class Setting:
-    """All that distinguishes runs but their seed. step: every so many frames are used."""
+    """All that distinguishes runs but their seed. step: every so many frames are used. start: the
+    first pose, "true" from the true joints, "found" from the pictures alone."""
 
     sequence: str
     cameras: int
@@ -21,6 +22,7 @@ class Setting:
     objective: str
     particles: int
     layers: int
+    start: str = "true"
 
 
 #: What a table can be over, with its heading.

@@ -1,0 +1,220 @@
+"""A suite: every sequence with truth in a folder, tracked from nothing but its pictures and from
+the true first joints."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable, Iterator
+from collections.abc import Sequence as Items
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomllib
+
+from accuracy.runs import Results, Run, method_of, run_of
+from accuracy.settings import Setting
+from apf.api import DEFAULT_BODY, given_start
+from apf.body.kinematics import posed_joints
+from apf.body.stature import stature
+from apf.formats.trc import JointSeries
+from apf.initialisation import StartError
+from apf.results.evaluate import LIMB_ENDS, LOST_LIMB, Evaluation, evaluate, load_truth
+from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.tracking.batch import Take, track_take
+from cl import Device, InputError
+from psfs.api import trusted
+from psfs.common.files import write_json
+from psfs.diagnostics.silhouettes import followed_silhouettes, truth_frames
+from psfs.sequence import Sequence
+
+TRUTH = "truth.npz"
+STARTS = ("found", "true")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one process does at a time: the runs of `setting` with these seeds, or, without a
+    setting, the silhouettes. `folder`: the sequence's."""
+
+    folder: Path
+    setting: Setting | None = None
+    seeds: tuple[int, ...] = ()
+
+
+#: Of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
+Outcome = list[Run] | dict[str, Any]
+
+
+def suite_folders(folder: Path) -> list[Path]:
+    """The folders of sequences with truth in `folder`, or itself. Raises InputError if none."""
+    inside = sorted(path.parent.resolve() for path in folder.glob(f"*/{TRUTH}"))
+    found = inside or [path.parent.resolve() for path in folder.glob(TRUTH)]
+    if not found:
+        raise InputError(f"{folder}: no sequence with {TRUTH} in it; expected at least one")
+    return found
+
+
+def lacking_jobs(
+    settings: dict[Setting, Path], results: Results, seeds: int, kept: Callable[[str], bool]
+) -> list[Job]:
+    """What is still to do, all sequences' first seeds first. kept: whether a sequence's silhouettes
+    are known.
+
+    Seeds from the true start share one reconstruction; a start is found for each seed anew.
+    """
+    jobs = [
+        Job(folder)
+        for folder in dict.fromkeys(settings.values())
+        if not kept(folder.name) and (folder / "truth_masks").is_dir()
+    ]
+    for setting, folder in settings.items():
+        rest = [seed for seed in range(seeds) if results.lacks(setting, seed)]
+        parts = [tuple(rest)] if setting.start == "true" else [(seed,) for seed in rest]
+        jobs += [Job(folder, setting, part) for part in parts if part]
+    return sorted(jobs, key=lambda job: job.seeds[:1])
+
+
+def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
+    """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError
+    where the sequence cannot be tracked, but for a start that is not found, which is a run too."""
+    sequence = trusted(Sequence.open(job.folder), device)
+    if job.setting is None:
+        return silhouettes_of(device, sequence, check)
+    truth = load_truth(job.folder / TRUTH)
+    began = time.perf_counter()
+    try:
+        take = _take(device, sequence, job.setting, job.seeds, check)
+    except StartError as error:
+        return [_failed(job.setting, seed, str(error)) for seed in job.seeds]
+    seconds = (time.perf_counter() - began) / len(job.seeds)
+    if len(take.tracks[0]) < len(sequence):
+        raise KeyboardInterrupt  # tracks keep what they have when they are interrupted
+    runs = []
+    for seed, track in zip(job.seeds, take.tracks, strict=True):
+        run = run_of(track, truth, job.setting, seed, seconds)
+        runs.append(replace(run, **_of_suite(take, job.folder, truth, evaluate(track, truth))))
+    return runs
+
+
+def _take(
+    device: Device,
+    sequence: Sequence,
+    setting: Setting,
+    seeds: Items[int],
+    check: Callable[[], object],
+) -> Take:
+    """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`."""
+    init = sequence.folder / TRUTH if setting.start == "true" else None
+    given = given_start(sequence.folder, 0, DEFAULT_BODY if init else None, init)
+    method = method_of(setting, seeds[0])
+    return track_take(device, sequence, method, seeds, given=given, progress=lambda stage: check())
+
+
+def _of_suite(take: Take, folder: Path, truth: JointSeries, found: Evaluation) -> dict[str, float]:
+    """The figures that only the runs of a suite have."""
+    ends = [found.joint_names.index(e) for e in LIMB_ENDS.values() if e in found.joint_names]
+    wrists = [k for k, name in enumerate(found.joint_names) if name.endswith("wrist")]
+    true = true_stature(folder, truth)
+    return {
+        "wrists": 1000 * float(np.nanmean(found.errors[:, wrists])) if wrists else np.nan,
+        "heading": heading_error(take, truth),
+        "stature": 100 * (stature(take.body) / true - 1),
+        "limb_frames": float((found.errors[:, ends] > LOST_LIMB).any(axis=1).mean()),
+    }
+
+
+def heading_error(take: Take, truth: JointSeries) -> float:
+    """Degrees between the hips' left-right axes, seen from above, of the start and of the truth in
+    the first frame tracked; NaN where it does not say."""
+    frame = take.tracks[0].frames[0]
+    rows = np.flatnonzero(truth.frames == frame)
+    if not rows.size:
+        return float("nan")
+    ours = posed_joints(take.body, take.pose[None])
+    axes = []
+    for names, joints in ((take.body.joint_names, ours), (truth.joint_names, truth.joints[rows])):
+        evaluated, _, _ = evaluated_joints(names, joints[:1])
+        left, right = (evaluated[0, EVALUATED_JOINTS.index(f"{side}_hip"), :2] for side in "lr")
+        axes.append(left - right)
+    (a, b), (c, d) = axes
+    return float(abs(np.degrees(np.arctan2(a * d - b * c, a * c + b * d))))
+
+
+def true_stature(folder: Path, truth: JointSeries) -> float:
+    """The person's stature, m: as synthetic.toml states it, or README.md ("height 1.74 m"), else
+    that of a body fitted to the first true joints, which may be 2 % off."""
+    made = folder / "synthetic.toml"
+    if made.is_file():
+        return float(tomllib.loads(made.read_text())["synthetic"]["height"])
+    readme = folder / "README.md"
+    stated = re.search(r"height (\d\.\d+) m\b", readme.read_text() if readme.is_file() else "")
+    if stated:
+        return float(stated[1])
+    fitted = given_start(folder, int(truth.frames[0]), DEFAULT_BODY, folder / TRUTH)
+    assert fitted is not None
+    return stature(fitted[0])
+
+
+def _failed(setting: Setting, seed: int, why: str) -> Run:
+    nothing = dict.fromkeys(
+        ("mean", "median", "largest", "frame_std", "constant", "rest", "lost_joints", "inside_95",
+         "seconds"),
+        float("nan"),
+    )  # fmt: skip
+    return Run(
+        setting, seed, frames=0, lost_limbs=[], lost_frames=0, joints={}, failed=why, **nothing
+    )
+
+
+def silhouettes_of(
+    device: Device, sequence: Sequence, check: Callable[[], object]
+) -> dict[str, Any]:
+    """IoU with the true masks: the mean, and per frame those of the cameras; see
+    psfs.diagnostics.silhouettes."""
+    wanted = truth_frames(sequence)
+    frames: dict[str, list[float | None]] = {}
+    for shown in followed_silhouettes(device, sequence, wanted) if wanted else ():
+        check()
+        if shown is not None:
+            scores = shown.scores[:, 0]
+            frames[str(shown.frame.index)] = [None if np.isnan(s) else float(s) for s in scores]
+    known = [score for scores in frames.values() for score in scores if score is not None]
+    return {"mean_iou": float(np.mean(known)) if known else None, "frames": frames}
+
+
+@dataclass
+class KeptSilhouettes:
+    """The silhouettes' IoU by sequence, in a folder. `conditions`: what they depend on; those made
+    under others are not known."""
+
+    folder: Path
+    conditions: dict[str, Any]
+
+    def of(self, sequence: str) -> dict[str, Any] | None:
+        try:
+            found: dict[str, Any] = json.loads((self.folder / f"{sequence}.json").read_text())
+        except (OSError, ValueError):
+            return None
+        return found if found.get("conditions") == self.conditions else None
+
+    def add(self, sequence: str, found: dict[str, Any]) -> None:
+        write_json(self.folder / f"{sequence}.json", {"conditions": self.conditions, **found})
+
+    def iou(self, sequence: str) -> float:
+        """The mean over cameras and frames; NaN where none is known."""
+        found = (self.of(sequence) or {}).get("mean_iou")
+        return float("nan") if found is None else float(found)
+
+
+def suite_settings(
+    folders: Items[Path], starts: Items[str], first: dict[str, Any]
+) -> Iterator[tuple[Setting, Path]]:
+    """A setting per sequence and start, `first` being all but its sequence, cameras and step."""
+    for folder in folders:
+        cameras = len(Sequence.open(folder).rig)
+        for start in starts:
+            yield Setting(folder.name, cameras, 1, **first, start=start), folder

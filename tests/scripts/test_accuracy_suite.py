@@ -1,0 +1,224 @@
+"""scripts/accuracy.py --suite: a folder of sequences, tracked from both starts."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.shared import ROOT
+
+from apf.body import load_body
+from apf.formats.trc import JointSeries
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from apf.tracking.batch import Take
+from cl import Device, InputError
+
+sys.path.insert(0, str(ROOT / "scripts"))
+
+import accuracy.suite as suite
+from accuracy.runs import Results, Run
+from accuracy.settings import Setting
+from accuracy.suite import Job, KeptSilhouettes, heading_error, lacking_jobs, suite_folders
+from accuracy.suite_report import Row, suite_grid, suite_rows, write_suite
+
+SCRIPT = ROOT / "scripts" / "accuracy.py"
+FRAMES = 3
+FOUND = Setting("walk", 4, 1, "apf", "voxel", 30, 3, "found")
+TRUE = replace(FOUND, start="true")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A suite of one sequence of three frames."""
+    folder = tmp_path_factory.mktemp("suite")
+    config = SceneConfig(cameras=4, frames=FRAMES, fps=30, size=(160, 120), seed=4)
+    generate(folder / "walk", config, Device.best())
+    return folder
+
+
+def a_run(setting: Setting, seed: int, mean: float, heading: float = 5.0) -> Run:
+    return Run(
+        setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, ["left arm"], 0.25, 0, 0.9, 1.5,
+        {"pelvis": [mean, 1.0, float("nan")]}, wrists=70.0, heading=heading, stature=-2.0,
+        limb_frames=0.5,
+    )  # fmt: skip
+
+
+def command(suite_folder: Path, out: Path, *flags: str) -> list[str]:
+    small = ["--particles", "30", "--layers", "3", "--commit", "c0ffee"]
+    script = [sys.executable, str(SCRIPT), "--suite", str(suite_folder), "-o", str(out)]
+    return [*script, *small, *flags]
+
+
+def run(suite_folder: Path, out: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        command(suite_folder, out, *flags), capture_output=True, text=True, env=environment
+    )
+
+
+def test_a_suite_from_both_starts_in_processes(folder: Path, tmp_path: Path) -> None:
+    """A second call does what the first one left."""
+    out = tmp_path / "out"
+    first = run(folder, out, "--seeds", "1", "--processes", "2")
+    assert first.returncode == 0, first.stderr
+    results = Results.read(out / "results.json")
+    assert {r.setting.start for r in results.runs} == {"found", "true"}
+    by_start = {r.setting.start: r for r in results.runs}
+    true = by_start["true"]
+    assert not true.failed and true.frames == FRAMES
+    assert true.mean < 100 and true.heading < 20 and abs(true.stature) < 5
+    assert true.wrists > 0 and 0 <= true.limb_frames <= 1 and true.seconds > 0
+    kept = json.loads((out / "silhouettes" / "walk.json").read_text())
+    assert kept["mean_iou"] > 0.7 and list(kept["frames"]) == ["0"]
+    before = (out / "silhouettes" / "walk.json").stat().st_mtime_ns
+    again = run(folder, out, "--seeds", "2", "--start", "true")
+    assert again.returncode == 0, again.stderr
+    more = Results.read(out / "results.json")
+    assert more.runs[:2] == results.runs and len(more.runs) == 3
+    assert (out / "silhouettes" / "walk.json").stat().st_mtime_ns == before
+    assert "IoU" in again.stdout and "| walk | 4 | true | 2 |" in (out / "suite.md").read_text()
+    with (out / "suite.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["runs"] == "2" and float(row["iou"]) == pytest.approx(kept["mean_iou"], abs=1e-3)
+    assert (out / "suite.png").stat().st_size > 10_000
+    assert len((out / "runs.csv").read_text().splitlines()) == 4
+
+
+def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    flags = ("--seeds", "500", "--start", "found", "--processes", "2")
+    process = subprocess.Popen(
+        command(folder, out, *flags), env=environment, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    for _ in range(600):
+        if (out / "results.json").exists() or process.poll() is not None:
+            break
+        time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 130, error
+    assert "Traceback" not in error
+    runs = Results.read(out / "results.json").runs
+    assert 1 <= len(runs) < 500 and (out / "suite.md").is_file()
+
+
+def test_folders_with_truth(folder: Path, tmp_path: Path) -> None:
+    assert suite_folders(folder) == suite_folders(folder / "walk") == [folder / "walk"]
+    with pytest.raises(InputError, match=r"no sequence with truth\.npz"):
+        suite_folders(tmp_path)
+    failed = run(tmp_path, tmp_path / "out")
+    assert failed.returncode == 2 and "no sequence with" in failed.stderr
+    for flags, message in (
+        (("--processes", "0"), "--processes 0"),
+        (("--thesis",), "expected it alone"),
+        (("--seeds", "0"), "--seeds 0"),
+    ):
+        failed = run(folder, tmp_path / "out", *flags)
+        assert failed.returncode == 2 and message in failed.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_first_seeds_first(folder: Path, tmp_path: Path) -> None:
+    results = Results(tmp_path / "results.json", {})
+    results.add(a_run(TRUE, 1, 30.0))
+    settings = {FOUND: folder / "walk", TRUE: folder / "walk"}
+    jobs = lacking_jobs(settings, results, 3, lambda name: False)
+    walk = folder / "walk"
+    assert jobs == [
+        Job(walk), Job(walk, FOUND, (0,)), Job(walk, TRUE, (0, 2)), Job(walk, FOUND, (1,)),
+        Job(walk, FOUND, (2,)),
+    ]  # fmt: skip
+    assert Job(walk) not in lacking_jobs(settings, results, 3, lambda name: True)
+
+
+def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:
+    def lost(*args, **settings):
+        raise suite.StartError("nobody stands there")
+
+    monkeypatch.setattr(suite, "track_take", lost)
+    (run,) = suite.done(Device.best(), Job(folder / "walk", FOUND, (7,)), lambda: None)
+    assert (run.seed, run.frames, run.failed) == (7, 0, "nobody stands there")
+    row = Row.of(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
+    assert (row.runs, row.failed, row.mean, row.heading_right) == (2, 1, 40.0, 1)
+    assert row.cells()[3] == "2, 1 failed" and row.cells()[8] == "1/2"
+
+
+def test_runs_are_kept_whole(tmp_path: Path) -> None:
+    """What is not known is null in the file, and comes back."""
+    path = tmp_path / "results.json"
+    results = Results(path, {"device": "abacus", "commit": "c0ffee"})
+    results.add(a_run(FOUND, 0, 40.0))
+    assert "NaN" not in path.read_text()
+    (again,) = Results.read(path).runs
+    assert again.setting == FOUND and np.isnan(again.joints["pelvis"][2])
+
+
+def test_the_report(tmp_path: Path) -> None:
+    results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
+    other = replace(FOUND, sequence="run")
+    results.add(a_run(FOUND, 0, 40.0))
+    results.add(a_run(FOUND, 1, 44.0, heading=170.0))
+    results.add(a_run(other, 0, 60.0))
+    results.add(a_run(TRUE, 0, 30.0))
+    rows = suite_rows(results, [FOUND, TRUE, other], {"walk": 0.9, "run": float("nan")}.__getitem__)
+    text = suite_grid(rows).markdown()
+    assert (
+        f"| walk | 4 | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 70 | 25.0 % | 1/2 | -2.0 % | "
+        "0.900 | 50 % | 2 |"
+    ) in text
+    assert "| run | 4 | found | 1 | 60.0 ± 0.0 |" in text
+    # The mean of both sequences, and how far they are apart.
+    assert (
+        f"| all |  | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 70 | 25.0 % | 2/3 |" in text
+    )
+    write_suite(tmp_path, results, rows)
+    assert "abacus, 20" in (tmp_path / "suite.md").read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "results.json", "runs.csv", "suite.csv", "suite.md", "suite.png"
+    }  # fmt: skip
+
+
+def test_headings_by_the_hips() -> None:
+    body = load_body("song31")
+    names = ("l_hip", "r_hip")
+    for degrees in (0, 30, 170, -120):
+        angle = np.radians(degrees)
+        left = np.array([-np.sin(angle), np.cos(angle), 0.2])
+        truth = JointSeries(names, np.stack([left, -left])[None], 30.0, np.array([5]))
+        tracks = [JointSeries(names, truth.joints, 30.0, np.array([5]))]
+        take = Take(None, body, body.rest_pose, None, tracks, 1.0)  # type: ignore[arg-type]
+        # The body at rest looks along x.
+        assert heading_error(take, truth) == pytest.approx(abs(degrees), abs=1e-6)
+    later = replace(truth, frames=np.array([6]))
+    assert np.isnan(heading_error(take, later))
+
+
+def test_statures_as_stated(folder: Path, tmp_path: Path) -> None:
+    walk = folder / "walk"
+    truth = suite.load_truth(walk / "truth.npz")
+    assert suite.true_stature(walk, truth) == SceneConfig().height
+    (tmp_path / "truth.npz").write_bytes((walk / "truth.npz").read_bytes())
+    assert suite.true_stature(tmp_path, truth) == pytest.approx(SceneConfig().height, rel=0.04)
+    (tmp_path / "README.md").write_text("- person: body variant `man`, height 1.83 m (bare)\n")
+    assert suite.true_stature(tmp_path, truth) == 1.83
+
+
+def test_silhouettes_of_other_conditions_are_not_known(tmp_path: Path) -> None:
+    kept = KeptSilhouettes(tmp_path, {"commit": "a"})
+    assert np.isnan(kept.iou("walk"))
+    kept.add("walk", {"mean_iou": 0.8, "frames": {}})
+    assert kept.iou("walk") == 0.8
+    assert KeptSilhouettes(tmp_path, {"commit": "b"}).of("walk") is None
