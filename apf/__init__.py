@@ -32,7 +32,12 @@ if TYPE_CHECKING:
     from apf.image_objective.config import FeatureConfig, ObjectiveConfig, ProximityConfig
     from apf.initialisation import Start, StartConfig, StartError, start_of
     from apf.initialisation.from_joints import fit_to_joints
-    from apf.likelihood.config import LikelihoodConfig, MotionPriorConfig, PartColourConfig
+    from apf.likelihood.config import (
+        LikelihoodConfig,
+        MotionPriorConfig,
+        PartColourConfig,
+        ReprojectionConfig,
+    )
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
     from apf.tracking.batch import Take, track_take
@@ -72,6 +77,7 @@ __all__ = [
     "ProximityConfig",
     "RecoveryConfig",
     "RefinementConfig",
+    "ReprojectionConfig",
     "Scene",
     "SearchConfig",
     "SirConfig",
@@ -110,7 +116,12 @@ _MODULES = {
     "apf.image_objective.config": ("FeatureConfig", "ObjectiveConfig", "ProximityConfig"),
     "apf.initialisation": ("Start", "StartConfig", "StartError", "start_of"),
     "apf.initialisation.from_joints": ("fit_to_joints",),
-    "apf.likelihood.config": ("LikelihoodConfig", "MotionPriorConfig", "PartColourConfig"),
+    "apf.likelihood.config": (
+        "LikelihoodConfig",
+        "MotionPriorConfig",
+        "PartColourConfig",
+        "ReprojectionConfig",
+    ),
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
     "apf.tracking.batch": ("Take", "track_take"),

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from psfs.silhouettes.config import AppearanceConfig, FloorConfig, RimConfig, SilhouetteConfig
     from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
-    from psfs.voxels.config import ColourConfig, OccupancyConfig, VolumeConfig
+    from psfs.voxels.config import ColourConfig, ForegroundJoinConfig, OccupancyConfig, VolumeConfig
     from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 __version__: str
@@ -58,6 +58,7 @@ __all__ = [
     "DeviceError",
     "EvidenceConfig",
     "FloorConfig",
+    "ForegroundJoinConfig",
     "Frame",
     "InputError",
     "MissingFileError",
@@ -106,7 +107,12 @@ _MODULES = {
     "psfs.silhouettes.config": ("AppearanceConfig", "FloorConfig", "RimConfig", "SilhouetteConfig"),
     "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
-    "psfs.voxels.config": ("ColourConfig", "OccupancyConfig", "VolumeConfig"),
+    "psfs.voxels.config": (
+        "ColourConfig",
+        "ForegroundJoinConfig",
+        "OccupancyConfig",
+        "VolumeConfig",
+    ),
     "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -33,6 +33,20 @@ def lowest_point(cones: np.ndarray) -> float:
     return float(min((cones[:, 2] - cones[:, 3]).min(), (cones[:, 6] - cones[:, 7]).min()))
 
 
+def ankle_cones(body: BodyModel) -> dict[int, float]:
+    """Return the cones that end at an ankle, by number, with the height, m, of their ends over the
+    floor when the body stands upright; none for a body without feet."""
+    cones = posed_cones(body, _upright(body))[0]
+    found = {}
+    for joint in body.joints:
+        own = [c for c, cone in enumerate(body.cones) if cone.bone == joint.bone]
+        if joint.name in ANKLES and own:
+            away = [np.linalg.norm(body.cones[c].end - joint.position) for c in own]
+            nearest = own[int(np.argmin(away))]
+            found[nearest] = float(cones[nearest, 6]) - lowest_point(cones)
+    return found
+
+
 def stature(body: BodyModel) -> float:
     """Return the height, m, of the person when he stands upright.
 
@@ -40,7 +54,7 @@ def stature(body: BodyModel) -> float:
     its hips down or up, which are `HIP_SHARE` of the stature high. Raises InputError if the body
     has no two of head, hips and feet.
     """
-    pose = np.clip(np.zeros(body.n_dof), body.lower, body.upper)[None]
+    pose = _upright(body)
     joints = dict(zip(body.joint_names, posed_joints(body, pose)[0, :, 2], strict=True))
     lowest = lowest_point(posed_cones(body, pose)[0])
     if is_whole(body):
@@ -54,3 +68,8 @@ def stature(body: BodyModel) -> float:
         f"tall the person is; expected two of {TOP}, {HIPS} and an ankle "
         f"({', '.join(ANKLES)})"
     )
+
+
+def _upright(body: BodyModel) -> np.ndarray:
+    """(1, D) the pose with all angles at 0, as far as the limits allow."""
+    return np.clip(np.zeros(body.n_dof), body.lower, body.upper)[None]

@@ -179,7 +179,7 @@ class FilterConfig:
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
-_UNPREFIXED = ("search", "likelihood")
+_UNPREFIXED = ("search", "likelihood", "reprojection")
 
 
 def _inner(part_name: str) -> str:
@@ -215,6 +215,7 @@ _USUAL_TERMS = {
     "surface": "surface_weight",
     "overlap": "overlap_weight",
     "posture": "posture_prior_weight",
+    "pictures": "foreground_join_on",
 }
 #: and the others with the weight that they have when they are chosen by name. Silhouette recall
 #: weighs as in the limb search; the others by hand.
@@ -235,14 +236,15 @@ def likelihood_weights(text: str) -> dict[str, float]:
     """
     defaults = FilterConfig().settings
     usual = {term: (name, defaults[name]) for term, name in _USUAL_TERMS.items()} | _OTHER_TERMS
-    weights = {name: 0.0 for name, _ in usual.values()} | {"limb_search_least_recall": 0.0}
+    weights = {name: type(weight)(0) for name, weight in usual.values()}
+    weights["limb_search_least_recall"] = 0.0
     for entry in text.split(","):
         term, _, value = entry.partition("=")
         if term not in TERMS:
             raise InputError(f"likelihood {text!r}: no term {term!r}; expected {', '.join(TERMS)}")
         name, weight = usual[term]
         try:
-            weights[name] = float(value or weight)
+            weights[name] = type(weight)(float(value or weight))
         except ValueError:
             raise InputError(f"likelihood {text!r}: {value!r} is no weight of {term}") from None
     return weights

@@ -144,11 +144,35 @@ class ShapePrior:
 
 
 @dataclass(frozen=True)
+class StandingConfig:
+    """The feet stand on the floor, of which silhouettes say little: shoes look like floor, and
+    shadows like shoes."""
+
+    height: float = 0.0
+    """m, of the floor."""
+    reach: float = 0.3
+    """m: a person whose lowest voxels are less far above the floor stands on it; 0 for nobody. By
+    hand: feet and shins that silhouettes lose are shorter."""
+    below: float = 0.1
+    """m that the lowest voxels may lie below it: thick hulls."""
+    ankle: float = 0.012
+    """m, deviation of the lower ankle from its height when the foot is flat. By hand."""
+    lifted: float = 0.1
+    """m by which both feet may be off the floor until that counts half (Geman & McClure 1987)."""
+
+    def stands(self, lowest: float) -> bool:
+        """Return whether a person with the lowest voxels at z = `lowest` m stands on the floor."""
+        return self.reach > 0 and -self.below < lowest - self.height < self.reach
+
+
+@dataclass(frozen=True)
 class ShapeFitConfig:
     """The least-squares fit of the body's shape to the clouds of several frames."""
 
     prior: ShapePrior = field(default_factory=ShapePrior)
     """What is known of people's shapes."""
+    standing: StandingConfig = field(default_factory=StandingConfig)
+    """What is known of their feet."""
     n_distances: float = 300.0
     """What all clouds together count: as many independent distances. The body is not made of cones,
     and wrong in the same way in every frame: more frames know no more of it."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cl import Device, NumpyDevice
+from cl import Array, Device, NumpyDevice
 from psfs.common.regions import large_parts
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -14,12 +14,14 @@ from psfs.voxels.host_voxels import HostVoxels
 
 
 class StoredVoxels:
-    """A copy of one frame's surface voxels, which trackers can be shown like `Voxels`."""
+    """A copy of one frame's surface voxels, and of the evidence maps (V, H, W) int8 that they were
+    carved with, which trackers can be shown like `Voxels`."""
 
     stays = True
 
-    def __init__(self, device: Device, cloud: VoxelCloud) -> None:
+    def __init__(self, device: Device, cloud: VoxelCloud, evidence: Array | None = None) -> None:
         self.grid = cloud.grid
+        self.evidence = evidence
         self._cloud = cloud
         indices = cloud.indices if len(cloud.indices) else np.zeros(1)
         self.surface = device.to_device(indices.astype(np.int32), "the surface voxels")
@@ -34,8 +36,12 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
     """What remains of `voxels` when their reconstructor goes on to the next frame."""
     if isinstance(device, NumpyDevice):
         assert isinstance(voxels, HostVoxels)
-        return HostVoxels(voxels.grid, voxels.probability, voxels.surface, voxels.occupied)
-    return StoredVoxels(device, voxels.cloud())
+        return replace(voxels, colours=None)
+    assert not isinstance(voxels, HostVoxels)
+    evidence = None
+    if voxels.evidence is not None:
+        evidence = device.to_device(voxels.evidence.get(), "the kept evidence maps")
+    return StoredVoxels(device, voxels.cloud(), evidence)
 
 
 def between(
@@ -48,7 +54,7 @@ def between(
         return replace(voxels, surface=voxels.surface[kept])
     assert isinstance(device, Device)
     parts = replace(cloud, indices=cloud.indices[kept], probability=cloud.probability[kept])
-    return StoredVoxels(device, parts)
+    return StoredVoxels(device, parts, voxels.evidence)
 
 
 def person_points(grid: VoxelGrid, indices: np.ndarray, min_part: float = 0.05) -> np.ndarray:

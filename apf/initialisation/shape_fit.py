@@ -12,7 +12,7 @@ from apf.body.cones import distances, normals
 from apf.body.jacobian import point_jacobian
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
-from apf.body.stature import stature
+from apf.body.stature import ankle_cones, stature
 from apf.initialisation.config import ShapeFitConfig
 from apf.initialisation.shape_model import (
     ShapeModel,
@@ -29,7 +29,8 @@ _STEP = 1e-5
 class Cloud:
     """Points (N, 3) m of one frame's surface, evenly thinned, and a search tree of all.
 
-    points: (n, 3) the thinned ones. heights: m, of the lowest and the highest, but for strays.
+    points: (n, 3) the thinned ones. heights: m, of the lowest and the highest, but for strays; the
+    floor's instead of the lowest where the person stands on it (`on_floor`), see `StandingConfig`.
     part: shares of the height between which points are kept, for a body that is only that part of
     the person; `heights` are the whole person's.
     """
@@ -41,9 +42,10 @@ class Cloud:
         part: tuple[float, float] = (-np.inf, np.inf),
     ) -> None:
         config = config or ShapeFitConfig()
-        low, high = self.heights = tuple(
-            np.quantile(points[:, 2], (config.stray, 1 - config.stray))
-        )
+        low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
+        self.on_floor = config.standing.stands(float(low))
+        low = config.standing.height if self.on_floor else low
+        self.heights = (float(low), float(high))
         share = (points[:, 2] - low) / max(high - low, 1e-9)
         points = points[(share >= part[0]) & (share <= part[1])]
         n = min(config.n_points, len(points))
@@ -154,10 +156,13 @@ class _ShapeFit:
         cones = posed_cones(body, poses)
         by_shape = np.stack([posed_cones(other, poses) for other in (body, *larger)], 1)[:, 1:]
         samples = surface_samples(body, self._config.spacing)
+        ankles = ankle_cones(body)
         matrix, vector = self._shape_prior(shape, body, larger)
         solutions = []
         for cloud, pose, mine, grown in zip(self._clouds, poses, cones, by_shape, strict=True):
             found = contacts(cloud, mine, samples, reach)
+            if cloud.on_floor and ankles:
+                found = self._standing(found, mine, ankles)
             normal, gradient = self._normal_equations(body, pose, mine, grown, found)
             solutions.append(self._eliminated(normal, gradient, pose - template.rest_pose))
             matrix += normal[n:, n:] - normal[n:, :n] @ solutions[-1][:, :-1]
@@ -167,6 +172,25 @@ class _ShapeFit:
         shape[self._chosen] += change
         moves = np.stack([s[:, :-1] @ change + s[:, -1] for s in solutions])
         return shape, np.clip(poses - moves, template.lower, template.upper)
+
+    def _standing(self, found: Contacts, cones: np.ndarray, ankles: dict[int, float]) -> Contacts:
+        """`found` and the contact of the lower ankle with its height over the floor."""
+        config, standing = self._config, self._config.standing
+        above = {c: cones[c, 6] - standing.height - height for c, height in ankles.items()}
+        lower = min(above, key=lambda c: above[c])
+        gap = above[lower]
+        # What a contact weighs, so that this one has the deviation of an ankle.
+        weight = len(self._clouds) * (config.noise / standing.ankle) ** 2 / config.n_distances
+        weight /= (1 + (gap / standing.lifted) ** 2) ** 2
+        up, end = np.array([0.0, 0.0, 1.0]), cones[lower, 4:7]
+        return Contacts(
+            np.append(found.cone, lower),
+            np.vstack([found.coordinates, [1.0, 0.0, 0.0, 0.0]]),
+            np.vstack([found.target, end - gap * up]),
+            np.vstack([found.normal, up]),
+            np.append(found.weight, weight),
+            np.append(found.share, 0.0),
+        )
 
     def _shape_prior(
         self, shape: np.ndarray, body: BodyModel, larger: list[BodyModel]

@@ -90,9 +90,11 @@ class VoxelLikelihood(Likelihood):
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
-        self._reprojection = Reprojection(device, rig, scene.voxel_grid)
+        self._reprojection = Reprojection(
+            device, rig, scene.voxel_grid, join=config.reprojection.foreground_join
+        )
         self._body = device.to_device(pack_body(body), "the body model")
-        rows = sample_rows(cone_sampling(body, config.sample_spacing))
+        rows = sample_rows(cone_sampling(body, config.reprojection.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
         self._defines = self._fitting_defines(body)
         self._n_pairs = len(body.apart)
@@ -120,7 +122,7 @@ class VoxelLikelihood(Likelihood):
         self._scene = replace(self._scene, body=body)
         self._body.set(pack_body(body))
         self._posture.set(posture_prior(body))
-        rows = sample_rows(cone_sampling(body, self.config.sample_spacing))
+        rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
         for launch in self._scores:
             launch.set(**self._row_arguments())

@@ -99,7 +99,8 @@ class NumpyReconstructor:
         if frame.images is not None:
             seen = (frame.images, evidence, self.config.colour)
             colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
-        return HostVoxels(self.grid, probability, surface, int(occupied.sum()), colours)
+        count = int(occupied.sum())
+        return HostVoxels(self.grid, probability, surface, count, colours, evidence)
 
 
 def physical_memory() -> int:

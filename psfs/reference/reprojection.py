@@ -9,9 +9,11 @@ from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints, pixel_boxes
 from psfs.reference.edge_distance import proximity
+from psfs.voxels.config import ForegroundJoinConfig
+from psfs.voxels.foreground_join import MARK
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
-from psfs.voxels.reprojection import edge_reach, proximity_table
+from psfs.voxels.reprojection import check_join, edge_reach, proximity_table
 
 
 def splat(
@@ -36,6 +38,40 @@ def boundary(silhouette: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return edge
 
 
+def joined(
+    silhouette: np.ndarray, evidence: np.ndarray, config: ForegroundJoinConfig
+) -> np.ndarray:
+    """Return `silhouette` (H, W) bool with the foreground of `evidence` (H, W) int8 beside it.
+
+    Twin of foreground_join.cl. In cells of MARK x MARK pixels: the box of the cells that the
+    silhouette touches, made larger by `config.sides` and `config.below`; in it all foreground
+    pixels of the cells that have, with their eight neighbours in the box, `config.least_pixels`.
+    """
+    height, width = silhouette.shape
+    rows, columns = -(-height // MARK), -(-width // MARK)
+    padding = ((0, rows * MARK - height), (0, columns * MARK - width))
+
+    def cells(pixels: np.ndarray) -> np.ndarray:
+        """The number of pixels set in each cell."""
+        padded = np.pad(pixels, padding).reshape(rows, MARK, columns, MARK)
+        return np.asarray(padded.sum((1, 3)))
+
+    y, x = np.nonzero(cells(silhouette))
+    if not len(y):
+        return silhouette
+    tall = y.max() + 1 - y.min()
+    sides, below = config.sides * tall // 100, config.below * tall // 100
+    box = np.zeros((rows, columns), bool)
+    above, left = max(y.min() - sides, 0), max(x.min() - sides, 0)
+    box[above : y.max() + 1 + below, left : x.max() + 1 + sides] = True
+    shown = evidence > 0
+    counts = np.where(box, cells(shown), 0)
+    near = ndimage.convolve(counts, np.ones((3, 3), int), mode="constant")
+    taken = box & (near >= config.least_pixels)
+    pixels = taken.repeat(MARK, 0).repeat(MARK, 1)[:height, :width]
+    return silhouette | (shown & pixels)
+
+
 class NumpyReprojection:
     """Same signature and results as `Reprojection`; the maps are a NumPy array."""
 
@@ -47,7 +83,10 @@ class NumpyReprojection:
         scale: float = 1.0,
         sigma: float | None = None,
         radius: int | None = None,
+        join: ForegroundJoinConfig | None = None,
     ) -> None:
+        check_join(join, scale)
+        self._join = join
         self.device, self.grid = device, grid
         self.rig = rig if scale == 1.0 else rig.scaled(scale)
         self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
@@ -59,6 +98,8 @@ class NumpyReprojection:
         extents = footprints(self.rig, voxels.grid.voxel_size)
         for view, camera in enumerate(self.rig):
             silhouette = splat(camera, centres, extents[view], shape)
+            if self._join is not None and self._join.on and voxels.evidence is not None:
+                silhouette = joined(silhouette, voxels.evidence[view], self._join)
             edge = boundary(silhouette, camera.size)
             maps[view, ..., 0] = np.where(silhouette, 255, 0)
             maps[view, ..., 1] = proximity(edge, proximity_table(self.sigma, self.radius))

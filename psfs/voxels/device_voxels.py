@@ -18,7 +18,9 @@ class Voxels:
     """The voxels of the latest frame, on the device; overwritten by the next frame.
 
     surface: (capacity,) int32 flat indices, of which the first `count[0]` are valid, ascending.
-    count, occupied: (1,) int32. stays: whether they are those of one frame for ever.
+    count, occupied: (1,) int32. evidence: (V, H, W) int8, the silhouettes that they were carved
+    with, above 0 where foreground is likelier; overwritten, too. stays: whether they are those of
+    one frame for ever.
     """
 
     stays = False
@@ -36,6 +38,7 @@ class Voxels:
         self.count: Array = surface.list.count
         self.occupied: Array = surface.list.occupied
         self._surface, self._silhouette, self._config = surface, silhouette, config
+        self.evidence: Array | None = silhouette.evidence
         self._colour: SurfaceColour | None = None
         self._images: Array | None = None
 

@@ -16,13 +16,15 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class HostVoxels:
-    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices."""
+    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices, and the
+    evidence maps (V, H, W) int8 that they were carved with, if known."""
 
     grid: VoxelGrid
     probability: np.ndarray
     surface: np.ndarray
     occupied: int
     colours: Callable[[], np.ndarray] | None = None
+    evidence: np.ndarray | None = None
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Return the surface voxels, with `colour` in RGB. Raises InputError if there is no

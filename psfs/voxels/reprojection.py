@@ -7,13 +7,11 @@ import numpy as np
 from cl import Array, Device, InputError
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
-from psfs.voxels.config import EdgeConfig
+from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.edge_distance import LOT, distance_defines, tiles_of
+from psfs.voxels.foreground_join import MARK, ForegroundJoin
 from psfs.voxels.grid import VoxelGrid
-
-#: Edge of what a mark stands for, px.
-_MARK = 8
 
 
 class Reprojection:
@@ -23,7 +21,9 @@ class Reprojection:
     round(255 exp(-d^2 / (2 sigma^2))) with d the Euclidean distance in pixels to the nearest
     boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
     are those of `rig.scaled(scale)`. sigma and radius: px of the maps, by default as `EdgeConfig`
-    says.
+    says. With `join`, the silhouettes are those of the voxels and of the foreground beside them in
+    the frame's evidence maps, where it has any, see `ForegroundJoin`. Raises InputError for a join
+    in smaller maps.
     """
 
     def __init__(
@@ -34,7 +34,9 @@ class Reprojection:
         scale: float = 1.0,
         sigma: float | None = None,
         radius: int | None = None,
+        join: ForegroundJoinConfig | None = None,
     ) -> None:
+        check_join(join, scale)
         self.device = device
         self.rig = rig if scale == 1.0 else rig.scaled(scale)
         self.sigma, self.radius = edge_reach(self.rig, sigma, radius)
@@ -44,7 +46,7 @@ class Reprojection:
         views, height, width = len(self.rig), self.rig.height, self.rig.width
         self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
         # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
-        marks = -(-height // _MARK) * -(-width // _MARK)
+        marks = -(-height // MARK) * -(-width // MARK)
         nbytes = (views * height + 2) * width + views * marks + LOT
         self._silhouette = device.empty((-(-nbytes // 4),), np.uint32, "the silhouettes")
         self._geometry = device.empty(4, np.float32, "the grid's position")
@@ -56,8 +58,11 @@ class Reprojection:
             "NY": ny,
             "NZ": nz,
             "CAMERA_FLOATS": CAMERA_FLOATS,
-            "MARK": _MARK,
+            "MARK": MARK,
         }
+        self._join: ForegroundJoin | None = None
+        if join is not None and join.on:
+            self._join = ForegroundJoin(device, rig, self._silhouette, join)
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
@@ -80,6 +85,8 @@ class Reprojection:
             self._extents.set(footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
         self._silhouette.fill(0)
         self._splat()
+        if self._join is not None and voxels.evidence is not None:
+            self._join(voxels.evidence)
         self._edges()
         return self.maps
 
@@ -101,6 +108,12 @@ class Reprojection:
             silhouette=self._silhouette.view(np.uint8),
         )
         self._grid = None
+
+
+def check_join(join: ForegroundJoinConfig | None, scale: float) -> None:
+    """Raise InputError for a join in maps of another size than the pictures."""
+    if join is not None and join.on and scale != 1.0:
+        raise InputError(f"maps at a scale of {scale:g} with a join; expected a scale of 1")
 
 
 def edge_reach(

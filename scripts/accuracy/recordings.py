@@ -28,7 +28,8 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The surface voxels of every frame of `sequence`: flat indices in `grid`, ascending.
+    """The surface voxels of every frame of `sequence`, flat indices in `grid`, ascending, and the
+    foreground (V H W bits, packed) of the evidence that they were carved with.
 
     truth: the sequence's true joints.
     """
@@ -37,6 +38,7 @@ class Recording:
     grid: VoxelGrid
     frames: list[int]
     surfaces: list[np.ndarray]
+    foregrounds: list[np.ndarray]
     truth: JointSeries
     _features: dict[FeatureConfig, FeatureReplay] = field(default_factory=dict)
 
@@ -64,7 +66,7 @@ class Recording:
 class Replay:
     """A recording's frames on a device, as a reconstructor leaves them there.
 
-    grid, surface, count, cloud(): as of psfs.reconstructor.Voxels.
+    grid, surface, count, cloud(): as of psfs.voxels.device_voxels.Voxels; of the evidence the sign.
     """
 
     def __init__(self, device: Device, recording: Recording) -> None:
@@ -73,10 +75,17 @@ class Replay:
         room = max(1, *(len(surface) for surface in recording.surfaces))
         self.surface = device.zeros(room, np.int32, "the surface voxels")
         self.count = device.zeros(1, np.int32)
+        rig = recording.sequence.rig
+        shape = (len(rig), rig.height, rig.width)
+        self.evidence = device.zeros(shape, np.int8, "the silhouettes")
 
     def __iter__(self) -> Iterator[tuple[int, Replay]]:
         """Frame numbers, and this with the frame's voxels."""
-        for index, surface in zip(self._recording.frames, self._recording.surfaces, strict=True):
+        recording = self._recording
+        shown = zip(recording.surfaces, recording.foregrounds, strict=True)
+        for index, (surface, foreground) in zip(recording.frames, shown, strict=True):
+            signs = np.unpackbits(foreground, count=self.evidence.size).view(np.int8)
+            self.evidence.set(2 * signs - 1)
             self._shown = surface
             padded = np.zeros(self.surface.size, np.int32)
             padded[: len(surface)] = surface
@@ -131,13 +140,15 @@ def record(
         with np.load(cache) as kept:
             grid = VoxelGrid(kept["origin"], float(kept["voxel_size"]), tuple(kept["shape"]))
             frames, surfaces = kept["frames"].tolist(), _split(kept["voxels"], kept["counts"])
-        return Recording(sequence, grid, frames, surfaces, truth)
+            foregrounds = list(kept["foregrounds"])
+        return Recording(sequence, grid, frames, surfaces, foregrounds, truth)
     selection = slice(None, None, step)
     grid = automatic_grid(sequence, selection, device=device)
     reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
-    frames, surfaces = [], []
+    frames, surfaces, foregrounds = [], [], []
     for frame in sequence.frames(selection):
         surfaces.append(reconstruct(frame).cloud().indices)
+        foregrounds.append(np.packbits(reconstruct.evidence() > 0))
         frames.append(frame.index)
         progress()
     arrays: dict[str, Any] = {
@@ -147,10 +158,11 @@ def record(
         "frames": np.array(frames),
         "counts": np.array([len(surface) for surface in surfaces]),
         "voxels": np.concatenate(surfaces),
+        "foregrounds": np.stack(foregrounds),
     }
     with written_whole(cache) as temporary:
         np.savez_compressed(temporary, **arrays)
-    return Recording(sequence, grid, frames, surfaces, truth)
+    return Recording(sequence, grid, frames, surfaces, foregrounds, truth)
 
 
 def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:

@@ -93,7 +93,7 @@ def tracking_work(scene: Scene, body: BodyModel, config: FilterConfig, surface: 
     search, likelihood = config.search, config.likelihood
     points = likelihood.n_points / likelihood.point_turns  # that one layer looks at
     scored = search.n_particles * search.n_layers
-    sampling = cone_sampling(body, likelihood.sample_spacing)
+    sampling = cone_sampling(body, likelihood.reprojection.sample_spacing)
     samples = float(np.sum([r * (c + 2) for r, c in sampling]))
     pose = float(_BONE * len(body.bones)) + 4 * _PROJECTION * cones * views
     pose += _SAMPLE * samples * views + _DISTANCE * cones * points

@@ -52,7 +52,7 @@ def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
 
 def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
     """As much of `Voxels` as a likelihood needs."""
-    return SimpleNamespace(grid=grid, surface=surface, count=count)
+    return SimpleNamespace(grid=grid, evidence=None, surface=surface, count=count)
 
 
 class Setup:
@@ -88,7 +88,7 @@ class Setup:
 
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
         cones = posed_cones(self.body, self.poses)
-        sampling = cone_sampling(self.body, self.config.sample_spacing)
+        sampling = cone_sampling(self.body, self.config.reprojection.sample_spacing)
         seen = subset(points, turn, self.config.point_turns)
         errors = total_errors(
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config

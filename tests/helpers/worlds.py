@@ -28,6 +28,7 @@ class World:
         low, high = np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9])
         self.grid = VoxelGrid.covering(low, high, voxel)
         self._voxels: Voxels = Reconstructor(device, self.rig, self.grid, None).voxels
+        self._voxels.evidence = None  # the voxels here are carved from no pictures
 
     def scene(self, device: Device | NumpyDevice | None = None) -> Scene:
         """The world for what tracks in it, by default on its own device."""

@@ -190,7 +190,7 @@ def test_features_are_made_once(tmp_path: Path) -> None:
     sequence, device = Sequence.open(folder), Device.best()
     grid = VoxelGrid(np.zeros(3), 0.1, (2, 2, 2))
     truth = JointSeries((), np.zeros((4, 0, 3)), 25.0, np.arange(4))
-    recording = Recording(sequence, grid, [0, 2], [], truth)
+    recording = Recording(sequence, grid, [0, 2], [], [], truth)
     config = FeatureConfig()
     replay = recording.features(device, config)
     assert recording.features(device, config) is replay

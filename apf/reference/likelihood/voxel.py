@@ -129,8 +129,10 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def __init__(self, scene: Scene, config: LikelihoodConfig, velocity: float = 0.0) -> None:
         self.body, self.rig, self.config, self._velocity = scene.body, scene.rig, config, velocity
-        self._reprojection = NumpyReprojection(NumpyDevice(), scene.rig, scene.voxel_grid)
-        self._sampling = cone_sampling(scene.body, config.sample_spacing)
+        self._reprojection = NumpyReprojection(
+            NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
+        )
+        self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
         self._colours = np.empty((0, 3))
         self.forget()

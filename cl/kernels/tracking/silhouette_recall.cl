@@ -107,8 +107,8 @@ void add_uncovered(int n_points, int first_point, int stride, int n_views, float
         vint n_seen = 0, n_uncovered = 0;
         __global const float2 *samples = pixels + (begin + view) * n_points;
         for (int k = view_lane * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
-#define POINT(l) (first_point + lane_index(k, 0x##l, n) * stride)
-#define SAMPLE(l) samples[POINT(l) < n_points ? POINT(l) : POINT(l) - n_points]
+#define INDEX(l) (first_point + lane_index(k, 0x##l, n) * stride)
+#define SAMPLE(l) samples[INDEX(l) < n_points ? INDEX(l) : INDEX(l) - n_points]
 #define X(l) SAMPLE(l).x
 #define Y(l) SAMPLE(l).y
 #define THERE(l) (k + 0x##l < n)

@@ -11,10 +11,10 @@ import apf.initialisation.automatic as find
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
-from apf.body.stature import stature
+from apf.body.stature import lowest_point, stature
 from apf.body.toml import load_body
 from apf.initialisation import Start, StartConfig, StartError, find_start
-from apf.initialisation.config import AcceptanceConfig
+from apf.initialisation.config import AcceptanceConfig, ShapeFitConfig, StandingConfig
 from apf.initialisation.hypotheses import (
     Hypothesis,
     close,
@@ -99,6 +99,40 @@ def test_a_known_height_is_kept() -> None:
         assert stature(ShapeModel(SONG).body(shape)) == pytest.approx(height, abs=0.015)
 
 
+@pytest.mark.parametrize("height", [1.65, 1.85])
+def test_feet_that_silhouettes_lost_stand_on_the_floor(height: float) -> None:
+    model = ShapeModel(SONG)
+    start = np.zeros(len(model.deviation))
+    start[0] = np.log(height / stature(SONG))
+    body = model.body(start)
+    arms = [SONG.dof_names.index(f"{side}_upper_arm.rx") for side in "lr"]
+    poses = np.tile(np.clip(np.zeros(SONG.n_dof), SONG.lower, SONG.upper), (3, 1))
+    poses[:, arms] += [[0.3, 0.3], [0.5, 0.2], [0.2, 0.6]]
+    up = SONG.dof_names.index("pelvis.tz")
+    for pose in poses:  # upright, the soles on the floor
+        pose[up] -= lowest_point(posed_cones(body, pose[None])[0])
+    seen = [surface(body, pose) for pose in poses]
+    poses[:, up] += 0.1
+    statures = {}
+    for reach in (0.3, 0.0):
+        config = ShapeFitConfig(standing=StandingConfig(reach=reach))
+        clouds = [Cloud(points[points[:, 2] > 0.1], config) for points in seen]
+        start[0] = np.log(np.ptp(clouds[0].heights) / stature(SONG))
+        shape, _ = fit_shape(SONG, clouds, start, poses, config=config)
+        statures[reach] = stature(model.body(shape))
+    assert statures[0.3] == pytest.approx(height, abs=0.01)
+    assert statures[0.0] < height - 0.03
+
+
+def test_nobody_stands_on_a_floor_far_below() -> None:
+    points = surface(SONG, SONG.rest_pose)
+    lowest = points[:, 2].min()
+    for above, stands in ((0.0, True), (0.25, True), (0.5, False), (-0.5, False)):
+        cloud = Cloud(points + np.array([0, 0, above - lowest]))
+        assert cloud.on_floor == stands
+        assert (cloud.heights[0] == 0.0) == stands
+
+
 def test_registration_error_knows_front_and_back_and_contortions() -> None:
     pose = walking(SONG, 1)[0]
     cloud = Cloud(surface(SONG, pose))
@@ -142,7 +176,7 @@ def test_a_limb_is_searched_for_alone() -> None:
 
 def test_standing_on_the_floor() -> None:
     pose = SONG.rest_pose.copy()
-    pose[:3] += [2.0, -1.0, 0.3]
+    pose[:3] += [2.0, -1.0, 0.6]
     points = surface(SONG, pose)
     stood = standing_pose(SONG, Cloud(points), np.pi / 3)
     np.testing.assert_allclose(stood[:3], pose[:3], atol=0.06)

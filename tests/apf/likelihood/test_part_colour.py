@@ -118,6 +118,7 @@ def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.n
     """As much of `Voxels` as a likelihood with colours needs."""
     on_device = device.to_device(colours if len(colours) else np.zeros((1, 4), np.uint8))
     return SimpleNamespace(
+        evidence=None,
         grid=grid,
         surface=device.to_device(indices if len(indices) else np.zeros(1, np.int32)),
         count=device.to_device(np.array([len(indices)], np.int32)),

@@ -181,7 +181,7 @@ def test_misfit_is_silhouette_and_surface_error_of_one_pose(device: Device) -> N
             posed_cones(body, setup.poses[:1]),
             setup.maps,
             sampled_surface(grid.centres(indices), config.n_points),
-            cone_sampling(body, config.sample_spacing),
+            cone_sampling(body, config.reprojection.sample_spacing),
             (),
             only(term).likelihood,
         )[0]

@@ -1,0 +1,84 @@
+"""Joining what the pictures show of the foreground to the silhouettes of the voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cl import Array, Device, Kernel, Launch
+from cl.workgroups import row_group
+from psfs.cameras.camera import CameraRig
+from psfs.voxels.config import ForegroundJoinConfig
+
+#: Edge of a cell, px: that of the silhouettes' marks, and a cell's pixels are the bits of a word.
+MARK = 8
+_GROUP = 256
+
+
+class ForegroundJoin:
+    """`join(evidence)` adds to the silhouettes in `silhouette`, as `Reprojection` keeps them, the
+    foreground that the evidence maps (V, H, W) int8 show in and around the box of each.
+
+    A voxel is carved away where a single camera takes it for background: arms before a wall of
+    their colour are lost in all cameras. Their pixels are not, in most of them. Kernel:
+    foreground_join.cl; twin: reference/reprojection.py.
+    """
+
+    def __init__(
+        self, device: Device, rig: CameraRig, silhouette: Array, config: ForegroundJoinConfig
+    ) -> None:
+        self.device, self._views = device, len(rig)
+        self._n_cells = -(-rig.width // MARK) * -(-rig.height // MARK)
+        self._defines = {
+            "WIDTH": rig.width,
+            "HEIGHT": rig.height,
+            "MARK": MARK,
+            "SIDES": config.sides,
+            "BELOW": config.below,
+            "LEAST": config.least_pixels,
+            "GROUP": _GROUP if device.is_gpu else 1,
+        }
+        self._silhouette = silhouette.view(np.uint8)
+        self._boxes = device.empty((len(rig), 4), np.int32, "the persons' boxes")
+        shape = (len(rig), self._n_cells)
+        self._bits = device.empty(shape, np.uint64, "the foreground's cells")
+        group = self._defines["GROUP"]
+        self._box = device.launch(
+            self._kernel("person_box"),
+            (group, len(rig)),
+            (group, 1),
+            silhouette=self._silhouette,
+            boxes=self._boxes,
+        )
+        self._join = device.launch(
+            self._kernel("join_foreground"),
+            *self._size(),
+            boxes=self._boxes,
+            bits=self._bits,
+            silhouette=self._silhouette,
+        )
+        self._evidence: Array | None = None
+
+    def __call__(self, evidence: Array) -> None:
+        """Enqueue the join of `evidence` (V, H, W) int8, above 0 where foreground is likelier."""
+        if evidence is not self._evidence:
+            self._evidence = evidence
+            self._take = self._bits_launch(evidence)
+        self._box()
+        self._take()
+        self._join()
+
+    def _bits_launch(self, evidence: Array) -> Launch:
+        return self.device.launch(
+            self._kernel("foreground_bits"),
+            *self._size(),
+            evidence=evidence,
+            boxes=self._boxes,
+            bits=self._bits,
+        )
+
+    def _size(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        local = row_group(self.device, self._n_cells)[0]
+        return (self._n_cells, self._views), (local, 1)
+
+    def _kernel(self, name: str) -> Kernel:
+        return self.device.kernel("reconstruction/foreground_join", name, **self._defines)
