@@ -162,7 +162,7 @@ def _run(args: argparse.Namespace) -> None:
     results = Results.resumed(args.out / "results.json", conditions)
     by_name = {folder.name: folder for folder in folders}
     try:
-        _do_runs(device, by_name, plan, results, args)
+        do_runs(device, by_name, plan, results, args)
     finally:  # what there is, also when interrupted
         if results.runs:
             results.write_csv(args.out / "runs.csv")
@@ -297,7 +297,7 @@ def _first_settings(plan: dict[Table, list[Setting]]) -> list[Setting]:
     return list(first.values())
 
 
-def _do_runs(
+def do_runs(
     device: Device,
     folders: dict[str, Path],
     plan: dict[Table, list[Setting]],
@@ -307,7 +307,7 @@ def _do_runs(
     """All runs that the results lack, those of one recording together, seed by seed, until the
     seconds are over."""
     end = time.monotonic() + (args.seconds or math.inf)
-    todo = _lacking(device, plan, results, args.seeds)
+    todo = lacking(device, plan, results, args.seeds)
     with progress_bar() as bar:
         task = bar.add_task("runs", total=sum(len(part) for _, part in todo))
         shown: tuple[str, int, int] | None = None
@@ -330,13 +330,13 @@ def _do_runs(
             bar.advance(task, len(part))
 
 
-def _lacking(
+def lacking(
     device: Device, plan: dict[Table, list[Setting]], results: Results, seeds: int
 ) -> list[tuple[Setting, list[int]]]:
     """Settings with the seeds that are tracked at once, in the order of the runs."""
     settings = dict.fromkeys(setting for part in plan.values() for setting in part)
-    lacking = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
-    todo = [(s, part) for s, rest in lacking.items() for part in together(device, s, rest) if part]
+    left = {s: [k for k in range(seeds) if results.lacks(s, k)] for s in settings}
+    todo = [(s, part) for s, rest in left.items() for part in together(device, s, rest) if part]
     return sorted(todo, key=lambda item: (_recording_of(item[0]), item[1][0]))
 
 

@@ -93,6 +93,8 @@ def fails_without(kernel: str, item: pytest.Item) -> bool:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
+    if NOTICED:
+        print(f"\n{sum(NOTICED.values())} of {len(NOTICED)} kernels were missed when left out")
     unnoticed = sorted(kernel for kernel, noticed in NOTICED.items() if not noticed)
     if unnoticed:
         print(f"\nno parity test fails without {', '.join(unnoticed)}")

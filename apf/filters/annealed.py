@@ -43,9 +43,9 @@ class AnnealedParticleFilter(DeviceTracker):
         super().__init__(scene, likelihood, particles, config)
 
     def _search(self, source: int) -> list[Launch]:
-        launches = [self._particles.diffuse(0, source)]
+        launches = [self.particles.diffuse(0, source)]
         for layer in range(self.config.search.n_layers):
             source = 1 - source
-            launches += self.likelihood.launcher(self._particles.sets[source])
-            launches += self._particles.renew(layer, self.likelihood.errors, source)
+            launches += self.likelihood.launcher(self.particles.sets[source])
+            launches += self.particles.renew(layer, self.likelihood.errors, source)
         return launches

@@ -83,7 +83,7 @@ class DeviceTracker(Tracker):
         super().__init__(scene, config)
         self.device = device = scene.opencl
         self.likelihood = likelihood
-        self._particles = particles
+        self.particles = particles
         self._limb_search = LimbSearch(device, scene.body, likelihood, config, particles.seeds)
         self._misfits = likelihood.misfits
         if self._misfits is None:
@@ -99,18 +99,18 @@ class DeviceTracker(Tracker):
         of other sizes, limits and sigmas. After the next `start` it does what a new tracker of
         `body` would, bit by bit."""
         self.body = body
-        for part in (self._particles, self.likelihood, self._limb_search):
+        for part in (self.particles, self.likelihood, self._limb_search):
             part.change_body(body)
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
-        self._particles.start(checked_pose(self.body, pose))
+        self.particles.start(checked_pose(self.body, pose))
         self._n_frames = 0
         self.likelihood.forget()
 
     def restart(self, run: int, pose: np.ndarray) -> None:
         """Put all particles of one run at `pose` (D,), while the others go on."""
-        self._particles.restart(run, checked_pose(self.body, pose))
+        self.particles.restart(run, checked_pose(self.body, pose))
 
     def step(self, observation: Any) -> Estimate:
         """Track one frame further and return the first run's estimate."""
@@ -158,11 +158,11 @@ class DeviceTracker(Tracker):
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""
-        self._particles.widen(factor)
+        self.particles.widen(factor)
 
     def push(self, offset: np.ndarray) -> None:
         """Search the next frame from poses moved by `offset` (D,): what is known of the motion."""
-        self._particles.push(offset)
+        self.particles.push(offset)
 
     def _begin_search(self) -> Callable[[], list[Estimate]]:
         """Enqueue the search; what is returned waits for it and gives each run's estimate."""
@@ -170,11 +170,11 @@ class DeviceTracker(Tracker):
             launch()
         self._n_frames += 1
         report = self._report.fetch()
-        return lambda: unpacked(report(), self.body, self._particles.n_runs)
+        return lambda: unpacked(report(), self.body, self.particles.n_runs)
 
     def _frame_launches(self, source: int) -> list[Launch]:
         """Return the launches of a frame that starts from the particles in set `source`."""
-        particles, limb_search, likelihood = self._particles, self._limb_search, self.likelihood
+        particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
         assert self._misfits is not None
         return [
             *self._search(source),

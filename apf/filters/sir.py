@@ -56,7 +56,7 @@ class SirParticleFilter(DeviceTracker):
         super().__init__(scene, likelihood, particles, config)
 
     def _search(self, source: int) -> list[Launch]:
-        particles, n = self._particles, self.config.search.n_particles
+        particles, n = self.particles, self.config.search.n_particles
         squared = self.device.launch(
             self.device.kernel("tracking/sir", "squared_errors"),
             (n,),

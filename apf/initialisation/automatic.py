@@ -50,15 +50,15 @@ def find_start(
     check_startable(scene.body)
     shown, clouds = _looked_at(scene, voxels, every, config)
     way = (np.median(clouds[-1].points, 0) - np.median(clouds[0].points, 0))[:2]
-    found: list[_Attempt] = []
+    found: list[Attempt] = []
     good, n_attempts = config.acceptance.good, config.acceptance.n_attempts
     while not found or (len(found) < n_attempts and found[-1].registration_error > good):
         other = (seed + (len(found) << 32)) % 2**64
         task = SearchTask(height, keep_shape, other, way)
         search = PoseSearch(scene, task, config)
         tracking = config.filter.changed(noise=noise, seed=other)
-        found.append(_attempt(_Fitting(search, shown, every, clouds, tracking, progress)))
-    best = min(found, key=lambda attempt: attempt.fit.cost)
+        found.append(attempt(_Fitting(search, shown, every, clouds, tracking, progress)))
+    best = min(found, key=lambda one: one.fit.cost)
     if best.registration_error > config.acceptance.hopeless:
         raise StartError(
             "no standing or walking person was found in the first frames (registration error "
@@ -68,7 +68,7 @@ def find_start(
 
 
 def _start_of(
-    best: _Attempt, template: BodyModel, clouds: Sequence[Cloud], config: StartConfig
+    best: Attempt, template: BodyModel, clouds: Sequence[Cloud], config: StartConfig
 ) -> Start:
     seen = float(np.median([np.ptp(cloud.heights) for cloud in clouds]))
     shape, poses = best.fit.found[0].shape, best.fit.poses
@@ -97,7 +97,7 @@ def _looked_at(
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class Fit:
     """Hypotheses of one shape in all frames fitted; cost: their mean, more if the person does not
     look where he goes."""
 
@@ -132,7 +132,7 @@ class _Fitting:
         self._progress()
         return self.search.with_limbs(self.fitted[anchor], self.clouds[anchor], hypothesis)
 
-    def __call__(self, found: Hypothesis, anchor: int) -> _Fit:
+    def __call__(self, found: Hypothesis, anchor: int) -> Fit:
         search = self.search
         poses = self._followed(search.model.body(found.shape), found.pose, anchor)
         fitted = fit_shape(
@@ -142,7 +142,7 @@ class _Fitting:
         tried = [self._near(found.shape, poses), self._near(*fitted)]
         return min(tried, key=lambda fit: fit.cost)
 
-    def _near(self, shape: np.ndarray, poses: np.ndarray) -> _Fit:
+    def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
         """Poses near these, and what they cost: hulls, that shapes are fitted to, are too thick."""
         search, found = self.search, []
         for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
@@ -150,7 +150,7 @@ class _Fitting:
             found.append(search.near(voxels, cloud, shape, pose))
         found_poses = np.array([h.pose for h in found])
         ahead = search.walking_factor(search.model.body(shape), found_poses)
-        return _Fit(found, float(np.mean([h.cost for h in found])) * ahead)
+        return Fit(found, float(np.mean([h.cost for h in found])) * ahead)
 
     def _followed(self, body: BodyModel, pose: np.ndarray, anchor: int) -> np.ndarray:
         """Poses (M, D) from the one in frame `anchor` to both ends."""
@@ -166,10 +166,10 @@ class _Fitting:
 
 
 @dataclass(frozen=True, eq=False)
-class _Attempt:
+class Attempt:
     """What a search led to; rival: see `Start`."""
 
-    fit: _Fit
+    fit: Fit
     rival: float
 
     @property
@@ -177,7 +177,7 @@ class _Attempt:
         return float(np.mean([h.registration_error for h in self.fit.found]))
 
 
-def _attempt(fitting: _Fitting) -> _Attempt:
+def attempt(fitting: _Fitting) -> Attempt:
     search = fitting.search
     anchor, hypotheses = _best_frame(search, fitting.fitted, fitting.clouds)
     found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
@@ -187,7 +187,7 @@ def _attempt(fitting: _Fitting) -> _Attempt:
     again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
     rivals = [fit.cost for fit in fits] if len(fits) > 1 else [h.cost for h in found]
     rival = rivals[1] / rivals[0] if len(rivals) > 1 else np.inf
-    return _Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
+    return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 
 def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:

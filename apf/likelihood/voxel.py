@@ -90,7 +90,7 @@ class VoxelLikelihood(Likelihood):
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
-        self._reprojection = Reprojection(
+        self.reprojection = Reprojection(
             device, rig, scene.voxel_grid, join=config.reprojection.foreground_join
         )
         self._body = device.to_device(pack_body(body), "the body model")
@@ -102,7 +102,7 @@ class VoxelLikelihood(Likelihood):
         self._pairs = device.to_device(pairs, "the parts that stay apart")
         self._posture = device.to_device(posture_prior(body), "the posture prior")
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        self._n_launchers = 0
+        self.n_launchers = 0
         self._scores: list[Launch] = []
         self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
@@ -149,7 +149,7 @@ class VoxelLikelihood(Likelihood):
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
         if voxels is self._voxels and voxels.stays:
             return
-        self._reprojection(voxels)
+        self.reprojection(voxels)
         if voxels is not self._voxels:
             self._voxels, self._grid = voxels, None
             self._sample_surface = self._surface_launch(voxels)
@@ -168,8 +168,8 @@ class VoxelLikelihood(Likelihood):
 
         Every launcher looks at another subset of the surface samples than the one before.
         """
-        config, turn = self.config, self._n_launchers
-        self._n_launchers += 1
+        config, turn = self.config, self.n_launchers
+        self.n_launchers += 1
         subset = PointSubset(turn % config.point_turns % config.n_points, config.point_turns)
         return self._every_term(poses, subset, self.errors, config.silhouette_recall_weight)
 
@@ -231,7 +231,7 @@ class VoxelLikelihood(Likelihood):
             width=self.rig.width,
             height=self.rig.height,
             cameras=self._cameras,
-            maps=self._reprojection.maps,
+            maps=self.reprojection.maps,
             **self._row_arguments(),
             n_points=config.n_points,
             first_point=subset.first,

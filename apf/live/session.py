@@ -95,7 +95,7 @@ class Live:
         self._overlaps = device.is_gpu
         self._processor = device.sibling()
         self._pictures = Smaller(source, scale)
-        self._observe = self._observer(follow)
+        self.observe = self._observer(follow)
         self._translation, self._moved = translation(body), np.zeros(body.n_dof)
         self._shots = Newest(lambda shot: self.timeline.drop(PROCESSING, shot.frame.index))
         self._ready = Newest(lambda seen: self.timeline.drop(TRACKING, seen.shot.frame.index))
@@ -105,9 +105,9 @@ class Live:
         self._free_at, self._processing_time = 0.0, 0.0
         scene = Scene(device, self._pictures.rig, grid, body)
         self._trackers = [device_tracker(scene, method) for method in searches]
-        self._governor = self._prepared(budget)
-        self._tracking_time = float(self._governor.costs[self._governor.chosen])
-        self._tracker = self._chosen()
+        self.governor = self._prepared(budget)
+        self._tracking_time = float(self.governor.costs[self.governor.chosen])
+        self.tracker = self.chosen()
 
     def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
         """Track until the source ends, or `stop`, or KeyboardInterrupt, which ends it just so.
@@ -169,7 +169,7 @@ class Live:
             self._free.clear()
             start = self.timeline.now()
             with self.timeline.span(PROCESSING, shot.frame.index):
-                observed = Observed(shot, *self._observe(shot.frame))
+                observed = Observed(shot, *self.observe(shot.frame))
                 self._processor.finish()
             self._processing_time = self._smoothed(
                 self._processing_time, self.timeline.now() - start
@@ -183,32 +183,32 @@ class Live:
             start = self.timeline.now()
             self._free_at = start + self._tracking_time
             with self.timeline.span(TRACKING, shot.frame.index):
-                self._expect(observed)
-                self._tracker.observe(observed.observation)
+                self.expect(observed)
+                self.tracker.observe(observed.observation)
                 if self._overlaps:  # the tracker has what it needs of the observation
                     self.device.finish()
                     self._free.set()
-                estimate = self._tracker.search()
+                estimate = self.tracker.search()
             latency = self.timeline.result(shot.frame.index, shot.time)
             seconds = self.timeline.now() - start
             self._free.set()
-            self._keep(observed, estimate, latency)
+            self.keep(observed, estimate, latency)
             self._tracking_time = self._smoothed(self._tracking_time, seconds)
-            if self._governor.revised(self._processing_time, seconds):
-                self._tracker = self._chosen()
+            if self.governor.revised(self._processing_time, seconds):
+                self.tracker = self.chosen()
 
-    def _expect(self, observed: Observed) -> None:
+    def expect(self, observed: Observed) -> None:
         """Search as far around the last good pose as the time since then asks for, and where the
         voxels have moved to."""
         when, where = self._seen
         gap = max(observed.shot.time - when, 1 / self.source.fps)
-        self._tracker.widen(SIGMA_FPS * min(gap, self._config.max_gap))
+        self.tracker.widen(SIGMA_FPS * min(gap, self._config.max_gap))
         self._moved = np.zeros(self.body.n_dof)
         if where is not None and observed.centre is not None:
             self._moved = self._translation @ (observed.centre - where)
-            self._tracker.push(self._moved)
+            self.tracker.push(self._moved)
 
-    def _keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
+    def keep(self, observed: Observed, estimate: Estimate, latency: float) -> None:
         """Add the estimate to the result. A lost one goes back to the last good pose, instead of
         wandering off."""
         estimate = self._judge.judged(estimate)
@@ -218,7 +218,7 @@ class Live:
         ):
             estimate = replace(estimate, lost=True)
         if estimate.lost:
-            self._tracker.start(self._pose)
+            self.tracker.start(self._pose)
             moved = np.clip(self._pose + self._moved, self.body.lower, self.body.upper)
             estimate = replace(estimate, pose=moved)
         else:
@@ -263,7 +263,7 @@ class Live:
         frame = self.source.first()
         for _ in range(2):
             start = time.perf_counter()
-            observation, _ = self._observe(frame)
+            observation, _ = self.observe(frame)
             self._processor.finish()
             self._processing_time = time.perf_counter() - start
         costs = [self._cost_of(tracker, observation) for tracker in self._trackers]
@@ -289,9 +289,9 @@ class Live:
             seconds.append(time.perf_counter() - start)
         return min(seconds[1:])
 
-    def _chosen(self) -> Any:
+    def chosen(self) -> Any:
         """The tracker of the size that the governor chose, started."""
-        chosen = self._governor.chosen
+        chosen = self.governor.chosen
         frame = self.result.frames[-1] if self.result.frames else -1
         search = self._searches[chosen].filter.search
         self.result.sizes.append((frame + 1, search.n_particles, search.n_layers))

@@ -88,17 +88,17 @@ class Replay:
         self.frames = frames
         self.fps = sequence.fps / frames.step
         self.has_images = sequence.has_images
-        self._sequence = sequence
+        self.sequence = sequence
 
     @property
     def background(self) -> Background | None:
-        return self._sequence.background
+        return self.sequence.background
 
     def first(self) -> Frame:
-        return self._sequence.read(self.frames[0])
+        return self.sequence.read(self.frames[0])
 
     def run(self, shots: Newest, timeline: Timeline, stop: threading.Event) -> None:
-        with self._sequence.reader() as read:
+        with self.sequence.reader() as read:
             begin = timeline.now()
             for number, index in enumerate(self.frames):
                 due = begin + number / self.fps

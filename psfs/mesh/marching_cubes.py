@@ -102,10 +102,10 @@ class Mesher:
         if not len(cloud):
             raise InputError(f"{self.run.out}: the cloud of frame {index} is empty")
         box, threshold = occupied_box(cloud), self._config.occupancy.threshold
-        probability = agreeing(self._probability(index, box), cloud_solid(cloud, box), threshold)
+        probability = agreeing(self.probability(index, box), cloud_solid(cloud, box), threshold)
         return surface_mesh(probability, box, threshold, self.smoothing, 0.0, cloud)
 
-    def _probability(self, index: int, box: VoxelGrid) -> np.ndarray:
+    def probability(self, index: int, box: VoxelGrid) -> np.ndarray:
         """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
         frame, (nx, ny, nz) = self.sequence.read(index), box.shape
         probability = self._covering(box)(frame).probability

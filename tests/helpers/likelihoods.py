@@ -80,8 +80,8 @@ class Setup:
 
     def errors(self, turn: int = 0) -> np.ndarray:
         self.likelihood.errors.fill(-7)
-        self.likelihood._reprojection.maps.set(self.maps)
-        self.likelihood._n_launchers = turn
+        self.likelihood.reprojection.maps.set(self.maps)
+        self.likelihood.n_launchers = turn
         for launch in self.likelihood.launcher(self.on_device):
             launch()
         return self.likelihood.errors.get()

@@ -71,10 +71,16 @@ def test_frame_numbers_after_seeking_far(tmp_path: Path) -> None:
 
 def test_ascending_reads_do_not_seek(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     footage.write_video(tmp_path / "a.mp4", [footage.grey(i, 0) for i in range(40)])
-    decoder = open_media("a", [tmp_path / "a.mp4"]).open()
-    capture = decoder._capture  # type: ignore[attr-defined]
-    unseekable = SimpleNamespace(grab=capture.grab, read=capture.read, release=capture.release)
-    monkeypatch.setattr(decoder, "_capture", unseekable)
+    capture = cv2.VideoCapture
+
+    def unseekable(*arguments: object) -> SimpleNamespace:
+        own = capture(*arguments)
+        names = ("isOpened", "get", "grab", "read", "release")
+        return SimpleNamespace(**{name: getattr(own, name) for name in names})
+
+    media = open_media("a", [tmp_path / "a.mp4"])
+    monkeypatch.setattr(cv2, "VideoCapture", unseekable)
+    decoder = media.open()
     for index in (0, 1, 5, 6, 30):
         assert decoder.read(index)[9, 9, 0] == pytest.approx(footage.grey(index, 0), abs=5)
     decoder.close()

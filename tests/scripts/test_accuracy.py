@@ -209,7 +209,7 @@ def test_runs_are_begun_seed_by_seed_until_time_is_up(tmp_path: Path, monkeypatc
     settings = [replace(BASE, method="pso", objective=name) for name in ("sp", "ws")]
     results = Results(tmp_path / "results.json", {})
     results.add(a_run(settings[0], 0, 1.0))
-    todo = accuracy_script._lacking(device, {Table(("objective",)): settings}, results, 2)
+    todo = accuracy_script.lacking(device, {Table(("objective",)): settings}, results, 2)
     assert todo == [(settings[1], [0]), (settings[0], [1]), (settings[1], [1])]
     began: list[object] = []
     monkeypatch.setattr(accuracy_script, "record", lambda *args: began.append(args))
@@ -217,7 +217,7 @@ def test_runs_are_begun_seed_by_seed_until_time_is_up(tmp_path: Path, monkeypatc
         {Table(("objective",)): settings},
         SimpleNamespace(seconds=1e-9, seeds=2, out=tmp_path),
     )
-    accuracy_script._do_runs(device, {}, plan, results, args)
+    accuracy_script.do_runs(device, {}, plan, results, args)
     assert not began and len(results.runs) == 1
 
 

@@ -45,15 +45,15 @@ class NumpyAnnealedParticleFilter(NumpyTracker):
         config, body = self.config.search, self.body
         history = []
         for layer in range(config.n_layers):
-            self._poses = diffuse(
-                self._poses, self._parents, self._noise(layer), body.lower, body.upper
+            self.poses = diffuse(
+                self.poses, self._parents, self._noise(layer), body.lower, body.upper
             )
             # Launchers are made for two frames, which may end in different particle sets.
             self.likelihood.turn = layer + self._frame % 2 * config.n_layers
-            errors = self.likelihood(self._poses)
+            errors = self.likelihood(self.poses)
             beta = annealing_exponent(errors, config.survival_rates[layer])
             weights = normalised_weights(errors, beta)
-            mean, self._deviation = moments(self._poses, weights)
+            mean, self._deviation = moments(self.poses, weights)
             self._parents = systematic_parents(weights, uniform(config.seed, self._frame, layer))
             history.append((effective_size(errors, beta), beta, errors.min()))
         ess, beta, least_error = np.array(history).T

@@ -26,7 +26,7 @@ class NumpyTracker(Tracker):
     def start(self, pose: np.ndarray) -> None:
         """Put all particles at `pose` (D,)."""
         n = self.config.search.n_particles
-        self._poses = np.tile(checked_pose(self.body, pose), (n, 1))
+        self.poses = np.tile(checked_pose(self.body, pose), (n, 1))
         self._parents = np.arange(n)
         self._frame = 0
         self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))

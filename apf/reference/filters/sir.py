@@ -37,13 +37,13 @@ class NumpySirParticleFilter(NumpyTracker):
 
     def _search(self) -> Estimate:
         config, body = self.config.search, self.body
-        poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
+        poses = diffuse(self.poses, self._parents, self._noise(0), body.lower, body.upper)
         self.likelihood.turn = self._frame % 2
         squared = self.likelihood(poses) ** 2
         beta = self.sir.beta or annealing_exponent(squared, config.survival_rates[0])
         weights = normalised_weights(squared, beta)
         mean, deviation = moments(poses, weights)
-        self._poses = poses
+        self.poses = poses
         self._parents = systematic_parents(weights, uniform(config.seed, self._frame, 0))
         size = effective_size(squared, beta)
         return Estimate(self.body, mean, deviation, *np.array([[size], [beta], [squared.min()]]))

@@ -39,7 +39,7 @@ class NumpyParticleSwarm(NumpyTracker):
 
     def _search(self) -> Estimate:
         config, body, swarm = self.config.search, self.body, self.swarm
-        poses = diffuse(self._poses, self._parents, self._noise(0), body.lower, body.upper)
+        poses = diffuse(self.poses, self._parents, self._noise(0), body.lower, body.upper)
         velocities = np.zeros_like(poses)
         bests, best_errors = poses.copy(), np.full(len(poses), np.inf)
         best, history = 0, []
@@ -58,7 +58,7 @@ class NumpyParticleSwarm(NumpyTracker):
             bests[better], best_errors[better] = poses[better], errors[better]
             best = int(np.argmin(best_errors))
             history.append((better.sum(), 0.0, best_errors[best]))
-        self._poses, self._parents = bests, np.full(len(poses), best)
+        self.poses, self._parents = bests, np.full(len(poses), best)
         improved, beta, least_error = np.array(history).T
         deviation = np.sqrt(np.mean((bests - bests[best]) ** 2, axis=0))
         return Estimate(self.body, bests[best], deviation, improved, beta, least_error)

@@ -65,7 +65,7 @@ def test_every_frame_draws_its_own_noise(device: Device, n_layers: int) -> None:
     for _ in range(2):
         tracker.start(world.pose(0))
         for frame in range(3):
-            assert tracker._particles.frame.get()[0] == frame
+            assert tracker.particles.frame.get()[0] == frame
             tracker.step(world.voxels(frame))
 
 
@@ -96,9 +96,9 @@ def test_the_last_change_is_expected_again(device: Device, kind: str) -> None:
 
     def shift(by: float) -> None:
         if kind == "numpy":
-            tracker._poses[:, place] += by
+            tracker.poses[:, place] += by
             return
-        for poses in tracker._particles.sets:
+        for poses in tracker.particles.sets:
             moved = poses.get()
             moved[:, place] += by
             poses.set(moved)
@@ -251,19 +251,26 @@ def test_frames_agree_with_the_twin(device: Device, settings: dict, n_layers: in
 
 
 def test_a_moving_body_is_followed(device: Device) -> None:
+    """With so few cameras 1 run in 4 has lost a limb by the end (4 of 16 seeds), none the body. Of
+    8 runs that keep every joint with probability 3 / 4, fewer than 3 do in 1 case of 240."""
     world = World(device)
-    config = FilterConfig.of(n_particles=200, n_layers=6, seed=7)
-    *_, last = run(world, config, 12)
-    start, end, found = posed_joints(
-        world.body, np.stack([world.pose(0), world.pose(11), last.pose])
-    )
-    np.testing.assert_array_equal(last.joints, found)
-    moved, missed = (np.linalg.norm(end - there, axis=-1) for there in (start, found))
-    # All but a limb: with so few cameras 1 run in 5 has lost one by then.
-    assert missed.mean() < 0.08 < 0.15 < moved.mean()
-    assert np.quantile(missed, 0.75) < 0.08 < 0.15 < np.quantile(moved, 0.75)
-    assert np.all(np.diff(last.ess) < 0) and np.all(last.deviation >= 0)
-    assert last.least_error[-1] < last.least_error[0]
+    config = FilterConfig.of(n_particles=200, n_layers=6)
+    tracker = AnnealedParticleFilter(world.scene(), config, seeds=range(8))
+    tracker.start(world.pose(0))
+    for frame in range(12):
+        runs = tracker.step_runs(world.voxels(frame))
+    start, end = posed_joints(world.body, np.stack([world.pose(0), world.pose(11)]))
+    moved = np.linalg.norm(end - start, axis=-1)
+    missed = np.linalg.norm([end - run.joints for run in runs], axis=-1)
+    assert moved.mean() > 0.15
+    assert missed.mean(1).max() < 0.08
+    assert np.sum(missed.max(1) < 0.15) >= 3
+    for last in runs:
+        np.testing.assert_array_equal(
+            last.joints, posed_joints(world.body, last.pose[None])[0], strict=True
+        )
+        assert np.all(np.diff(last.ess) < 0) and np.all(last.deviation >= 0)
+        assert last.least_error[-1] < last.least_error[0]
 
 
 def test_no_voxels_leave_the_body_within_its_limits(device: Device) -> None:

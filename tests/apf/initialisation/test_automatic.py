@@ -226,9 +226,9 @@ def test_a_start_that_fits_badly_is_looked_for_again(monkeypatch: pytest.MonkeyP
         def attempt(_: object) -> object:
             error = left.pop(0)
             hypothesis = Hypothesis(shape, SONG.rest_pose, 1.0, error, 1.0)
-            return find._Attempt(find._Fit([hypothesis], cost=-error), np.inf)
+            return find.Attempt(find.Fit([hypothesis], cost=-error), np.inf)
 
-        monkeypatch.setattr(find, "_attempt", attempt)
+        monkeypatch.setattr(find, "attempt", attempt)
         scene = Scene(Device.best(), ring(), grid, SONG)
         config = StartConfig(acceptance=AcceptanceConfig(n_attempts=attempts))
         return find_start(scene, shown, 0.5, config=config).registration_error, len(left)

@@ -99,16 +99,16 @@ def prepared(folder: Path, objective: str = "voxel", follow: bool = False) -> Li
 
 def seen(run: Live, index: int, moved: float = 0.0) -> Observed:
     """A frame as the run's threads observe it, with voxels that are said to be elsewhere."""
-    frame = run.source._sequence.read(index)  # type: ignore[attr-defined]
-    observation, centre = run._observe(frame)
+    frame = run.source.sequence.read(index)
+    observation, centre = run.observe(frame)
     centre = None if centre is None else centre + np.array([moved, 0, 0])
     return Observed(Shot(frame, index / 60), observation, centre)
 
 
 def tracked(run: Live, observed: Observed) -> Estimate:
-    run._expect(observed)
-    run._tracker.observe(observed.observation)
-    return run._tracker.search()
+    run.expect(observed)
+    run.tracker.observe(observed.observation)
+    return run.tracker.search()
 
 
 def test_stopped_it_keeps_what_it_has(filmed: Path) -> None:
@@ -128,20 +128,20 @@ def test_what_a_thread_raises_ends_the_run(filmed: Path, monkeypatch) -> None:
     def broken(frame: object) -> None:
         raise InputError("the picture is torn")
 
-    monkeypatch.setattr(run, "_observe", broken)
+    monkeypatch.setattr(run, "observe", broken)
     with pytest.raises(InputError, match="torn"):
         run.run()
 
 
 def test_a_search_is_resized_where_it_stands(filmed: Path) -> None:
     run = prepared(filmed)
-    run._governor.chosen = 0
-    run._tracker = run._chosen()
+    run.governor.chosen = 0
+    run.tracker = run.chosen()
     first = seen(run, 0)
     estimate = tracked(run, first)
-    run._keep(first, estimate, 0.1)
-    run._governor.chosen = 1
-    run._tracker = run._chosen()
+    run.keep(first, estimate, 0.1)
+    run.governor.chosen = 1
+    run.tracker = run.chosen()
     assert run.result.sizes[-2:] == [(0, 48, 6), (1, 96, 6)]
     again = tracked(run, seen(run, 1))
     assert np.abs(again.pose - estimate.pose).max() < 0.5
@@ -152,15 +152,15 @@ def test_a_lost_pose_is_not_kept(filmed: Path, objective: str) -> None:
     run = prepared(filmed, objective)
     first = seen(run, 0)
     good = tracked(run, first)
-    run._keep(first, good, 0.1)
+    run.keep(first, good, 0.1)
     far = replace(good, pose=good.pose + 5, least_error=np.ones(6), misfit=2.0)
     second = seen(run, 1, moved=0.1)
-    run._expect(second)
-    run._keep(second, far, 0.1)
+    run.expect(second)
+    run.keep(second, far, 0.1)
     assert [estimate.lost for estimate in run.result.estimates] == [False, True]
     # It moves with the voxels, where there are some.
     moved = run.result.estimates[1].pose - good.pose
-    expected = run._translation @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
+    expected = translation(run.body) @ [0.1 if objective == "voxel" else 0.0, 0.0, 0.0]
     np.testing.assert_allclose(moved, expected, atol=0.02)
     again = tracked(run, seen(run, 2))
     assert np.abs(again.pose - good.pose).max() < 0.5
@@ -170,15 +170,15 @@ def test_the_pose_moves_with_the_voxels(filmed: Path) -> None:
     """Without noise, the search begins where the voxels are said to have moved."""
     run = prepared(filmed)
     first = seen(run, 0)
-    run._keep(first, tracked(run, first), 0.1)
+    run.keep(first, tracked(run, first), 0.1)
     at = run.result.estimates[0].pose
-    run._tracker.start(at)
-    particles = run._tracker._particles
+    run.tracker.start(at)
+    particles = run.tracker.particles
     diffuse = particles.diffuse(0, 0)
-    run._expect(seen(run, 0, moved=0.2))
+    run.expect(seen(run, 0, moved=0.2))
     particles.widen(0.0)
     diffuse()
-    expected = at + run._translation @ [0.2, 0.0, 0.0]
+    expected = at + translation(run.body) @ [0.2, 0.0, 0.0]
     np.testing.assert_allclose(particles.sets[1].get()[0], expected, atol=2e-3)
 
 

@@ -80,7 +80,7 @@ def test_the_voxels_are_the_clouds_whatever_comes_out_anew(
     whole = mesher(1)
     for value in (0.0, 1.0):
         probability = np.full(occupied_box(run.cloud(1)).shape, value, np.float32)
-        monkeypatch.setattr(mesher, "_probability", lambda *_, p=probability: p)
+        monkeypatch.setattr(mesher, "probability", lambda *_, p=probability: p)
         mesh = mesher(1)
         assert mesh.is_watertight and mesh.volume == pytest.approx(whole.volume, rel=0.25)
 
