@@ -263,11 +263,7 @@ def test_the_driver_reads_the_same(device: Device) -> None:
     kernel = pyopencl.Kernel(built, "gather")
     info = pyopencl.kernel_arg_info
     try:
-        read = [
-            (kernel.get_arg_info(i, info.NAME), kernel.get_arg_info(i, info.TYPE_NAME))
-            for i in range(kernel.num_args)
-        ]
+        read = [kernel.get_arg_info(i, info.NAME) for i in range(kernel.num_args)]
     except pyopencl.Error:
         pytest.skip(f"{device.name} keeps no names of arguments")
-    expected = [(p.name, p.type + "*" * bool(p.space)) for p in signatures(SOURCE, "s")["gather"]]
-    assert read == expected
+    assert read == [parameter.name for parameter in signatures(SOURCE, "s")["gather"]]

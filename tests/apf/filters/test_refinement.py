@@ -96,11 +96,7 @@ def test_never_worse_than_the_mean() -> None:
     assert cost(refined(body, mean, points, CONFIG)[0]) <= cost(mean)
 
 
-@pytest.mark.parity(
-    "tracking/refinement.refine_system",
-    "tracking/refinement.refine_step",
-    "tracking/refinement.refine_end",
-)
+@pytest.mark.parity("tracking/refinement.refine_system", "tracking/refinement.refine_end")
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n_points", [1, 37, 300])
 def test_kernel_and_twin(device: Device, name: str, n_points: int) -> None:
@@ -136,7 +132,7 @@ def test_several_poses_at_once(device: Device) -> None:
         np.testing.assert_array_equal(refinement.information.get()[k], information)
 
 
-@pytest.mark.parity("tracking/refinement.refine_on")
+@pytest.mark.parity("tracking/refinement.refine_on", "tracking/refinement.refine_step")
 @pytest.mark.parametrize("name", ["song31", "stick"])
 def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str) -> None:
     """GPUs take a step and the next linear system in one launch, CPUs in two."""
