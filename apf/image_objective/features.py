@@ -13,10 +13,10 @@ from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
+from psfs.common.edge_distance import distance_defines, tiles_of
 from psfs.sequence import frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
-from psfs.voxels.edge_distance import distance_defines, tiles_of
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background

@@ -7,9 +7,9 @@ import numpy as np
 from cl import Array, Device, InputError
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.footprints import footprints
+from psfs.common.edge_distance import LOT, distance_defines, tiles_of
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import Voxels
-from psfs.voxels.edge_distance import LOT, distance_defines, tiles_of
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
 from psfs.voxels.grid import VoxelGrid
 

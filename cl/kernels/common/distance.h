@@ -1,6 +1,6 @@
 // Exact squared Euclidean distance to the nearest edge (Saito & Toriwaki 1994), tile by tile: along
 // the columns, up and down, then the least of gap^2 + dx^2 along the rows. Counterpart:
-// psfs/voxels/edge_distance.py; twin: psfs/reference/edge_distance.py.
+// psfs/common/edge_distance.py; twin: psfs/reference/edge_distance.py.
 // Defines: WIDTH of the pictures; REACH, px, beyond which all distances are as one; TILE columns and
 // TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. What includes this says where edges are, by a type
 // `edge_source` and the function `edges_of`.
