@@ -53,7 +53,7 @@ def _apf(argv: list[str]) -> int:
 
 
 def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:
-    stdout.print(f"[bold]$ {program} {shlex.join(argv)}[/bold]", soft_wrap=True)
+    stdout.print(f"$ {program} {shlex.join(argv)}", style="bold", soft_wrap=True)
     code = main(argv)
     if code:
         raise SystemExit(code)  # the command has printed what is wrong

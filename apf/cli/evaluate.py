@@ -111,7 +111,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     if evaluation.n_ignored:
         lines.append(f"ignored for want of truth: {evaluation.n_ignored} joint-frames")
     for line in lines:
-        stdout.print(line, soft_wrap=True, markup=False)
+        stdout.print(line, soft_wrap=True)
     for warning in evaluation.warnings:
         warn(warning, stdout)
 

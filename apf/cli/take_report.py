@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -28,7 +27,7 @@ class TakeLine:
         self, bar: Progress, name: str = "", check: Callable[[], None] = lambda: None
     ) -> None:
         self._bar, self._check = bar, check
-        self._prefix = f"{escape(name)}: " if name else ""
+        self._prefix = f"{name}: " if name else ""
         self._stage, self.n_frames = "", 0
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
 
@@ -93,8 +92,8 @@ class TakeReport:
         for name in self.names:
             for row in self.rows.get(name, [("-", "-", "-", "-", "not tracked")]):
                 style = "red" if name in self.errors else None
-                table.add_row(escape(name), *map(escape, row), style=style)
+                table.add_row(name, *row, style=style)
         stdout.print(table)
         spreads = [f"{name}: {text}" for name, texts in self.spreads.items() for text in texts]
         for text in (*spreads, *self.errors.values()):
-            stdout.print(text, markup=False, soft_wrap=True)
+            stdout.print(text, soft_wrap=True)

@@ -120,7 +120,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
             for number, outcome in outcomes:
                 if isinstance(outcome, UserError):
                     report.failed(names[number], outcome)
-                stderr.print(report.line(names[number]), markup=False, soft_wrap=True)
+                stderr.print(report.line(names[number]), soft_wrap=True)
                 bar.advance(overall)
     finally:
         report.show()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
-
 from psfs.cli import check, devices, info, mesh, reconstruct, silhouettes, view
-from psfs.cli.commandline import run_command
+from psfs.cli.commandline import CommandParser, run_command
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="psfs", description="Probabilistic shape from silhouette: calibrated views to voxels."
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

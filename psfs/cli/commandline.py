@@ -7,10 +7,9 @@ import logging
 import os
 import sys
 from collections.abc import Callable
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,8 +18,10 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
-from cl import UserError
+from psfs.cli.outcome import exit_code
+from psfs.common.names import printable
 
 #: Columns of a file or a pipe, which has no width of its own: room for the widest table.
 _UNLIMITED = 160
@@ -28,7 +29,9 @@ _UNLIMITED = 160
 
 def _console(stream: TextIO, **options: Any) -> Console:
     own = stream.isatty() or "COLUMNS" in os.environ
-    return Console(highlight=False, width=None if own else _UNLIMITED, **options)
+    width = None if own else _UNLIMITED
+    # No markup anywhere: paths and names hold brackets.
+    return Console(highlight=False, markup=False, emoji=False, width=width, **options)
 
 
 #: Results go to standard output, progress and messages to standard error.
@@ -38,31 +41,37 @@ stderr = _console(sys.stderr, stderr=True)
 
 def warn(text: str, console: Console = stderr) -> None:
     """Print a warning."""
-    console.print(f"[yellow]warning:[/] {escape(text)}", soft_wrap=True)
+    remark("warning", "yellow", text, console)
+
+
+def remark(kind: str, style: str, text: str, console: Console = stdout) -> None:
+    """Print `kind: text`, the kind in a colour."""
+    console.print(Text.assemble((f"{kind}:", style), f" {printable(text)}"), soft_wrap=True)
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose errors are one line; so are those of its subcommands."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
 
 
 def run_command(parser: argparse.ArgumentParser, argv: list[str] | None = None) -> int:
-    """Parse, run the chosen subcommand's `run(args)` and return the exit code.
+    """Parse, run the chosen subcommand's `run(args)` and return the exit code of
+    `psfs.cli.outcome`."""
+    words = sys.argv[1:] if argv is None else argv
 
-    0 done; 2 something the user can mend (one line on standard error); 130 interrupted.
-    """
-    args = parser.parse_args(argv)
-    logging.basicConfig(
-        level=logging.INFO if args.verbose else logging.WARNING,
-        format="%(name)s: %(message)s",
-    )
-    try:
+    def run() -> None:
+        if any("\0" in word for word in words):
+            parser.error("an argument holds the character NUL; expected text")
+        args = parser.parse_args(words)
+        logging.basicConfig(
+            level=logging.INFO if args.verbose else logging.WARNING,
+            format="%(name)s: %(message)s",
+        )
         args.run(args)
-        return 0
-    except UserError as error:
-        print(f"{parser.prog}: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:  # `psfs info x | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+
+    return exit_code(parser.prog, run)
 
 
 def add_command(
@@ -91,7 +100,7 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 def progress_bar() -> Progress:
     """Make the bar that all long work shows, on standard error."""
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

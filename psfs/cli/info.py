@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
-from psfs.cli.commandline import add_command, stdout, warn
+from psfs.cli.commandline import add_command, remark, stdout, warn
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
 from psfs.diagnostics.camera_consistency import suspects
 from psfs.diagnostics.sequence_info import SequenceInfo, sequence_info
@@ -32,7 +31,7 @@ def _run(args: argparse.Namespace) -> None:
     stdout.print(_cameras(info))
     stdout.print(_facts(sequence, info))
     for note in info.notes:
-        stdout.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
+        remark("note", "cyan", note)
     disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
     for warning in [*info.warnings, *disagreeing]:
         warn(warning, stdout)
@@ -44,7 +43,7 @@ def _cameras(info: SequenceInfo) -> Table:
         table.add_column(column, justify="right")
     for camera in info.cameras:
         table.add_row(
-            escape(camera.name),
+            camera.name,
             f"{camera.size[0]} x {camera.size[1]}",
             f"{camera.focal:.0f}",
             f"{camera.distance:.2f}",
@@ -72,7 +71,7 @@ def _facts(sequence: Sequence, info: SequenceInfo) -> Table:
         facts["volume"] = f"{_point(sequence.volume[0])} to {_point(sequence.volume[1])} m"
     table = Table.grid("fact", "value", padding=(0, 2))
     for fact, value in facts.items():
-        table.add_row(fact, escape(value))
+        table.add_row(fact, value)
     return table
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
 
@@ -14,7 +13,7 @@ def iou_table(title: str, names: list[str], scores: np.ma.MaskedArray) -> Table:
     table.add_column("mean", justify="right")
     table.add_column("worst frame", justify="right")
     for name, column in zip(names, scores.T, strict=True):
-        table.add_row(escape(name), _cell(column.mean()), _cell(column.min()))
+        table.add_row(name, _cell(column.mean()), _cell(column.min()))
     table.add_section()
     table.add_row("all", _cell(scores.mean()), _cell(scores.min()))
     return table

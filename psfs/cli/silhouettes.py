@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
 from cl import InputError, select_device
@@ -115,7 +114,7 @@ class _Report:
         for title in (*titles, "share of the picture"):
             table.add_column(title, justify="right")
         for name, of in zip(self.sequence.rig.names, np.ma.swapaxes(scores, 0, 1), strict=True):
-            table.add_row(escape(name), *_cells(of, known))
+            table.add_row(name, *_cells(of, known))
         table.add_section()
         table.add_row("all", *_cells(scores.reshape(-1, len(_FIGURES)), known))
         return table

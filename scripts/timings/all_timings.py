@@ -30,7 +30,7 @@ def _run(args: argparse.Namespace, others: dict[str, argparse.ArgumentParser]) -
         if args.seconds is not None:
             seconds = max(0.0, args.seconds - (time.monotonic() - began))
             argv += ["--seconds", f"{seconds * _SHARES.get(name, 1.0) / shares:.0f}"]
-        stderr.print(f"[bold]{name}[/bold] {' '.join(argv)}", soft_wrap=True)
+        stderr.print(f"{name} {' '.join(argv)}", style="bold", soft_wrap=True)
         parsed = parser.parse_args(argv)
         parsed.run(parsed)
         del left[name]

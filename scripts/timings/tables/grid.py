@@ -33,7 +33,7 @@ class Grid:
             table.add_column(column, justify=justify, no_wrap=not k, overflow="fold")
         for row in self.rows:
             table.add_row(*(cell.strip("*_") for cell in row))
-        stdout.print(f"\n[bold]{self.title}[/bold]")
+        stdout.print(f"\n{self.title}", style="bold")
         stdout.print(table)
         if self.note:
             stdout.print(self.note)

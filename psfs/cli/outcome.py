@@ -1,0 +1,109 @@
+"""How a command ends: its exit code, and one line on standard error where it did not succeed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+import cv2
+
+from cl import UserError
+from psfs.common.names import printable
+
+DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
+#: Handled as Ctrl-C is: what is done is kept.
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
+
+
+def exit_code(program: str, run: Callable[[], None]) -> int:
+    """Call `run` and return the exit code.
+
+    0 done; 2 something the user can mend; 130 interrupted, also by SIGTERM and SIGHUP; 70 a fault
+    of ours, with the traceback in a log file. All but 0 print one line on standard error.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # LANG=C, and paths that are no UTF-8
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        with _ended_as_interrupted():
+            run()
+        sys.stdout.flush()
+        return DONE
+    except BrokenPipeError:  # `psfs info x | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        _say(f"{program}: interrupted")
+        return INTERRUPTED
+    except Exception as error:
+        reason = mendable(error)
+        if reason is not None:
+            _say(f"{program}: error: {reason}")
+            return MENDABLE
+        kind = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        _say(f"{program}: error: unexpected {kind}; please report it{_logged(program)}")
+        return UNEXPECTED
+
+
+def mendable(error: Exception) -> str | None:
+    """Return what to tell a user who can mend what raised `error`; None if it is a fault of ours:
+    a program's own errors, the file system's, and memory that does not suffice."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno is not None:
+        where = (
+            f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+        )
+        return f"{where}cannot be read or written: {error.strerror}"
+    short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
+    if isinstance(error, MemoryError):
+        return short
+    if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
+        return short
+    return None
+
+
+@contextlib.contextmanager
+def _ended_as_interrupted() -> Iterator[None]:
+    """Raise KeyboardInterrupt inside, in the main thread, on the signals of `_ENDING`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in _ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    # A closed or full standard error must not hide the exit code.
+    with contextlib.suppress(OSError):
+        print(printable(text), file=sys.stderr, flush=True)
+
+
+def _logged(program: str) -> str:
+    """Write the traceback of the error in work to a file; return how to name it in a line."""
+    name = f"{program.split()[0]}-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    try:
+        path = Path(tempfile.gettempdir()) / name
+        arguments = " ".join(map(repr, sys.argv[1:]))
+        text = f"{program} {arguments}\n{traceback.format_exc()}"
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    except OSError:
+        return " with the command that you gave"
+    return f" with the log {path}"
