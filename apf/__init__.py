@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from apf.image_objective.config import FeatureConfig, ObjectiveConfig, ProximityConfig
     from apf.initialisation import Start, StartConfig, StartError, start_of
     from apf.initialisation.from_joints import fit_to_joints
+    from apf.keypoints.keypoints import Keypoints
     from apf.likelihood.config import (
         LikelihoodConfig,
         MotionPriorConfig,
@@ -65,6 +66,7 @@ __all__ = [
     "FeatureConfig",
     "FilterConfig",
     "InputError",
+    "Keypoints",
     "LikelihoodConfig",
     "LimbSearchConfig",
     "Method",
@@ -116,6 +118,7 @@ _MODULES = {
     "apf.image_objective.config": ("FeatureConfig", "ObjectiveConfig", "ProximityConfig"),
     "apf.initialisation": ("Start", "StartConfig", "StartError", "start_of"),
     "apf.initialisation.from_joints": ("fit_to_joints",),
+    "apf.keypoints.keypoints": ("Keypoints",),
     "apf.likelihood.config": (
         "LikelihoodConfig",
         "MotionPriorConfig",

@@ -1,0 +1,125 @@
+"""2-D keypoints of a person in every camera and frame, as pose networks give them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.opening import Cameras, fitted, read_raw
+from apf.keypoints.readers.raw import check_view
+from cl import InputError
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.distortion import distorted, distortion_jacobian
+from psfs.cameras.names import listed
+
+#: Steps in which the distortion is undone, and the pixels that may be left of it.
+_STEPS, _LEFT = 12, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Keypoints of one person. points: (V, F, K, 3) float32 = x, y in pixels of the original
+    (distorted) picture, pixel centres at whole numbers, and confidence 0..1; NaN where missing.
+
+    names: (K,) as their file or network calls them. camera_names: (V,). notes: what was guessed or
+    left out when reading. Raises InputError where shapes disagree or a number is out of range.
+    """
+
+    points: np.ndarray
+    names: tuple[str, ...]
+    camera_names: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
+        set_(self, "names", tuple(map(str, self.names)))
+        set_(self, "camera_names", tuple(map(str, self.camera_names)))
+        points = np.array(self.points)
+        expected = (len(self.camera_names), len(self.names), 3)
+        if points.dtype.kind not in "fiu":
+            raise InputError(f"keypoints are of type {points.dtype}; expected numbers")
+        if points.ndim != 4 or (points.shape[0], *points.shape[2:]) != expected:
+            raise InputError(
+                f"keypoints have shape {points.shape}; expected ({expected[0]} cameras, frames, "
+                f"{expected[1]} names, 3: x, y, confidence)"
+            )
+        if len(set(self.names)) < len(self.names):
+            raise InputError(f"keypoint names must differ; found {listed(self.names)}")
+        points = points.astype(np.float32)
+        check_view("keypoints", points)
+        points[np.isnan(points).any(-1) | (points[..., 2] == 0)] = np.nan
+        points[..., 2] = np.minimum(points[..., 2], 1)
+        set_(self, "points", points)
+
+    @property
+    def n_frames(self) -> int:
+        return self.points.shape[1]
+
+    @classmethod
+    def open(cls, path: str | Path, cameras: Cameras | None = None) -> Keypoints:
+        """Read the keypoints in a file or folder, whose format is recognised.
+
+        cameras: a sequence, a rig or names, which the cameras of the keypoints are matched with: by
+        name, else by order; the result has theirs, in their order, and is missing (NaN) where the
+        file has no such camera. With a sequence it has its number of frames, too. Raises
+        InputError, or MissingFileError if there is nothing.
+        """
+        raw = read_raw(Path(path))
+        points, names, notes = fitted(raw, cameras)
+        return cls(points[:, :, 0], raw.names, names, notes)
+
+    def of_cameras(self, names: Sequence[str]) -> Keypoints:
+        """Return the keypoints of these cameras, in this order. Raises InputError."""
+        unknown = [name for name in names if name not in self.camera_names]
+        if unknown:
+            raise InputError(
+                f"no keypoints of camera {listed(unknown)}; there are some of "
+                f"{listed(self.camera_names)}"
+            )
+        rows = [self.camera_names.index(name) for name in names]
+        return replace(self, points=self.points[rows], camera_names=tuple(names))
+
+    def undistorted(self, cameras: CameraRig | Sequence[Camera]) -> Keypoints:
+        """Return the keypoints as the same cameras without distortion would see them.
+
+        cameras: one for each of `camera_names`, in this order. Points where the distortion cannot
+        be undone, outside of what the lens shows, become missing. Raises InputError.
+        """
+        found = tuple(camera.name for camera in cameras)
+        if found != self.camera_names:
+            raise InputError(
+                f"cameras are {listed(found)}; expected those of the keypoints, "
+                f"{listed(self.camera_names)}"
+            )
+        points = self.points.copy()
+        for view, camera in zip(points, cameras, strict=True):
+            if camera.distortion.any():
+                view[..., :2] = _undistorted(camera, view[..., :2].astype(np.float64))
+        return replace(self, points=points)
+
+
+def _undistorted(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Return pixels (..., 2) without the lens's distortion, by Newton's method; NaN where it does
+    not converge within the radius that the lens shows."""
+    K = camera.K
+    v = (pixels[..., 1] - K[1, 2]) / K[1, 1]
+    u = (pixels[..., 0] - K[0, 2] - K[0, 1] * v) / K[0, 0]
+    x, y = u.copy(), v.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            xd, yd = distorted(camera.distortion, x, y)
+            (a, b), (c, d) = distortion_jacobian(camera.distortion, x, y)
+            det = a * d - b * c
+            x, y = (
+                x - (d * (xd - u) - b * (yd - v)) / det,
+                y - (a * (yd - v) - c * (xd - u)) / det,
+            )
+        xd, yd = distorted(camera.distortion, x, y)
+        off = np.hypot((xd - u) * K[0, 0], (yd - v) * K[1, 1])
+        good = (off < _LEFT) & (x * x + y * y < camera.max_radius2)
+    out = np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
+    out[~good] = np.nan
+    return out

@@ -1,0 +1,210 @@
+"""Where on the body the keypoints of pose networks lie: `landmarks.toml`, and its points on a body.
+
+A keypoint is a point on the body, not a joint's centre: it has a prior place in the frame of a bone
+and a spread of that prior, which a tracker learns from.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel
+from apf.body.stature import stature
+from cl import InputError
+from psfs.cameras.names import listed
+from psfs.common.toml import read_toml
+
+#: The table that is shipped.
+LANDMARKS = Path(str(resources.files("apf"))) / "keypoints" / "landmarks.toml"
+#: Stature, m, of the body that the table's lengths are of.
+_STATURE = 1.75
+_SIDES = {"l": ("left", 1.0), "r": ("right", -1.0)}
+#: Joints and bones that have no side.
+_MIDDLE = ("pelvis", "thorax", "head", "neck", "head_top")
+_KEYS = {"name", "sided", "aliases", "joint", "bone", "up", "offset", "spread"}
+
+
+@dataclass(frozen=True, eq=False)
+class Landmark:
+    """An anatomical point. offset: (3,) m forward, left, up from `joint` of a hanging limb, of a
+    person of 1.75 m; spread: m, standard deviation per axis of that place. bone: what carries it,
+    None for the joint's own. up: joint whose direction counts as up, None for the world's.
+    partner: the same point of the other side, None in the middle. aliases: plain names.
+    """
+
+    name: str
+    joint: str
+    bone: str | None
+    up: str | None
+    offset: np.ndarray
+    spread: float
+    partner: str | None
+    aliases: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPoints:
+    """The keypoints that a body has, P of them.
+
+    columns: (P,) int, the keypoint's index among the names asked for. names: of the landmarks.
+    bones: (P,) int, index of the bone that carries it. offsets: (P, 3) m in that bone's frame, the
+    prior's mean. spreads: (P,) m, its standard deviation per axis. partners: (P,) int, index here
+    of the same point of the other side; its own where there is none.
+    """
+
+    columns: np.ndarray
+    names: tuple[str, ...]
+    bones: np.ndarray
+    offsets: np.ndarray
+    spreads: np.ndarray
+    partners: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def plain(name: str) -> str:
+    """Return a name without case and separators: `left_eye` and `LeftEye` are both lefteye."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+@lru_cache(maxsize=4)
+def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
+    """Read a table of anatomical points; the shipped one by default. Raises InputError."""
+    entries = read_toml(path).get("landmark", [])
+    try:
+        found = [landmark for entry in entries for landmark in _parse(entry)]
+    except KeyError as error:
+        raise InputError(f"{path}: a landmark lacks the key {error}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: {error}") from None
+    if not found:
+        raise InputError(f"{path}: holds no [[landmark]]")
+    by_alias: dict[str, str] = {}
+    for landmark in found:
+        for alias in landmark.aliases:
+            other = by_alias.setdefault(alias, landmark.name)
+            if other != landmark.name:
+                raise InputError(f"{path}: {alias} is a name of both {other} and {landmark.name}")
+    return tuple(found)
+
+
+def _parse(entry: dict[str, Any]) -> list[Landmark]:
+    """Make landmarks of a table's entry; KeyError, TypeError or ValueError say what is wrong."""
+    name = entry["name"]
+    if unknown := sorted(set(entry) - _KEYS):
+        raise ValueError(f"landmark {name}: unknown {listed(unknown)}; known: {listed(_KEYS)}")
+    offset = np.asarray(entry.get("offset", (0, 0, 0)), np.float64)
+    if offset.shape != (3,) or not np.isfinite(offset).all():
+        raise ValueError(f"landmark {name}: offset is {entry['offset']!r}; expected 3 numbers, m")
+    spread = float(entry["spread"])
+    if not 0 < spread < 1:
+        raise ValueError(f"landmark {name}: spread is {spread:g}; expected 0 to 1 m")
+    words = [plain(word) for word in (name, *entry.get("aliases", ()))]
+    joint, bone, up = entry["joint"], entry.get("bone"), entry.get("up")
+    if not entry.get("sided", False):
+        return [Landmark(name, joint, bone, up, offset, spread, None, tuple(words))]
+    landmarks = []
+    for (short, (long, sign)), other in zip(_SIDES.items(), "rl", strict=True):
+        aliases = [alias for w in words for alias in (short + w, long + w, w + short, w + long)]
+        landmarks.append(
+            Landmark(
+                f"{short}_{name}", _sided(joint, short), bone and _sided(bone, short),
+                up and _sided(up, short), offset * [1, sign, 1], spread, f"{other}_{name}",
+                tuple(aliases),
+            )
+        )  # fmt: skip
+    return landmarks
+
+
+def _sided(name: str, short: str) -> str:
+    """Return the name of a joint or bone of that side, or in the middle."""
+    return name if name in _MIDDLE else f"{short}_{name}"
+
+
+def landmarks_of(
+    names: Sequence[str], landmarks: Sequence[Landmark] | None = None
+) -> dict[int, Landmark]:
+    """Return the landmark of each of the keypoints `names` that is one, by its index. Of several
+    names of one landmark the first counts."""
+    by_alias = {
+        alias: landmark for landmark in landmarks or load_landmarks() for alias in landmark.aliases
+    }
+    found: dict[int, Landmark] = {}
+    for index, name in enumerate(names):
+        landmark = by_alias.get(plain(name))
+        if landmark is not None and landmark not in found.values():
+            found[index] = landmark
+    return found
+
+
+def points_on(
+    body: BodyModel, names: Sequence[str], landmarks: Sequence[Landmark] | None = None
+) -> BodyPoints:
+    """Return which of the keypoints `names` are points on `body`, and where.
+
+    Lengths grow with the body's stature. Points whose joint the body lacks are left out. Raises
+    InputError if none is left.
+    """
+    found = landmarks_of(names, landmarks)
+    columns = [index for index, landmark in found.items() if landmark.joint in body.joint_names]
+    if not columns:
+        raise InputError(
+            f"none of the keypoints {listed(names)} is a point on the body {body.name}; "
+            "expected names such as left_shoulder or LShoulder"
+        )
+    chosen = [found[index] for index in columns]
+    scale = stature(body) / _STATURE
+    places = [_place(body, landmark, scale) for landmark in chosen]
+    points = [landmark.name for landmark in chosen]
+    return BodyPoints(
+        columns=np.array(columns),
+        names=tuple(points),
+        bones=np.array([bone for bone, _ in places]),
+        offsets=np.array([offset for _, offset in places]),
+        spreads=np.array([scale * landmark.spread for landmark in chosen]),
+        partners=np.array(
+            [
+                points.index(landmark.partner) if landmark.partner in points else own
+                for own, landmark in enumerate(chosen)
+            ]
+        ),
+    )
+
+
+def _place(body: BodyModel, landmark: Landmark, scale: float) -> tuple[int, np.ndarray]:
+    """Return the bone that carries a landmark and its place (3,) m in that bone's frame."""
+    rotations, origins = bone_matrices(body, np.zeros((1, body.n_dof)))
+
+    def world(name: str) -> np.ndarray:
+        joint = body.joints[body.joint_names.index(name)]
+        place: np.ndarray = origins[0, joint.bone] + rotations[0, joint.bone] @ joint.position
+        return place
+
+    joint = body.joints[body.joint_names.index(landmark.joint)]
+    bones = [bone.name for bone in body.bones]
+    bone = bones.index(landmark.bone) if landmark.bone in bones else joint.bone
+    offset = scale * landmark.offset
+    if landmark.up in body.joint_names:
+        offset = _turned_up(world(landmark.up) - world(landmark.joint)) @ offset
+    place = world(landmark.joint) + offset - origins[0, bone]
+    return bone, rotations[0, bone].T @ place
+
+
+def _turned_up(direction: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation (3, 3) that takes the z axis to `direction` (3,)."""
+    x, y, z = direction / np.linalg.norm(direction)
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    axis = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
+    rotation: np.ndarray = np.eye(3) + axis + axis @ axis / (1 + z)
+    return rotation

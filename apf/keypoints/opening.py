@@ -1,0 +1,165 @@
+"""From a file or folder of keypoints to arrays that fit the cameras and frames of a sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.readers.arrays import (
+    FREEMOCAP,
+    read_array,
+    read_arrays,
+    read_keypoints_npz,
+)
+from apf.keypoints.readers.raw import RawKeypoints
+from cl import InputError, MissingFileError
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.names import contains_name, listed, name_tokens, natural_key
+from psfs.sequence import Sequence as Footage
+
+#: What the keypoints are matched with.
+Cameras = CameraRig | Footage | Sequence[str]
+_EXPECTED = (
+    "keypoints.npz, OpenPose JSON per frame, a FreeMoCap recording or other .npy arrays, or "
+    "DeepLabCut's .csv or .h5"
+)
+
+
+def read_raw(path: Path) -> RawKeypoints:
+    """Read a file or folder of keypoints, whose format is recognised. Raises InputError."""
+    if not path.exists():
+        raise MissingFileError(f"{path}: no such file or folder; expected {_EXPECTED}")
+    if path.is_dir():
+        return _read_folder(path)
+    readers = {".npz": read_keypoints_npz, ".npy": read_array}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: no file of keypoints; expected {_EXPECTED}")
+    return reader(path)
+
+
+def _read_folder(folder: Path) -> RawKeypoints:
+    if (folder / "keypoints.npz").is_file():
+        return read_keypoints_npz(folder / "keypoints.npz")
+    freemocap = sorted(folder.rglob(FREEMOCAP))
+    if freemocap:
+        _only_one(folder, [str(path.relative_to(folder)) for path in freemocap])
+        return read_array(freemocap[0])
+    arrays = sorted(folder.glob("*.npy"), key=lambda path: natural_key(path.stem))
+    if arrays:
+        return read_arrays(folder, arrays)
+    raise InputError(f"{folder}: holds no keypoints; expected {_EXPECTED}")
+
+
+def _only_one(folder: Path, found: list[str]) -> None:
+    if len(found) > 1:
+        raise InputError(f"{folder}: {len(found)} files of keypoints: {listed(found)}; name one")
+
+
+def fitted(
+    raw: RawKeypoints, cameras: Cameras | None
+) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
+    """Return keypoints (V, F, N, K, 3) px of N persons, the cameras' names (V,) and notes.
+
+    See `Keypoints.open` for how cameras and frames are matched. Raises InputError.
+    """
+    names = _camera_names(cameras)
+    notes = list(raw.notes)
+    if names is None:
+        names, of = list(raw.views), {name: name for name in raw.views}
+    else:
+        of, note = match_cameras(raw, names)
+        notes += [note] if note else []
+    views = {camera: raw.views[name] for camera, name in of.items()}
+    length = _length(raw, of, cameras)
+    n_persons = max(view.shape[1] for view in views.values())
+    points = np.full((len(names), length, n_persons, len(raw.names), 3), np.nan)
+    for row, camera in enumerate(names):
+        if camera in views:
+            view = views[camera][:length]
+            points[row, : len(view), : view.shape[1]] = view
+    if raw.shares:
+        points[..., :2] = _in_pixels(raw, points[..., :2], cameras)
+        notes.append(f"{raw.path}: x and y are shares of the picture, made pixels")
+    return points, tuple(names), tuple(notes)
+
+
+def _camera_names(cameras: Cameras | None) -> list[str] | None:
+    if isinstance(cameras, Footage):
+        return cameras.rig.names
+    if isinstance(cameras, CameraRig):
+        return cameras.names
+    return None if cameras is None else list(cameras)
+
+
+def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, str], str | None]:
+    """Return the view of `raw` that belongs to each camera, and a note if that was guessed.
+
+    By name, which may stand anywhere in the view's; cameras that are not found by name then have
+    none, if some are. Else by natural order, if there are as many. Raises InputError.
+    """
+    of: dict[str, str] = {}
+    for camera in cameras if raw.named else ():
+        same = [name for name in raw.views if name_tokens(name) == name_tokens(camera)]
+        found = same or [name for name in raw.views if contains_name(name, camera)]
+        if len(found) > 1:
+            raise InputError(
+                f"{raw.path}: {listed(found)} could all be camera {camera}; expected one of them: "
+                "name the folder of one take"
+            )
+        if found:
+            of[camera] = found[0]
+    twice = [name for name in of.values() if list(of.values()).count(name) > 1]
+    if of and not twice:
+        missing = [camera for camera in cameras if camera not in of]
+        if not missing:
+            return of, None
+        return of, f"{raw.path}: no keypoints of camera {listed(missing)}"
+    if len(raw.views) == len(cameras):
+        ordered = sorted(raw.views, key=natural_key)
+        of = dict(zip(sorted(cameras, key=natural_key), ordered, strict=True))
+        pairs = ", ".join(f"{name} for {camera}" for camera, name in of.items())
+        return of, f"{raw.path}: cameras are not named; taken in order: {pairs}"
+    raise InputError(
+        f"{raw.path}: keypoints of {len(raw.views)} cameras ({listed(raw.views)}); expected those "
+        f"of {listed(cameras)}"
+    )
+
+
+def _length(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -> int:
+    """Return the number of frames. Raises InputError where they do not fit each other, or the
+    sequence: a camera may have as many as its own video, or as the whole sequence."""
+    counts = {camera: len(raw.views[name]) for camera, name in of.items()}
+    if not isinstance(cameras, Footage):
+        if len(set(counts.values())) > 1:
+            found = listed(f"{camera} {count}" for camera, count in counts.items())
+            raise InputError(f"{raw.path}: the cameras' numbers of frames differ: {found}")
+        return next(iter(counts.values()))
+    media = cameras.footage.images or cameras.footage.masks or ()
+    own = dict(zip(cameras.rig.names, (pictures.count for pictures in media), strict=True))
+    wrong = [
+        f"{camera} {count} (its video {own[camera]})"
+        for camera, count in counts.items()
+        if count not in (own[camera], len(cameras))
+    ]
+    if wrong:
+        raise InputError(
+            f"{raw.path}: numbers of frames differ from those of {cameras.name}: {listed(wrong)}; "
+            f"expected {len(cameras)}"
+        )
+    return len(cameras)
+
+
+def _in_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -> np.ndarray:
+    """Return x, y (V, ..., 2) px of shares of the picture's width and height."""
+    rig = cameras.rig if isinstance(cameras, Footage) else cameras
+    if not isinstance(rig, CameraRig):
+        raise InputError(
+            f"{raw.path}: x and y go from 0 to 1, as shares of the picture; expected pixels, or "
+            "cameras that tell its size"
+        )
+    sizes = np.array([camera.size for camera in rig], float)
+    pixels: np.ndarray = shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5
+    return pixels

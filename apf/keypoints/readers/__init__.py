@@ -1,0 +1,1 @@
+"""A reader per format of keypoints; each gives `RawKeypoints`."""

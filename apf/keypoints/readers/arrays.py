@@ -1,0 +1,134 @@
+"""Keypoints in NumPy files: `keypoints.npz`, FreeMoCap's and other arrays of 2-D points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.readers.orders import order_of
+from apf.keypoints.readers.raw import LARGEST_SCORE, RawKeypoints
+from cl import InputError, MissingFileError
+from psfs.cameras.names import listed
+from psfs.common.files import read_npz
+
+_NPZ = "keypoints (cameras, frames, points, 3: x, y, confidence), keypoint_names and camera_names"
+#: Array files of FreeMoCap: x, y and, in newer ones, a depth, which is no confidence.
+FREEMOCAP = "*2dData*pixelXY.npy"
+_DIMENSIONS = "(cameras, frames, points, 2 or 3), or (frames, points, 2 or 3) for one camera"
+
+
+def read_keypoints_npz(path: Path) -> RawKeypoints:
+    """Read an npz with `keypoints` (V, F, K, 3), and the names of keypoints and cameras, without
+    which their numbers must tell. Raises InputError, or MissingFileError."""
+    data = read_npz(path, ("keypoints",), f"an npz with {_NPZ}")
+    views = _views(path, data["keypoints"])
+    names, cameras = data.get("keypoint_names"), data.get("camera_names")
+    if names is None:
+        names = np.array(order_of(str(path), views))
+        views = views[:, :, : len(names)]
+    for key, found, wanted in (
+        ("keypoint_names", names, views.shape[2]),
+        ("camera_names", cameras, len(views)),
+    ):
+        if found is not None and found.shape != (wanted,):
+            raise InputError(
+                f"{path}: {key} has shape {found.shape}; expected ({wanted},), for keypoints of "
+                f"shape {data['keypoints'].shape}"
+            )
+    return _raw(path, views, tuple(map(str, names)), cameras)
+
+
+def read_array(path: Path) -> RawKeypoints:
+    """Read an npy (V, F, K, 2 or 3) or (F, K, 2 or 3), whose keypoints their number tells."""
+    return _array_of(path, {"": path})
+
+
+def read_arrays(folder: Path, paths: list[Path]) -> RawKeypoints:
+    """Read an npy (F, K, 2 or 3) per camera, named as the camera."""
+    return _array_of(folder, {path.stem: path for path in paths})
+
+
+def _array_of(path: Path, files: dict[str, Path]) -> RawKeypoints:
+    arrays = {name: _views(file, _load(file)) for name, file in files.items()}
+    counts = {name: array.shape[2] for name, array in arrays.items()}
+    if len(set(counts.values())) > 1:
+        found = listed(f"{name} {count}" for name, count in counts.items())
+        raise InputError(f"{path}: cameras differ in their numbers of keypoints: {found}")
+    one = list(files) == [""]
+    several = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
+    if several:
+        raise InputError(f"{listed(several)}: holds several cameras; expected one per file")
+    names = order_of(
+        str(path), np.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays.values()])
+    )
+    notes: list[str] = []
+    for name, array in arrays.items():
+        notes += _without_depth(files[name], array[:, :, : len(names)])
+    if one:
+        return _raw(path, arrays[""][:, :, : len(names)], names, None, tuple(notes))
+    views = {name: array[0][:, None, : len(names)] for name, array in arrays.items()}
+    return RawKeypoints(path, names, views, shares=_are_shares(views), notes=tuple(notes))
+
+
+def _without_depth(path: Path, views: np.ndarray) -> list[str]:
+    """Set the confidences of keypoints (V, F, K, 3) to 1 where the third number is none: FreeMoCap
+    has a depth there. Return notes."""
+    scores = views[..., 2][np.isfinite(views[..., 2])]
+    depth = path.match(FREEMOCAP)
+    if not depth and (not scores.size or (scores.min() >= 0 and scores.max() <= LARGEST_SCORE)):
+        return []
+    views[..., 2] = np.where(np.isfinite(views[..., :2]).all(-1), 1.0, np.nan)
+    if depth:
+        return []
+    return [
+        f"{path}: the third number is no confidence, {scores.min():g} to {scores.max():g}: left out"
+    ]
+
+
+def _load(path: Path) -> np.ndarray:
+    try:
+        array: np.ndarray = np.load(path, allow_pickle=False)
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: no such file; expected an array {_DIMENSIONS}") from None
+    except (OSError, ValueError, EOFError):
+        raise InputError(f"{path}: not a readable npy file; expected {_DIMENSIONS}") from None
+    return array
+
+
+def _views(path: Path, array: np.ndarray) -> np.ndarray:
+    """Return keypoints (V, F, K, 3) float64 of an array with or without cameras and confidences."""
+    views = array[None] if array.ndim == 3 else array
+    if array.dtype.kind not in "fiu" or views.ndim != 4 or views.shape[-1] not in (2, 3):
+        raise InputError(
+            f"{path}: holds {array.dtype} of shape {array.shape}; expected {_DIMENSIONS}"
+        )
+    views = views.astype(np.float64)
+    if views.shape[-1] == 2:
+        score = np.where(np.isfinite(views).all(-1, keepdims=True), 1.0, np.nan)
+        views = np.concatenate([views, score], axis=-1)
+    return views
+
+
+def _raw(
+    path: Path,
+    views: np.ndarray,
+    names: tuple[str, ...],
+    cameras: np.ndarray | None,
+    notes: tuple[str, ...] = (),
+) -> RawKeypoints:
+    """Keypoints (V, F, K, 3) of one person."""
+    if not views.size:
+        raise InputError(f"{path}: holds no keypoints: shape {views.shape}")
+    keys = [f"{view + 1}" for view in range(len(views))] if cameras is None else cameras
+    by_camera = {str(key): view[:, None] for key, view in zip(keys, views, strict=True)}
+    if len(by_camera) < len(views):
+        raise InputError(f"{path}: camera names must differ; found {listed(map(str, keys))}")
+    return RawKeypoints(path, names, by_camera, cameras is not None, _are_shares(by_camera), notes)
+
+
+def _are_shares(views: dict[str, np.ndarray]) -> bool:
+    """Are x and y shares of the picture, as MediaPipe gives them, not pixels?"""
+    places = np.concatenate([view[..., :2].ravel() for view in views.values()])
+    places = np.abs(places[np.isfinite(places)])
+    return bool(places.size) and float(np.quantile(places, 0.99)) < 2.0

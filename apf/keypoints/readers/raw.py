@@ -1,0 +1,53 @@
+"""What a file of keypoints holds, before cameras, frames and persons are chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.names import listed
+
+
+@dataclass(frozen=True, eq=False)
+class RawKeypoints:
+    """Keypoints as they were read from `path`.
+
+    names: (K,). views: by the camera's name in the file, (F, N, K, 3) x, y px and confidence of N
+    persons, NaN where missing; F and N differ from camera to camera. named: whether these names
+    say which camera it is, or are but numbers. shares: whether x and y are shares of the picture's
+    width and height. notes: what was guessed or left out.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    views: dict[str, np.ndarray]
+    named: bool = True
+    shares: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.views:
+            raise InputError(f"{self.path}: holds keypoints of no camera")
+        if len(set(self.names)) < len(self.names):
+            raise InputError(f"{self.path}: keypoint names must differ; found {listed(self.names)}")
+        for camera, view in self.views.items():
+            check_view(f"{self.path}: camera {camera}", view)
+
+
+def check_view(where: str, view: np.ndarray) -> None:
+    """Raise InputError unless x, y, confidence (..., 3) are numbers that keypoints can have."""
+    known = view[np.isfinite(view).all(-1)]
+    if np.isinf(view).any():
+        raise InputError(f"{where}: holds an infinite number; expected pixels, or NaN for missing")
+    score = known[:, 2]
+    if score.size and not 0 <= score.min() <= score.max() <= LARGEST_SCORE:
+        raise InputError(
+            f"{where}: confidences go from {score.min():g} to {score.max():g}; expected 0 to 1"
+        )
+
+
+#: Networks' scores may exceed 1 by a little (heat maps, SimCC); much larger ones are no scores.
+LARGEST_SCORE = 3.0

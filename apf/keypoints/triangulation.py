@@ -1,0 +1,119 @@
+"""Points in space from keypoints in several cameras.
+
+Confidence-weighted linear triangulation (Hartley & Sturm 1997, "Triangulation", 5.1): minimises
+sum_i w_i^2 |x_i P_i3 X - P_i1 X, y_i P_i3 X - P_i2 X|^2 over the unit vectors X (4,). Cameras whose
+point lies far from the others' are left out one by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.common.ranges import check_range
+
+
+@dataclass(frozen=True)
+class TriangulationConfig:
+    """When cameras are left out of a point, and when there is no point."""
+
+    max_error: float = 15.0
+    """px. Cameras are left out until the mean reprojection error of the rest is below. What
+    Pose2Sim has by default, for pictures about 1000 px high."""
+    min_confidence: float = 0.1
+    """A keypoint below counts as missing."""
+    min_cameras: int = 2
+    """Fewer give no point."""
+
+    def __post_init__(self) -> None:
+        check_range("max_error", self.max_error, 0)
+        check_range("min_confidence", self.min_confidence, 0, 1, ends=True)
+        check_range("min_cameras", self.min_cameras, 2, ends=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Triangulated:
+    """points: (..., 3) m in the world, NaN where there is none. errors: (...) px, mean reprojection
+    error over the cameras used. used: (V, ...) bool, which they are."""
+
+    points: np.ndarray
+    errors: np.ndarray
+    used: np.ndarray
+
+
+def triangulate(
+    rig: CameraRig, keypoints: np.ndarray, config: TriangulationConfig | None = None
+) -> Triangulated:
+    """Triangulate undistorted keypoints (V, ..., 3) px, px, confidence; NaN where missing.
+
+    Starts with all cameras; while the mean reprojection error is at or above `max_error`, leaves
+    out the camera without which it is least.
+    """
+    config = config or TriangulationConfig()
+    shape = keypoints.shape[1:-1]
+    seen = np.asarray(keypoints, np.float64).reshape(len(rig), -1, 3)
+    used = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) >= config.min_confidence)
+    points, errors = _solved(rig, seen, used)
+    open_ = np.flatnonzero((errors >= config.max_error) & (used.sum(0) > config.min_cameras))
+    while open_.size:
+        best = np.full(len(open_), np.inf)
+        best_points, leaves = np.full((len(open_), 3), np.nan), np.full(len(open_), -1)
+        for view in range(len(rig)):
+            trial = used[:, open_].copy()
+            had = trial[view].copy()
+            trial[view] = False
+            found, off = _solved(rig, seen[:, open_], trial)
+            better = had & (off < best)
+            best[better], best_points[better], leaves[better] = off[better], found[better], view
+        left = leaves >= 0
+        used[leaves[left], open_[left]] = False
+        points[open_[left]], errors[open_[left]] = best_points[left], best[left]
+        again = left & (best >= config.max_error)
+        again &= used[:, open_].sum(0) > config.min_cameras
+        open_ = open_[again]
+    good = (errors < config.max_error) & (used.sum(0) >= config.min_cameras)
+    points[~good], errors[~good], used[:, ~good] = np.nan, np.nan, False
+    return Triangulated(
+        points.reshape(*shape, 3), errors.reshape(shape), used.reshape(len(rig), *shape)
+    )
+
+
+def reprojection_errors(rig: CameraRig, seen: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the distances (V, N) px of points (N, 3) m in every camera, its distortion left out,
+    from undistorted keypoints (V, N, 2 or more); infinite behind a camera, NaN where missing."""
+    errors = np.empty(seen.shape[:2])
+    for view, camera in enumerate(rig):
+        local = points @ camera.R.T + camera.t
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = (local @ camera.K.T)[:, :2] / local[:, 2:]
+            off = np.hypot(*(pixels - seen[view, :, :2]).T)
+        errors[view] = np.where(local[:, 2] > 0, off, np.inf)
+        errors[view][np.isnan(off)] = np.nan
+    return errors
+
+
+def _solved(rig: CameraRig, seen: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (N, 3) m and their mean reprojection errors (N,) px, infinite where fewer than
+    two of the cameras `used` (V, N) see them."""
+    n = seen.shape[1]
+    rows = np.zeros((n, 2 * len(rig), 4))
+    for view, camera in enumerate(rig):
+        extrinsic = np.column_stack([camera.R, camera.t])
+        inverse = np.linalg.inv(camera.K)
+        pixel = np.column_stack([np.nan_to_num(seen[view, :, :2]), np.ones(n)])
+        plane = pixel @ inverse.T  # normalised coordinates, for which the equations are scaled well
+        weight = np.where(used[view], np.nan_to_num(seen[view, :, 2]), 0.0)[:, None]
+        weight = weight * camera.K[0, 0]  # an error counts in pixels
+        rows[:, 2 * view] = weight * (plane[:, :1] * extrinsic[2] - extrinsic[0])
+        rows[:, 2 * view + 1] = weight * (plane[:, 1:2] * extrinsic[2] - extrinsic[1])
+    homogeneous = np.linalg.svd(rows, full_matrices=False)[2][:, -1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = homogeneous[:, :3] / homogeneous[:, 3:]
+    count = used.sum(0)
+    off = reprojection_errors(rig, seen, points)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.where(used, off, 0.0).sum(0) / count
+    errors[(count < 2) | np.isnan(errors)] = np.inf
+    return points, errors

@@ -1,0 +1,129 @@
+"""Names of keypoints are points on the body, wherever its limbs point while all angles are 0."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.keypoints import world_points
+from helpers.shared import shared_data
+
+import apf
+from apf.body import load_body, posed_joints
+from apf.body.bodytrack import read_body
+from apf.keypoints import load_landmarks, points_on
+from apf.keypoints.landmarks import landmarks_of
+from apf.keypoints.readers import orders
+
+ORDERS = ("MEDIAPIPE", "COCO_17", "COCO_18", "BODY_25", "BODY_25B", "HALPE_26")
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_every_name_of_the_known_networks_is_a_landmark(name: str) -> None:
+    names = getattr(orders, name)
+    found = landmarks_of(names)
+    assert sorted(found) == list(range(len(names)))
+    sides = {"l": "left", "r": "right"}
+    for index, landmark in found.items():
+        said = next((s for s in "lr" if landmarks_side(names[index]) == s), None)
+        assert (said is None) == (landmark.partner is None)
+        if said is not None:
+            assert landmark.name.startswith(f"{said}_"), (names[index], sides[said])
+
+
+def landmarks_side(name: str) -> str | None:
+    """Left or right of a network's name, told as a reader would."""
+    words = name.lower().split("_")
+    if "left" in words or "right" in words:
+        return "l" if "left" in words else "r"
+    return name[0].lower() if name[0] in "LR" and name[1].isupper() else None
+
+
+def test_landmarks_are_mirrored_and_have_partners() -> None:
+    by_name = {landmark.name: landmark for landmark in load_landmarks()}
+    for landmark in by_name.values():
+        if landmark.partner is not None:
+            other = by_name[landmark.partner]
+            assert other.partner == landmark.name != other.name
+            np.testing.assert_array_equal(other.offset, landmark.offset * [1, -1, 1])
+
+
+def test_points_lie_where_the_body_has_them() -> None:
+    body = load_body("song31")
+    names = orders.MEDIAPIPE
+    on = points_on(body, names)
+    assert len(on) == 33 and list(on.columns) == list(range(33))
+    places = dict(zip(names, world_points(body, body.rest_pose[None], names)[0], strict=True))
+    joints = dict(zip(body.joint_names, posed_joints(body, body.rest_pose[None])[0], strict=True))
+    for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"):
+        for side in ("left", "right"):
+            away = places[f"{side}_{joint}"] - joints[f"{side[0]}_{joint}"]
+            assert np.linalg.norm(away) < 0.05
+    assert places["nose"][0] > joints["head_top"][0] + 0.05
+    assert places["left_foot_index"][0] > joints["l_ankle"][0] + 0.1 > places["left_heel"][0]
+    for name, partner in zip(on.names, on.partners, strict=True):
+        mirrored = world_points(body, np.zeros((1, body.n_dof)), names)[0]
+        own, other = mirrored[on.names.index(name)], mirrored[partner]
+        np.testing.assert_allclose(own * [1, -1, 1], other, atol=1e-9)
+
+
+def test_lengths_grow_with_the_body() -> None:
+    body = load_body("song31")
+    small = body.scaled(dict.fromkeys(body.scale_groups, 0.5), 0.5)
+    on, half = points_on(body, orders.COCO_17), points_on(small, orders.COCO_17)
+    np.testing.assert_allclose(half.offsets, on.offsets / 2, atol=1e-9)
+    np.testing.assert_allclose(half.spreads, on.spreads / 2)
+
+
+def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wrists() -> None:
+    body = read_body(shared_data("bodytrack_walk"))
+    poses = np.random.default_rng(1).normal(body.rest_pose, 0.2, (4, body.n_dof))
+    joints = {n: posed_joints(body, poses)[:, j] for j, n in enumerate(body.joint_names)}
+    places = dict(
+        zip(
+            orders.MEDIAPIPE,
+            world_points(body, poses, orders.MEDIAPIPE).swapaxes(0, 1),
+            strict=True,
+        )
+    )
+    for side in ("left", "right"):
+        elbow, wrist = joints[f"{side[0]}_elbow"], joints[f"{side[0]}_wrist"]
+        along = (wrist - elbow) / np.linalg.norm(wrist - elbow, axis=-1, keepdims=True)
+        beyond = ((places[f"{side}_index"] - wrist) * along).sum(-1)
+        assert beyond.min() > 0.05
+
+
+def test_parts_of_bodies_have_fewer_points() -> None:
+    upper = points_on(load_body("rymut31_upper"), orders.BODY_25)
+    lower = points_on(load_body("rymut31_lower"), orders.BODY_25)
+    assert not any("knee" in name or "toe" in name for name in upper.names)
+    assert not any("elbow" in name or "nose" in name for name in lower.names)
+    for on in (upper, lower):
+        assert "pelvis" in on.names and on.partners[on.names.index("pelvis")] == on.names.index(
+            "pelvis"
+        )
+
+
+def test_names_that_are_none_and_bad_tables_are_errors(tmp_path: Path) -> None:
+    with pytest.raises(apf.InputError, match=r"none of the keypoints tail, fin .*left_shoulder"):
+        points_on(load_body("song31"), ["tail", "fin"])
+    table = tmp_path / "landmarks.toml"
+    for text, message in (
+        ("", r"holds no \[\[landmark\]\]"),
+        ('[[landmark]]\nname = "nose"\n', "lacks the key 'spread'"),
+        ('[[landmark]]\nname = "nose"\njoint = "head_top"\nspread = 3.0\n', "expected 0 to 1 m"),
+        ('[[landmark]]\nname = "a"\ncolour = 1\n', "unknown colour"),
+        ('[[landmark]]\nname = "a"\njoint = "n"\nspread = 0.1\noffset = [1]\n', "expected 3 numb"),
+        (2 * '[[landmark]]\nname = "a"\njoint = "n"\nspread = 0.1\n', ""),
+    ):
+        table.write_text(text)
+        load_landmarks.cache_clear()
+        if message:
+            with pytest.raises(apf.InputError, match=message):
+                load_landmarks(table)
+    twice = '[[landmark]]\nname = "{}"\naliases = ["x"]\njoint = "n"\nspread = 0.1\n'
+    table.write_text(twice.format("a") + twice.format("b"))
+    load_landmarks.cache_clear()
+    with pytest.raises(apf.InputError, match="x is a name of both a and b"):
+        load_landmarks(table)

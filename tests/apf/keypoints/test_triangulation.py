@@ -1,0 +1,85 @@
+"""Points in space from keypoints of cameras, some of which are wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.keypoints import of_poses, world_points
+
+import apf
+from apf.body import load_body
+from apf.keypoints import TriangulationConfig, triangulate
+from apf.keypoints.readers.orders import MEDIAPIPE
+
+RIG = scenes.ring(5, size=(640, 480))
+BODY = load_body("song31")
+POSES = np.tile(BODY.rest_pose, (3, 1)) + [[0.1 * f] + 30 * [0] for f in range(3)]
+TRUTH = world_points(BODY, POSES, MEDIAPIPE)
+
+
+def seen(noise: float = 0.0) -> np.ndarray:
+    return of_poses(RIG, BODY, POSES, noise=noise).undistorted(RIG).points.astype(float)
+
+
+def test_exact_keypoints_give_the_exact_points() -> None:
+    found = triangulate(RIG, seen())
+    np.testing.assert_allclose(found.points, TRUTH, atol=1e-5)
+    assert found.used.all() and found.errors.max() < 0.01
+    assert found.points.shape == (3, 33, 3) and found.errors.shape == (3, 33)
+
+
+def test_wrong_cameras_are_left_out() -> None:
+    points = seen(noise=0.5)
+    points[1, :, 5, :2] += [120, -40]
+    points[3, 0, 5, 0] -= 200
+    found = triangulate(RIG, points)
+    assert np.linalg.norm(found.points - TRUTH, axis=-1).max() < 0.01
+    assert not found.used[1, :, 5].any() and not found.used[3, 0, 5]
+    assert found.used.sum() == found.used.size - 4 and (found.errors < 15).all()
+    kept = triangulate(RIG, points, TriangulationConfig(max_error=1e4))
+    assert kept.used.all() and np.linalg.norm(kept.points - TRUTH, axis=-1)[0, 5] > 0.1
+
+
+def test_confidence_weighs() -> None:
+    points = seen()
+    points[0, :, :, :2] += 6
+    points[..., 2] = 1
+    equal = triangulate(RIG, points)
+    points[0, :, :, 2] = 0.2
+    less = triangulate(RIG, points)
+    off = [np.linalg.norm(found.points - TRUTH, axis=-1).mean() for found in (equal, less)]
+    assert off[1] < 0.2 * off[0]
+
+
+def test_too_few_or_disagreeing_cameras_give_no_point() -> None:
+    points = seen()
+    points[1:, 0, 0] = np.nan
+    points[2:, 0, 1] = np.nan
+    points[3:, 0, 2, 2] = 0.01  # below what counts
+    points[2:, 1, 0] = np.nan
+    points[1, 1, 0, :2] += 300
+    found = triangulate(RIG, points)
+    assert np.isnan(found.points[0, 0]).all() and np.isnan(found.errors[0, 0])
+    assert np.isnan(found.points[1, 0]).all() and not found.used[:, 1, 0].any()
+    np.testing.assert_allclose(found.points[0, 1:], TRUTH[0, 1:], atol=1e-4)
+    assert found.used[:, 0, 2].tolist() == [True, True, True, False, False]
+    three = triangulate(RIG, points, TriangulationConfig(min_cameras=3))
+    assert np.isnan(three.points[0, 1]).all() and np.isfinite(three.points[0, 2]).all()
+
+
+def test_a_point_behind_a_camera_does_not_count() -> None:
+    camera = RIG[0]
+    behind = camera.centre - 2.0 * camera.R[2]
+    rig = scenes.without_distortion(RIG.subset(["c0", "c1"]))
+    pixels = np.full((2, 1, 3), 1.0)
+    for view, own in enumerate(rig):
+        local = own.K @ (own.R @ behind + own.t)
+        pixels[view, 0, :2] = local[:2] / local[2]
+    assert np.isnan(triangulate(rig, pixels).points).all()
+
+
+def test_settings_are_checked() -> None:
+    for bad in ({"max_error": 0}, {"min_confidence": 2}, {"min_cameras": 1}):
+        with pytest.raises(apf.InputError, match=next(iter(bad))):
+            TriangulationConfig(**bad)
