@@ -42,7 +42,10 @@ if TYPE_CHECKING:
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
     from apf.tracking.batch import Take, track_take
+    from apf.tracking.foot_contact import ContactConfig
+    from apf.tracking.gait import Gait, GaitConfig, gait_of
     from apf.tracking.recovery import RecoveryConfig
+    from apf.tracking.smoothing import SmoothingConfig, smoothed
     from apf.tracking.track import Track
     from cl import (
         Device,
@@ -59,12 +62,15 @@ __version__: str
 __all__ = [
     "AnnealedParticleFilter",
     "BodyModel",
+    "ContactConfig",
     "Device",
     "DeviceError",
     "Estimate",
     "Evaluation",
     "FeatureConfig",
     "FilterConfig",
+    "Gait",
+    "GaitConfig",
     "InputError",
     "Keypoints",
     "LikelihoodConfig",
@@ -84,6 +90,7 @@ __all__ = [
     "SearchConfig",
     "SirConfig",
     "SirParticleFilter",
+    "SmoothingConfig",
     "Start",
     "StartConfig",
     "StartError",
@@ -95,10 +102,12 @@ __all__ = [
     "__version__",
     "evaluate",
     "fit_to_joints",
+    "gait_of",
     "load_body",
     "load_truth",
     "save_body",
     "select_device",
+    "smoothed",
     "start_of",
     "track",
     "track_take",
@@ -128,7 +137,10 @@ _MODULES = {
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
     "apf.tracking.batch": ("Take", "track_take"),
+    "apf.tracking.foot_contact": ("ContactConfig",),
+    "apf.tracking.gait": ("Gait", "GaitConfig", "gait_of"),
     "apf.tracking.recovery": ("RecoveryConfig",),
+    "apf.tracking.smoothing": ("SmoothingConfig", "smoothed"),
     "apf.tracking.track": ("Track",),
     "cl": (
         "Device",

@@ -14,7 +14,7 @@ from apf.body.model import AXES, BodyModel, Bone, Cone, FreeAxis, Joint
 from cl import InputError, MissingFileError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
-from psfs.common.toml import read_toml
+from psfs.common.toml import parse_toml, read_toml
 
 #: The bodies that are shipped.
 _BODIES = Path(str(resources.files("apf"))) / "body" / "models"
@@ -31,13 +31,22 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     if not path.is_file():
         wanted = f"a TOML file or one of {listed(shipped)}"
         raise MissingFileError(f"{path}: no body model; expected {wanted}")
-    data = read_toml(path)
+    return _checked(read_toml(path), path)
+
+
+def body_from_text(text: str, source: str | Path) -> BodyModel:
+    """Return the body that `body_text` wrote. Raises InputError naming its `source` and the entry
+    that is wrong."""
+    return _checked(parse_toml(text, source), source)
+
+
+def _checked(data: dict[str, Any], source: str | Path) -> BodyModel:
     try:
         return _parse(data)
     except KeyError as error:
-        raise InputError(f"{path}: an entry lacks the key {error}") from None
+        raise InputError(f"{source}: an entry lacks the key {error}") from None
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{source}: {error}") from None
 
 
 def _parse(data: dict[str, Any]) -> BodyModel:
@@ -171,6 +180,12 @@ def _index(names: Sequence[str], name: str, what: str) -> int:
 
 def save_body(path: str | Path, body: BodyModel) -> None:
     """Write `body` as a TOML file that `load_body` reads back."""
+    with written_whole(path) as temporary:
+        temporary.write_text(body_text(body))
+
+
+def body_text(body: BodyModel) -> str:
+    """Return `body` as TOML, for `body_from_text`."""
     cone_names, joint_names = body.cone_names, body.joint_names
     bone_names = [bone.name for bone in body.bones]
     data = {
@@ -209,8 +224,7 @@ def save_body(path: str | Path, body: BodyModel) -> None:
             for joint in body.joints
         ],
     }
-    with written_whole(path) as temporary:
-        temporary.write_text(tomli_w.dumps(data))
+    return tomli_w.dumps(data)
 
 
 def _axis_entry(body: BodyModel, axis: FreeAxis) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from apf.body import load_body
@@ -33,7 +34,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "(default: the whole sequence)",
     )
     parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
+        "--body", type=Path, metavar="B", help="body model (default: that of the track)"
     )
 
 
@@ -43,12 +44,13 @@ def run(args: argparse.Namespace) -> None:
     if args.output.resolve() == folder.resolve():
         raise InputError(f"{args.output}: holds the track to be smoothed; expected another folder")
     track = Track.open(args.track)
-    body = load_body(args.body or folder / "body.toml")
     try:
-        track = smoothed(track, body, config)
+        if args.body is not None:
+            track = replace(track, body=load_body(args.body))
+        track = smoothed(track, config)
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
-    write_files(args.output, track, body)
+    write_files(args.output, track, track.its_body)
     lost = int(track.lost.sum())
     note = f"; {lost} lost frames left as they were" if lost else ""
     stdout.print(f"{len(track)} frames smoothed: {args.output}{note}", soft_wrap=True)

@@ -171,4 +171,5 @@ def track_of(
         edges=np.array(body.edges),
         diagnostics=diagnostics,
         provenance=json.dumps(provenance),
+        body=body,
     )

@@ -1,4 +1,4 @@
-"""Smoothing a track in time, after it was tracked.
+"""Smoothing a track in time, after it was tracked, and holding the feet that stand.
 
 Every degree of freedom is a point that moves at a velocity which changes by white noise (an
 integrated Wiener process), seen with the deviation that the tracker stated: a Kalman filter
@@ -8,12 +8,13 @@ forward and the smoother of Rauch, Tung & Striebel (1965) backward.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
+from apf.tracking.foot_contact import ContactConfig, feet, held, stances, standing
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.ranges import check_range
@@ -31,6 +32,10 @@ class SmoothingConfig:
     min_deviation: float = 0.1
     """Stated deviations below this share of their median are taken for it: none is certain."""
 
+    contact: ContactConfig | None = field(default_factory=ContactConfig)
+    """When feet stand, which then do not slide; None to leave them alone. A fixed lag cannot hold
+    them: it does not know yet how long they will stand."""
+
     def __post_init__(self) -> None:
         check_range("the cutoff, Hz,", self.cutoff, 0)
         check_range("the least deviation", self.min_deviation, 0)
@@ -38,34 +43,56 @@ class SmoothingConfig:
             check_range("the lag, frames,", self.lag, 0, ends=True)
 
 
-def smoothed(track: Track, body: BodyModel, config: SmoothingConfig | None = None) -> Track:
-    """Return `track` with smooth poses within the limits of `body` and the joints that follow.
+def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:
+    """Return `track` with smooth poses within the limits of its body, the joints that follow, and
+    the frames in which feet stand and are held (`Track.standing`).
 
     Lost frames stay as they are, flagged, and nothing is smoothed across them. The stated
     deviation of each angle says how much a frame counts against its neighbours. Raises InputError
-    if the track is smoothed already or of another body.
+    if the track is smoothed already or does not hold its body.
     """
     config = config or SmoothingConfig()
     if track.smoothing is not None:
         raise InputError("the track is smoothed already; expected one as it was tracked")
-    if track.dof_names != body.dof_names or list(track.joint_names) != body.joint_names:
-        raise InputError(f"the body {body.name} is not the one that was tracked")
+    body, times = track.its_body, track.times
     deviation = track.diagnostics.get("deviation", np.ones_like(track.poses))
     relative = deviation / np.maximum(np.median(deviation, axis=0), 1e-12) if len(track) else 1.0
     variance = np.maximum(relative, config.min_deviation) ** 2
     poses = unwrapped(track.poses, body)
     for part in unbroken_parts(track):
-        poses[part] = smoothed_series(poses[part], variance[part], track.times[part], config)
+        poses[part] = smoothed_series(poses[part], variance[part], times[part], config)
     poses = np.where(track.lost[:, None], track.poses, np.clip(poses, body.lower, body.upper))
+    diagnostics = dict(track.diagnostics)
+    if config.lag is None and config.contact is not None:
+        poses, diagnostics["standing"] = _with_feet_held(track, poses, config.contact)
     provenance = json.loads(track.provenance)
     provenance["smoothing"] = {
         "mode": "whole sequence" if config.lag is None else "fixed lag",
         "lag_frames": config.lag,
         "cutoff_hz": config.cutoff,
+        "feet": "held" if "standing" in diagnostics else "free",
     }
     return replace(
-        track, poses=poses, joints=posed_joints(body, poses), provenance=json.dumps(provenance)
+        track,
+        poses=poses,
+        joints=posed_joints(body, poses),
+        diagnostics=diagnostics,
+        provenance=json.dumps(provenance),
     )
+
+
+def _with_feet_held(
+    track: Track, poses: np.ndarray, config: ContactConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return smooth `poses` (F, D) with the feet held that stand, and which do: (F, 2) bool."""
+    body, times = track.its_body, track.times
+    if not feet(body):
+        return poses, track.standing
+    ankles = posed_joints(body, poses)[:, feet(body)]
+    stands = standing(np.where(track.lost[:, None, None], np.nan, ankles), times, config)
+    for part in unbroken_parts(track):
+        poses[part] = held(body, poses[part], times[part], stands[part], config)
+    return poses, stands
 
 
 def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
@@ -78,8 +105,7 @@ def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
 
 def unbroken_parts(track: Track) -> list[slice]:
     """Return the longest runs of frames without a lost one."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[1], track.lost.astype(int), [1]])))
-    return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
+    return stances(~track.lost)
 
 
 def smoothed_series(

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from apf.body import BodyModel, load_body
+from apf.body.toml import body_from_text, body_text
 from apf.formats import WRITERS, JointSeries
 from cl import InputError
 from psfs.cameras.names import listed
@@ -30,14 +32,16 @@ class Track:
     diagnostics: arrays (F, ...) by name, see below.
     provenance: JSON text of what made it: sequence (path), device, version, grid (origin m,
     voxel_size m, shape) where voxels were used, method, objective, filter and the settings of other
-    parts; smoothing, where it was smoothed. Raises InputError where shapes disagree.
+    parts; smoothing, where it was smoothed. body: the model that was tracked, in the person's size;
+    None where an older file does not hold it. Raises InputError where shapes disagree.
 
-    A `track.npz` has a key for each field by its name, and `diagnostic_<name>` for each of the
-    diagnostics: ess, beta, best_log_weight (F, n_layers) effective sample size, annealing exponent
-    and log weight of the best particle at exponent 1; deviation (F, D) of the particles, rad or m;
-    misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and covariance (F, J, 3, 3) as
-    below; restart (F,) 0 where the person was tracked, 1 and 2 where he was found again around the
-    last good pose and by a search everywhere.
+    A `track.npz` has a key for each field by its name, the body as TOML, and `diagnostic_<name>`
+    for each of the diagnostics: ess, beta, best_log_weight (F, n_layers) effective sample size,
+    annealing exponent and log weight of the best particle at exponent 1; deviation (F, D) of the
+    particles, rad or m; misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and
+    covariance (F, J, 3, 3) as below; restart (F,) 0 where the person was tracked, 1 and 2 where he
+    was found again around the last good pose and by a search everywhere; standing (F, 2) as below,
+    of smoothed tracks.
     """
 
     body_name: str
@@ -50,6 +54,7 @@ class Track:
     edges: np.ndarray
     diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
     provenance: str = "{}"
+    body: BodyModel | None = None
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
@@ -81,6 +86,11 @@ class Track:
             raise InputError(f"edges name joints outside 0..{n_joints - 1}")
         if not np.isfinite(self.fps) or self.fps <= 0:
             raise InputError(f"fps is {self.fps:g}; expected a positive number")
+        if self.body is not None and not (
+            self.body.dof_names == self.dof_names
+            and tuple(self.body.joint_names) == self.joint_names
+        ):
+            raise InputError(f"the body {self.body.name} is not the one that was tracked")
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -113,6 +123,22 @@ class Track:
 
     def _diagnostic(self, name: str, default: np.ndarray) -> np.ndarray:
         return self.diagnostics.get(name, default)
+
+    @property
+    def standing(self) -> np.ndarray:
+        """(F, 2) bool, whether the left and the right foot stand on the floor; known of smoothed
+        tracks only, else nowhere."""
+        return self._diagnostic("standing", np.zeros((len(self), 2), bool)).astype(bool)
+
+    @property
+    def its_body(self) -> BodyModel:
+        """The body that was tracked. Raises InputError where the track does not hold it."""
+        if self.body is None:
+            raise InputError(
+                f"the track of {self.body_name} does not hold its body; expected body.toml beside "
+                "track.npz, as `apf track` writes it"
+            )
+        return self.body
 
     @property
     def smoothing(self) -> dict[str, Any] | None:
@@ -155,6 +181,8 @@ class Track:
             "edges": self.edges,
             "provenance": self.provenance,
         }
+        if self.body is not None:
+            arrays["body"] = body_text(self.body)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with written_whole(path) as temporary:
             np.savez_compressed(temporary, **arrays)
@@ -163,7 +191,8 @@ class Track:
     def open(cls, path: str | Path) -> Track:
         """Return the track of an npz that `save` wrote, or of the folder that holds `track.npz`.
 
-        Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
+        The body of a file that does not hold it is that of `body.toml` beside it, where there is
+        one. Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
         """
         path = Path(path)
         path = path / "track.npz" if path.is_dir() else path
@@ -175,6 +204,11 @@ class Track:
         }
         fields = {key: data[key] for key in _KEYS}
         fields |= {key: str(data[key]) for key in ("body_name", "provenance")}
+        beside = path.with_name("body.toml")
+        if "body" in data:
+            fields["body"] = body_from_text(str(data["body"]), path)
+        elif beside.is_file():
+            fields["body"] = load_body(beside)
         try:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:

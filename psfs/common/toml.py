@@ -19,10 +19,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the contents of a TOML file. Raises InputError if it is malformed, MissingFileError
     if it is absent."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(path.read_text(encoding="utf-8"), path)
     except OSError as error:
         raise unreadable(path, error) from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+
+
+def parse_toml(text: str, source: str | Path) -> dict[str, Any]:
+    """Return the contents of `text`. Raises InputError naming its `source` if it is malformed."""
+    try:
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: malformed TOML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{source}: malformed TOML: {' '.join(str(error).split())}") from None

@@ -35,6 +35,7 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
         edges=np.array(body.edges),
         diagnostics={"ess": 100 * layers, "best_log_weight": -layers},
         provenance='{"seed": 7}',
+        body=body,
     )
 
 

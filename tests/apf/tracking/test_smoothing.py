@@ -34,9 +34,9 @@ def distance(a: Track, b: Track) -> float:
 def test_jitter_goes_and_motion_stays() -> None:
     true, noisy = jittery()
     noisy = replace(noisy, joints=posed_joints(BODY, noisy.poses))
-    whole = smoothed(noisy, BODY, CUTOFF)
-    lagging = smoothed(noisy, BODY, SmoothingConfig(6.0, lag=6))
-    blind = smoothed(noisy, BODY, SmoothingConfig(6.0, lag=0))
+    whole = smoothed(noisy, CUTOFF)
+    lagging = smoothed(noisy, SmoothingConfig(6.0, lag=6))
+    blind = smoothed(noisy, SmoothingConfig(6.0, lag=0))
     before = distance(noisy, true)
     assert before > 0.02
     assert distance(whole, true) < 0.55 * before
@@ -70,7 +70,7 @@ def test_uncertain_frames_count_less() -> None:
     deviation[60, 0] = 20
     track = replace(track, poses=outliers, diagnostics={"deviation": deviation})
     trusted = replace(track, diagnostics={})
-    errors = [abs(smoothed(t, BODY).poses[60, 0] - true.poses[60, 0]) for t in (track, trusted)]
+    errors = [abs(smoothed(t).poses[60, 0] - true.poses[60, 0]) for t in (track, trusted)]
     assert errors[0] < 0.03 < 0.1 < errors[1]
 
 
@@ -81,7 +81,7 @@ def test_turning_round_and_round() -> None:
     poses[:, heading] = np.linspace(0, 4 * np.pi, 200)
     wrapped = poses.copy()
     wrapped[:, heading] = (poses[:, heading] + np.pi) % (2 * np.pi) - np.pi
-    found = smoothed(replace(track, poses=wrapped), BODY)
+    found = smoothed(replace(track, poses=wrapped))
     np.testing.assert_allclose(found.poses[:, heading], poses[:, heading], atol=0.03)
 
 
@@ -91,21 +91,21 @@ def test_lost_frames_stay_as_they_are() -> None:
     lost[50:60] = lost[0] = True
     track = replace(track, diagnostics={"lost": lost})
     assert unbroken_parts(track) == [slice(1, 50), slice(60, 120)]
-    found = smoothed(track, BODY)
+    found = smoothed(track)
     np.testing.assert_array_equal(found.lost, lost)
     np.testing.assert_array_equal(found.poses[lost], track.poses[lost])
     assert np.abs(found.poses[~lost] - track.poses[~lost]).max() > 0.01
     # What lies on one side of the gap does not reach the other.
     moved = track.poses.copy()
     moved[:50] += 1.0
-    again = smoothed(replace(track, poses=np.clip(moved, BODY.lower, BODY.upper)), BODY)
+    again = smoothed(replace(track, poses=np.clip(moved, BODY.lower, BODY.upper)))
     np.testing.assert_array_equal(again.poses[60:], found.poses[60:])
 
 
 @pytest.mark.parametrize("frames", [0, 1, 2])
 def test_short_tracks(frames: int) -> None:
     track = tracks.walker(frames)
-    np.testing.assert_allclose(smoothed(track, BODY).joints, track.joints, atol=1e-12)
+    np.testing.assert_allclose(smoothed(track).joints, track.joints, atol=1e-12)
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -116,19 +116,24 @@ def test_the_command(tmp_path: Path) -> None:
     names = {path.name for path in (tmp_path / "b").iterdir()}
     assert names == {"track.npz", "joints.trc", "joints.csv", "body.toml"}
     found = Track.open(tmp_path / "b")
-    assert found.smoothing == {"mode": "fixed lag", "lag_frames": 4, "cutoff_hz": 6.0}
+    assert found.smoothing == {
+        "mode": "fixed lag",
+        "lag_frames": 4,
+        "cutoff_hz": 6.0,
+        "feet": "free",
+    }
     assert Track.open(tmp_path / "a").smoothing is None
     np.testing.assert_allclose(
-        found.poses, smoothed(track, BODY, SmoothingConfig(lag=4)).poses, atol=1e-9
+        found.poses, smoothed(track, SmoothingConfig(lag=4)).poses, atol=1e-9
     )
 
 
 def test_what_cannot_be_smoothed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     _, track = jittery()
     with pytest.raises(InputError, match="already"):
-        smoothed(smoothed(track, BODY), BODY)
-    with pytest.raises(InputError, match="not the one"):
-        smoothed(replace(track, dof_names=track.dof_names[::-1]), BODY)
+        smoothed(smoothed(track))
+    with pytest.raises(InputError, match="does not hold its body"):
+        smoothed(replace(track, body=None))
     track.save(tmp_path / "a" / "track.npz")
     save_body(tmp_path / "a" / "body.toml", BODY)
     folder, out = str(tmp_path / "a"), str(tmp_path / "b")

@@ -1,0 +1,201 @@
+"""Feet that stand: when they do, and poses in which they then do not slide.
+
+A foot stands while its ankle is low and slow: the bodies' feet do not bend against the calves, so
+that their heels and toes say nothing more. It is held where its median was, by turning the leg;
+before and after, the correction fades (Kovar, Schreiner & Gleicher 2002, "Footskate cleanup for
+motion capture editing").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.body.stature import ANKLES
+from psfs.common.ranges import check_range
+
+#: Gauss-Newton steps; the longest, rad or m, for a straight knee hardly changes the leg's length;
+#: the step of their derivatives.
+_STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
+#: m, within which a foot is held, along the floor and in height.
+_TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
+
+
+@dataclass(frozen=True)
+class ContactConfig:
+    """When a foot stands, by its ankle's speed and its height over the lowest ones. It starts and
+    stops at different values, lest it flicker. Raises InputError where a value makes no sense."""
+
+    start_speed: float = 0.45
+    """m/s along the floor, a foot slower than this may begin to stand. Chosen with `stop_speed` on
+    synth_walk_8cam and synth_walk_4cam, where true feet stand below 0.3 and swing at up to 4."""
+    stop_speed: float = 0.5
+    """m/s, a foot faster than this stands no longer: its heel is off the floor."""
+    start_height: float = 0.04
+    """m over the level at which the lower foot's ankle usually is."""
+    stop_height: float = 0.06
+    """m over that level."""
+    window: float = 0.1
+    """s, over which the speed is taken."""
+    shortest: float = 0.1
+    """s, what is shorter is no stance, and between two stances no swing; a sixth of usual ones."""
+    fade: float = 0.12
+    """s, over which the correction of a held foot fades before and after."""
+
+    def __post_init__(self) -> None:
+        check_range("the speed at which a foot begins to stand, m/s,", self.start_speed, 0)
+        check_range("the speed at which it stops, m/s,", self.stop_speed, self.start_speed)
+        check_range("the height at which a foot begins to stand, m,", self.start_height, 0)
+        check_range("the height at which it stops, m,", self.stop_height, self.start_height)
+        check_range("the shortest stance, s,", self.shortest, 0, ends=True)
+        check_range("the fading, s,", self.fade, 0)
+
+
+def feet(body: BodyModel) -> list[int]:
+    """Return the numbers of the left and the right ankle among the joints of `body`; none where it
+    lacks one."""
+    names = body.joint_names
+    return [names.index(name) for name in ANKLES] if set(ANKLES) <= set(names) else []
+
+
+def stances(mask: np.ndarray) -> list[slice]:
+    """Return the longest runs of frames in which `mask` (F,) holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2)]
+
+
+def standing(
+    ankles: np.ndarray, times: np.ndarray, config: ContactConfig | None = None
+) -> np.ndarray:
+    """Return (F, K) bool: whether each of the feet stands, of smooth `ankles` (F, K, 3) m, NaN
+    where unknown, at `times` (F,) s."""
+    config = config or ContactConfig()
+    n_feet = ankles.shape[1]
+    found: np.ndarray = np.zeros((len(ankles), n_feet), bool)
+    known = np.isfinite(ankles).all(axis=(1, 2))
+    if known.sum() < 2 or not n_feet:
+        return found
+    speed: np.ndarray = np.full((len(ankles), n_feet), np.inf)
+    for part in stances(known):
+        speed[part] = _speed(ankles[part, :, :2], times[part], config.window)
+    height = ankles[..., 2] - np.percentile(ankles[known, :, 2].min(axis=1), 10)
+    start = (speed < config.start_speed) & (height < config.start_height)
+    go_on = (speed < config.stop_speed) & (height < config.stop_height)
+    for foot in range(n_feet):
+        for gap in stances(~go_on[:, foot] & known):
+            inside = gap.start > 0 and gap.stop < len(times) and known[gap.start - 1 : gap.stop + 1]
+            if np.all(inside) and times[gap.stop] - times[gap.start] < config.shortest:
+                go_on[gap, foot] = True
+        for run in stances(go_on[:, foot]):
+            begins = np.flatnonzero(start[run, foot])
+            lasts = times[run.stop - 1] - times[run.start]
+            if len(begins) and lasts >= config.shortest:
+                found[run.start + begins[0] : run.stop, foot] = True
+    return found
+
+
+def _speed(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
+    """Return (F, K) m/s, the speed of points (F, K, A) over `window` s around each frame."""
+    last = np.searchsorted(times, times + 0.5 * window + 1e-9, side="right") - 1
+    first = np.searchsorted(times, times - 0.5 * window - 1e-9)
+    first, last = np.minimum(first, len(times) - 2), np.maximum(last, 1)
+    first, last = np.maximum(np.minimum(first, last - 1), 0), np.minimum(last, len(times) - 1)
+    seconds = np.maximum(times[last] - times[first], 1e-9)[:, None]
+    return np.linalg.norm(points[last] - points[first], axis=-1) / seconds
+
+
+def held(
+    body: BodyModel,
+    poses: np.ndarray,
+    times: np.ndarray,
+    stands: np.ndarray,
+    config: ContactConfig | None = None,
+) -> np.ndarray:
+    """Return `poses` (F, D), smooth ones at `times` (F,) s without gaps, changed so that the feet
+    stay at one place of the floor while they stand: `stands` (F, K), see `feet`. Heights are left
+    alone: a heel rises before its foot leaves."""
+    config = config or ContactConfig()
+    if not stands.any():
+        return poses
+    ankles = feet(body)
+    offsets = _corrections(posed_joints(body, poses)[:, ankles], times, stands, config)
+    targets = posed_joints(body, poses)[:, ankles] + offsets
+    moved = np.abs(offsets).max((1, 2)) > 0
+    out = poses.copy()
+    out[moved] = _reaching(body, poses[moved], ankles, targets[moved])
+    return out
+
+
+def _corrections(
+    ankles: np.ndarray, times: np.ndarray, stands: np.ndarray, config: ContactConfig
+) -> np.ndarray:
+    """Return (F, K, 3) m, by how much the feet must move along the floor: to their median while
+    they stand, less and less before and after."""
+    offsets = np.zeros_like(ankles)
+    for foot in range(ankles.shape[1]):
+        for stance in stances(stands[:, foot]):
+            place = ankles[stance, foot]
+            offsets[stance, foot, :2] = (np.median(place, 0) - place)[:, :2]
+            for edge, frames in (
+                (stance.start, range(stance.start - 1, -1, -1)),
+                (stance.stop - 1, range(stance.stop, len(times))),
+            ):
+                for frame in frames:
+                    share = 1 - abs(times[frame] - times[edge]) / config.fade
+                    if share <= 0 or stands[frame, foot]:
+                        break
+                    smooth = share * share * (3 - 2 * share)
+                    offsets[frame, foot] += smooth * offsets[edge, foot]
+    return offsets
+
+
+def _reaching(
+    body: BodyModel, poses: np.ndarray, ankles: list[int], targets: np.ndarray
+) -> np.ndarray:
+    """Return poses (F, D) whose ankles are at `targets` (F, K, 3) m: regularised Gauss-Newton over
+    the legs' angles and, less willingly, the body's place."""
+    dofs, freedom = _leg_dofs(body, ankles)
+    lower, upper = body.lower[dofs], body.upper[dofs]
+    steps = np.zeros((len(dofs), body.n_dof))
+    steps[np.arange(len(dofs)), dofs] = _DELTA
+    found, n = poses.copy(), len(poses)
+    for _ in range(_STEPS):
+        here = posed_joints(body, found)[:, ankles]
+        moved = [posed_joints(body, found + step)[:, ankles] - here for step in steps]
+        slopes = np.stack(moved, -1) / _DELTA / _TOLERANCE[:, None] * freedom
+        missing = (targets - here) / _TOLERANCE
+        rows, missing = slopes.reshape(n, -1, len(dofs)), missing.reshape(n, -1)
+        away = (poses - found)[:, dofs] / freedom
+        ahead = found[:, dofs] + freedom * _least_change(rows, missing, away)
+        # What would leave its limits stays where it is, and the others go on without it.
+        inside = (ahead > lower) & (ahead < upper)
+        change = freedom * inside * _least_change(rows * inside[:, None], missing, away * inside)
+        found[:, dofs] += np.clip(change, -_LONGEST, _LONGEST)
+        found[:, dofs] = np.clip(found[:, dofs], lower, upper)
+    return found
+
+
+def _least_change(rows: np.ndarray, missing: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Return x (F, N) that minimises |rows x - missing|^2 + |x - away|^2, rows (F, M, N)."""
+    turned = rows.transpose(0, 2, 1)
+    normal = turned @ rows + np.eye(rows.shape[-1])
+    return np.linalg.solve(normal, turned @ missing[:, :, None] + away[:, :, None])[:, :, 0]
+
+
+def _leg_dofs(body: BodyModel, ankles: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the degrees of freedom (N,) that put the ankles where they are, and how freely each
+    may change, rad or m: in the proportion of the body's sigmas, its root ten times less."""
+    freedom: dict[int, float] = {}
+    for ankle in ankles:
+        bone = body.joints[ankle].bone
+        while bone >= 0:
+            parent = body.bones[bone].parent
+            share = 1.0 if parent >= 0 else 0.1
+            for axis in body.bones[bone].axes:
+                if parent >= 0 or axis.kind[0] == "t":
+                    freedom[axis.dof] = share * max(float(body.sigma[axis.dof]), 1e-6)
+            bone = parent
+    return np.array(list(freedom)), np.array(list(freedom.values()))

@@ -1,0 +1,168 @@
+"""Events and parameters of a walk: which foot lands and leaves when, steps, cadence, speed.
+
+Zeni, Richards & Higginson 2008, "Two simple methods for determining gait events during treadmill
+and overground walking using kinematic data": a foot lands where it is farthest before the pelvis,
+in the direction of progress, and leaves where it is farthest behind it. Joints are those of a
+smoothed track; of shipped bodies the ankles stand for heels and toes, for their feet do not bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from apf.body.stature import ANKLES, HIPS
+from apf.tracking.smoothing import unbroken_parts
+from apf.tracking.track import Track
+from psfs.common.ranges import check_range
+
+
+@dataclass(frozen=True)
+class GaitConfig:
+    """What counts as walking. Raises InputError where a value makes no sense."""
+
+    speed: float = 0.3
+    """m/s, the pelvis of somebody who walks is at least this fast; old people's slow walk is
+    about 0.6."""
+    swing: float = 0.15
+    """m, by which a foot comes nearer and falls back, against the pelvis, in every stride."""
+    window: float = 0.5
+    """s, over which direction and speed of the pelvis are taken: about a step."""
+
+    def __post_init__(self) -> None:
+        check_range("the least speed of a walk, m/s,", self.speed, 0)
+        check_range("the least swing of a foot, m,", self.swing, 0)
+        check_range("the time over which the direction is taken, s,", self.window, 0)
+
+
+@dataclass(frozen=True)
+class GaitEvent:
+    """A foot lands (`strike`) or leaves (`off`).
+
+    side: left or right. frame: of the sequence, and its time, s. length: of a landing, m from where
+    the other foot stands to where this one will stand, along the pelvis's way from over the one to
+    over the other; None of the first.
+    """
+
+    kind: str
+    side: str
+    frame: int
+    time: float
+    length: float | None = None
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A walk. events: in order. n_steps: landings but the first. cadence: steps/min. step_length:
+    m, mean over the steps. speed: m/s of the pelvis from the first landing to the last."""
+
+    events: tuple[GaitEvent, ...]
+    n_steps: int
+    cadence: float
+    step_length: float
+    speed: float
+
+    def described(self) -> dict[str, Any]:
+        """Return all of it as plain values with units in their names, for JSON."""
+        return {
+            "n_steps": self.n_steps,
+            "cadence_steps_per_min": round(self.cadence, 2),
+            "step_length_m": round(self.step_length, 4),
+            "speed_m_s": round(self.speed, 4),
+            "events": [
+                {
+                    "kind": event.kind,
+                    "side": event.side,
+                    "frame": event.frame,
+                    "time_s": round(event.time, 4),
+                    "step_length_m": None if event.length is None else round(event.length, 4),
+                }
+                for event in self.events
+            ],
+        }
+
+
+def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
+    """Return the longest walk in `track`, which should be smoothed; None where nobody walks two
+    steps, or the body has no pelvis or ankles."""
+    config = config or GaitConfig()
+    names = list(track.joint_names)
+    if not {HIPS, *ANKLES} <= set(names):
+        return None
+    points = track.joints[:, [names.index(name) for name in (HIPS, *ANKLES)]]
+    walks = [_walk(track, part, points[part], config) for part in unbroken_parts(track)]
+    return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
+
+
+def _walk(track: Track, part: slice, points: np.ndarray, config: GaitConfig) -> Gait | None:
+    """The walk in frames without a gap: points (F, 3, 3) m of pelvis, left and right ankle."""
+    times, pelvis = track.times[part], points[:, 0, :2]
+    if len(times) < 3:
+        return None
+    velocity = _velocity(pelvis, times, config.window)
+    speed = np.linalg.norm(velocity, axis=1)
+    walking = speed > config.speed
+    ahead = velocity / np.maximum(speed, 1e-9)[:, None]
+    reach = np.einsum("fka,fa->fk", points[:, 1:, :2] - pelvis[:, None], ahead)
+    found = [
+        (int(row), kind, foot)
+        for foot in range(2)
+        for kind, sign in (("strike", 1.0), ("off", -1.0))
+        for row in find_peaks(sign * reach[:, foot], prominence=config.swing)[0]
+        if walking[row]
+    ]
+    strikes = sorted((row, foot) for row, kind, foot in found if kind == "strike")
+    if len(strikes) < 3:  # two steps
+        return None
+    lengths = _step_lengths(strikes, points, reach)
+    frames = track.frames[part]
+    events = [
+        GaitEvent(
+            kind,
+            ("left", "right")[foot],
+            int(frames[row]),
+            float(times[row]),
+            lengths.get((row, foot)) if kind == "strike" else None,
+        )
+        for row, kind, foot in sorted(found)
+    ]
+    first, last = strikes[0][0], strikes[-1][0]
+    path = np.linalg.norm(np.diff(pelvis[first : last + 1], axis=0), axis=1).sum()
+    seconds = float(times[last] - times[first])
+    return Gait(
+        events=tuple(events),
+        n_steps=len(strikes) - 1,
+        cadence=60 * (len(strikes) - 1) / seconds,
+        step_length=float(np.mean(list(lengths.values()))),
+        speed=float(path) / seconds,
+    )
+
+
+def _step_lengths(
+    strikes: list[tuple[int, int]], points: np.ndarray, reach: np.ndarray
+) -> dict[tuple[int, int], float]:
+    """Return the step's length, m, of every landing but the first, (row, foot). A foot stands where
+    its ankle is when the pelvis passes over it; where it lands, if the walk ends before."""
+    pelvis, places = [], []
+    for row, foot in strikes:
+        passed = np.flatnonzero(reach[row:, foot] <= 0)
+        over = row + int(passed[0]) if len(passed) else row
+        pelvis.append(points[over, 0, :2])
+        places.append(points[over, 1 + foot, :2])
+    ways, steps = np.diff(pelvis, axis=0), np.diff(places, axis=0)
+    lengths = np.sum(ways * steps, 1) / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)
+    return dict(zip(strikes[1:], lengths.tolist(), strict=True))
+
+
+def _velocity(points: np.ndarray, times: np.ndarray, window: float) -> np.ndarray:
+    """Return (F, 2) m/s, the mean velocity of points (F, 2) over `window` s around each frame."""
+    before = np.clip(times - 0.5 * window, times[0], None)
+    after = np.clip(times + 0.5 * window, None, times[-1])
+    moved = [
+        np.interp(after, times, points[:, axis]) - np.interp(before, times, points[:, axis])
+        for axis in range(2)
+    ]
+    return np.stack(moved, -1) / (after - before)[:, None]

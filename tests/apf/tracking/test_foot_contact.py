@@ -1,0 +1,109 @@
+"""Feet that stand: found, and held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.striders import SONG, Stride, strider, track_of_poses
+
+from apf.body import load_body
+from apf.tracking.foot_contact import ContactConfig, feet, stances, standing
+from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.track import Track
+from cl import InputError
+
+ANKLES = feet(SONG)
+
+
+def travel(track: Track, stands: np.ndarray) -> float:
+    """The farthest, m, that any foot gets along the floor while it stands, but for the frames in
+    which it lands or leaves."""
+    found = [0.0]
+    for foot, ankle in enumerate(ANKLES):
+        for stance in stances(stands[:, foot]):
+            places = track.joints[stance.start + 3 : stance.stop - 3, ankle, :2]
+            if len(places):
+                found.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())
+    return float(max(found))
+
+
+def test_the_helper_stands_still() -> None:
+    assert travel(strider(), Stride().stands(150)) < 1e-9
+
+
+@pytest.mark.parametrize("fps", [30.0, 60.0, 120.0])
+def test_stances_are_found(fps: float) -> None:
+    stride = Stride(fps=fps)
+    track = strider(int(2.5 * fps), stride)
+    found, true = standing(track.joints[:, ANKLES], track.times), stride.stands(len(track))
+    assert (found == true).mean() > 0.9
+    assert len(stances(found[:, 0])) == len(stances(true[:, 0]))
+    late = [f.start - t.start for f, t in zip(*(stances(s[:, 1]) for s in (found, true)))]  # noqa: B905
+    assert np.abs(late).max() <= 0.07 * fps
+
+
+def test_standing_feet_do_not_slide_and_the_rest_stays() -> None:
+    noisy, true = strider(noise=0.03), strider()
+    stands = Stride().stands(len(true))
+    free = smoothed(noisy, SmoothingConfig(contact=None))
+    held = smoothed(noisy)
+    assert travel(noisy, stands) > 0.05 and travel(free, stands) > 0.02
+    assert travel(held, stands) < 0.01
+    errors = [np.linalg.norm(t.joints - true.joints, axis=-1).mean() for t in (noisy, free, held)]
+    assert errors[2] <= 1.02 * errors[1] < errors[0]
+    # Nothing jumps where a foot begins to be held.
+    jerk = [np.linalg.norm(np.diff(t.joints[:, ANKLES], 2, axis=0), axis=-1) for t in (free, held)]
+    assert jerk[1].max() < jerk[0].max() + 0.005 and jerk[1].mean() < 1.05 * jerk[0].mean()
+    assert np.all(held.poses >= SONG.lower) and np.all(held.poses <= SONG.upper)
+    assert held.standing.any() and not free.standing.any()
+    assert held.smoothing is not None and held.smoothing["feet"] == "held"
+
+
+def test_a_straight_leg_that_is_too_short_stays_within_its_limits() -> None:
+    track = strider(noise=0.02)
+    poses = track.poses.copy()
+    poses[:, SONG.dof_names.index("pelvis.tz")] += 0.06
+    held = smoothed(track_of_poses(SONG, poses))
+    assert np.isfinite(held.poses).all() and np.all(held.poses >= SONG.lower)
+    assert np.linalg.norm(held.joints - posed(poses), axis=-1).max() < 0.12
+
+
+def posed(poses: np.ndarray) -> np.ndarray:
+    return track_of_poses(SONG, poses).joints
+
+
+def test_lifted_feet_and_gaps() -> None:
+    still = np.zeros((60, 2, 3))
+    still[:, 0, 2], still[:, 1, 2] = 0.08, 0.3
+    times = np.arange(60) / 60
+    found = standing(still, times)
+    assert found[:, 0].all() and not found[:, 1].any()  # a foot in the air does not stand
+    still[20:30] = np.nan
+    found = standing(still, times)
+    assert stances(found[:, 0]) == [slice(0, 20), slice(30, 60)]
+    assert not standing(np.full((5, 2, 3), np.nan), np.arange(5.0)).any()
+    assert standing(np.zeros((1, 2, 3)), np.zeros(1)).shape == (1, 2)
+
+
+def test_lost_frames_are_neither_standing_nor_changed() -> None:
+    noisy = strider(noise=0.03)
+    lost = np.zeros(len(noisy), bool)
+    lost[40:50] = True
+    held = smoothed(replace(noisy, diagnostics={"lost": lost}))
+    assert not held.standing[lost].any()
+    np.testing.assert_array_equal(held.poses[lost], noisy.poses[lost])
+
+
+def test_bodies_without_feet() -> None:
+    body = load_body("rymut31_upper")
+    track = track_of_poses(body, np.tile(body.rest_pose, (20, 1)))
+    held = smoothed(track)
+    assert not feet(body) and held.standing.shape == (20, 2) and not held.standing.any()
+
+
+def test_settings_that_make_no_sense() -> None:
+    for wrong in ({"start_speed": 0}, {"stop_speed": 0.1}, {"stop_height": 0.01}, {"fade": 0}):
+        with pytest.raises(InputError, match="expected"):
+            ContactConfig(**wrong)

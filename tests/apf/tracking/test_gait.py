@@ -1,0 +1,92 @@
+"""Events and parameters of walks whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.striders import STANCE, Stride, strider, track_of_poses
+
+from apf.body import load_body
+from apf.synthetic.gait import Gait as SyntheticGait
+from apf.synthetic.walk import Walk
+from apf.tracking.gait import GaitConfig, gait_of
+from apf.tracking.smoothing import smoothed
+from apf.tracking.track import Track
+from cl import InputError
+
+
+def filmed(walk: Walk, frames: int = 240) -> Track:
+    """A track of the true joints of `apf synth`'s walker, who goes round in a curve."""
+    track = strider(frames)
+    gait = SyntheticGait(walk)
+    joints = gait.skeleton.joints(gait.motion(track.times))
+    columns = [gait.skeleton.joint_names.index(name) for name in track.joint_names]
+    return replace(track, joints=joints[:, columns])
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_synthetic_walker(seed: int) -> None:
+    walk = Walk.varied(seed, 1.6 + 0.1 * seed)
+    gait = gait_of(filmed(walk))
+    assert gait is not None
+    assert gait.n_steps in (6, 7, 8)
+    assert gait.cadence == pytest.approx(120 * walk.speed / walk.stride, rel=0.01)
+    assert gait.step_length == pytest.approx(walk.stride / 2, rel=0.01)
+    assert gait.speed == pytest.approx(walk.speed, rel=0.01)
+    stride = walk.stride / walk.speed  # s
+    for event in gait.events:
+        begun = event.time / stride + walk.start_phase + 0.5 * (event.side == "right")
+        late = (begun - (0.62 if event.kind == "off" else 0) + 0.5) % 1 - 0.5
+        assert abs(late * stride) < 0.05, event
+
+
+def test_a_tracked_body_with_noise() -> None:
+    stride = Stride()
+    gait = gait_of(smoothed(strider(240, stride, noise=0.02)))
+    assert gait is not None
+    assert gait.cadence == pytest.approx(120, rel=0.03)
+    assert gait.step_length == pytest.approx(0.5, rel=0.03)
+    assert gait.speed == pytest.approx(1.0, rel=0.03)
+    strikes = [event for event in gait.events if event.kind == "strike"]
+    assert gait.n_steps == len(strikes) - 1 >= 5
+    assert {a.side != b.side for a, b in pairwise(strikes)} == {True}
+    for event in gait.events:
+        done = event.time * stride.speed / stride.length + 0.5 * (event.side == "right")
+        late = (done - (STANCE if event.kind == "off" else 0) + 0.5) % 1 - 0.5
+        assert abs(late) < 0.08, event
+    plain = json.loads(json.dumps(gait.described()))
+    assert plain["n_steps"] == gait.n_steps and len(plain["events"]) == len(gait.events)
+    assert plain["events"][0]["step_length_m"] is None
+
+
+def test_who_does_not_walk() -> None:
+    assert gait_of(tracks.walker(0)) is None
+    still = strider(60)
+    assert gait_of(track_of_poses(still.its_body, np.tile(still.poses[:1], (60, 1)))) is None
+    assert gait_of(strider(40)) is None  # one step
+    marking_time = replace(still, joints=still.joints - still.joints[:, :1])
+    assert gait_of(marking_time) is None
+    upper = load_body("rymut31_upper")
+    assert gait_of(track_of_poses(upper, np.tile(upper.rest_pose, (60, 1)))) is None
+
+
+def test_no_step_is_counted_across_lost_frames() -> None:
+    track = strider(300)
+    whole = gait_of(track)
+    lost = np.zeros(300, bool)
+    lost[100:110] = True
+    parted = gait_of(replace(track, diagnostics={"lost": lost}))
+    assert whole is not None and parted is not None
+    assert parted.n_steps < whole.n_steps
+    assert all(event.frame >= 110 for event in parted.events)
+
+
+def test_settings_that_make_no_sense() -> None:
+    for wrong in ({"speed": 0}, {"swing": -1}, {"window": 0}):
+        with pytest.raises(InputError, match="expected"):
+            GaitConfig(**wrong)
