@@ -19,7 +19,13 @@ import pyopencl
 from cl.array import Array
 from cl.errors import DeviceError
 from cl.launch import Kernel, Launch
-from cl.listing import DeviceInfo, device_info, list_devices, ranked_devices
+from cl.listing import (
+    DeviceInfo,
+    device_info,
+    list_devices,
+    ranked_devices,
+    where_to_get_opencl,
+)
 from cl.profile import Profile
 from cl.program import Define, build_options, kernel_source
 from cl.signature import signatures
@@ -61,7 +67,9 @@ def select_device(choice: str = "auto", profile: bool = False) -> Device | Numpy
         wanted = choice.lower()
         chosen = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()]
     if not chosen:
-        found = ", ".join(info.name for info in list_devices()) or "none at all"
+        found = ", ".join(info.name for info in list_devices())
+        if not found:
+            raise DeviceError(f"this machine has no OpenCL device: {where_to_get_opencl()}")
         raise DeviceError(f"no OpenCL device matches {choice}; found: {found}")
     return Device(chosen[0], profile=profile)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +50,22 @@ def _opencl_devices() -> list[Any]:
         except pyopencl.Error:
             log.warning("the OpenCL platform %s has no usable device", platform.name)
     return devices
+
+
+def where_to_get_opencl(system: str = sys.platform) -> str:
+    """Return which OpenCL to install on a machine that has none; system: as `sys.platform`."""
+    gpu = "a GPU's OpenCL comes with its driver"
+    if system == "win32":
+        return f"{gpu}; for the CPU install Intel's CPU Runtime for OpenCL Applications"
+    if system == "darwin":
+        return (
+            "install pyopencl with pocl, for the CPU, or ocl_icd_wrapper_apple, for Apple's own, "
+            "from conda-forge"
+        )
+    return (
+        f"{gpu}; for the CPU install pocl-binary-distribution with pip, on other processors than "
+        "x86-64 the system's package pocl-opencl-icd"
+    )
 
 
 def device_info(device: Any) -> DeviceInfo:

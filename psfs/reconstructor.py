@@ -45,9 +45,9 @@ class ReconstructionConfig:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionConfig:
-        """Return the inverse of `to_dict`; raises as `config_of` does."""
-        return config_of(cls, values)
+    def from_dict(cls, values: Mapping[str, Any], where: str = "") -> ReconstructionConfig:
+        """Return the inverse of `to_dict`; arguments and errors as of `config_of`."""
+        return config_of(cls, values, where)
 
 
 class Reconstructor:

@@ -54,7 +54,8 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.tracking.track import spans
 from cl import Device, InputError, UserError, select_device
-from psfs.cli.commandline import add_device_flag, progress_bar, run_command, stderr, stdout
+from psfs.cli.commandline import add_device_flag, add_message_flags, progress_bar, stderr, stdout
+from psfs.cli.program import run_command
 from psfs.sequence import Sequence
 
 _ROOT = Path(__file__).resolve().parent.parent
@@ -127,7 +128,7 @@ def main() -> int:
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
     )
     parser.add_argument("--commit", help="the commit, where there is no git to ask")
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    add_message_flags(parser)
     add_device_flag(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)

@@ -25,7 +25,8 @@ from apf.results.evaluate import LOST_LIMB, evaluate, load_truth
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import CALIBRATION, Calibration, inside
 from cl import InputError
-from psfs.cli.commandline import run_command, stdout
+from psfs.cli.commandline import add_message_flags, stdout
+from psfs.cli.program import run_command
 
 #: Scales that are tried, and the floors' bounds, m: the voxels' resolution at least.
 _SCALES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
@@ -71,7 +72,7 @@ def main() -> int:
     )
     parser.add_argument("tracks", nargs="+", metavar="TRACK=TRUTH")
     parser.add_argument("--held-out", nargs="+", default=[], metavar="TRACK=TRUTH")
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    add_message_flags(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
 

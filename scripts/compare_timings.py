@@ -23,7 +23,8 @@ from timings import (
     whole_timings,
 )
 
-from psfs.cli.commandline import run_command
+from psfs.cli.commandline import add_message_flags
+from psfs.cli.program import run_command
 
 #: One module per subcommand; `all`, which runs the others in this order, comes last.
 SUBCOMMANDS = (
@@ -41,6 +42,8 @@ def main() -> int:
     commands = parser.add_subparsers(required=True, metavar="WHAT")
     for module in SUBCOMMANDS:
         module.register(commands)
+    for command in commands.choices.values():
+        add_message_flags(command)
     return run_command(parser)
 
 

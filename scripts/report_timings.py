@@ -19,7 +19,8 @@ from timings.report.machines import read_machines
 from timings.report.page import write_report
 from timings.report.readme import update_readme
 
-from psfs.cli.commandline import run_command, stdout
+from psfs.cli.commandline import add_message_flags, stdout
+from psfs.cli.program import run_command
 
 _ROOT = Path(__file__).resolve().parent.parent
 _RESULTS = _ROOT / "scripts" / "results"
@@ -30,7 +31,7 @@ def main() -> int:
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=_RESULTS, metavar="OUT")
     parser.add_argument("--readme", action="store_true", help="bring the README up to date")
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    add_message_flags(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
 

@@ -14,7 +14,7 @@ from apf.body import BodyModel
 from apf.formats.trc import CONVENTIONS
 from apf.initialisation import Start, StartError, start_of
 from cl import Device, InputError, NumpyDevice
-from psfs.cli.commandline import warn
+from psfs.cli.commandline import path_or_name, warn
 from psfs.common.ranges import check_range
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
@@ -22,12 +22,14 @@ from psfs.voxels.grid import VoxelGrid
 
 def add_start_flags(parser: argparse.ArgumentParser) -> None:
     """--body, --init, --height, --convention and --voxel-size."""
-    parser.add_argument(
+    group = parser.add_argument_group("start", "who is tracked, and from where")
+    group.add_argument(
         "--body",
+        type=path_or_name,
         metavar="B",
         help="body model: a TOML file or a shipped name (default: song31, or the sequence's own)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--init",
         type=Path,
         metavar="P",
@@ -35,13 +37,13 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
         "joints (npz or TRC) to whose first frame body and pose are fitted "
         "(default: the sequence's own, where it has one; else found in the first voxels)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--height", type=float, metavar="M", help="stature of the person, m, if it is known"
     )
-    parser.add_argument(
+    group.add_argument(
         "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC (default: y-up)"
     )
-    parser.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    group.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
 
 
 def check_height(args: argparse.Namespace) -> None:
@@ -56,13 +58,14 @@ def found_start(
     grid: VoxelGrid,
     selection: slice,
     args: argparse.Namespace,
+    seed: int,
 ) -> tuple[BodyModel, np.ndarray]:
     """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
     template, own_shape = template_of(args.body)
     with naming_init():
         found = start_of(
             device, sequence, grid, template, selection,
-            height=args.height, keep_shape=own_shape, seed=args.seed or 0,
+            height=args.height, keep_shape=own_shape, seed=seed,
         )  # fmt: skip
     warn_of_doubts(sequence, found)
     return found.body, found.pose

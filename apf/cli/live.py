@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from apf.api import given_start
 from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_height, found_start
-from apf.cli.method_flags import add_method_flags, chosen_method
+from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.track import write_files
 from apf.filters.method import Method
 from apf.live.budget import sizes
@@ -35,6 +36,8 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
+from psfs.cli.settings import add_configs, write_settings
+from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.volume import automatic_grid
 from psfs.voxels.bounding_volume import default_voxel_size
@@ -81,6 +84,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "pixels still are no larger than voxels, else 1)",
     )
     add_method_flags(parser)
+    add_configs(parser, live=partial(config_of, LiveConfig))
     add_device_flag(parser)
 
 
@@ -89,9 +93,10 @@ def run(args: argparse.Namespace) -> None:
     _check_ranges(args)
     method = chosen_method(args)
     # Frames are not equally far apart, and `Live` itself expects what moves to move on.
+    config = args.configs.get("live") or LiveConfig()
     noise = method.filter.search.noise
-    if method.uses_voxels and args.noise is None:
-        noise = LiveConfig().noise
+    if method.uses_voxels and args.noise is None and "method" not in args.configs:
+        noise = config.noise
     method = replace(method, filter=method.filter.changed(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
@@ -101,12 +106,23 @@ def run(args: argparse.Namespace) -> None:
         _captures(args, method) if args.captures else _replay(args, method, device)
     )
     sized_by_hand = args.n_particles is not None or args.n_layers is not None
-    searches = [method] if sized_by_hand and args.budget is None else sizes(method)
+    searches = [method] if sized_by_hand and args.budget is None else sizes(method, config.sizes)
     follow = bool(args.captures) and args.volume is None
     scale = args.scale
     if scale is None:
         scale = 1.0 if device.is_gpu or grid is None else fitting_factor(source.rig, grid)
-    live = Live(device, source, grid, body, pose, searches, args.budget, follow=follow, scale=scale)
+    live = Live(
+        device,
+        source,
+        grid,
+        body,
+        pose,
+        searches,
+        args.budget,
+        follow=follow,
+        scale=scale,
+        config=config,
+    )
     status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
     with status as shown:
         result = live.run(lambda now, timeline: _show(shown, now, timeline))
@@ -114,6 +130,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.described(), "device": device.name})
     write_files(args.output, track, body)
+    write_settings(args.output, args, {"method": method, "live": config}, METHOD_FLAGS)
     summary = live.timeline.summary() | {"sizes": result.sizes, "scale": scale}
     summary["lost"] = int(track.lost.sum())
     if truth is not None:
@@ -143,7 +160,7 @@ def _replay(
         grid = automatic_grid(sequence, selection, args.voxel_size, device=device)
     if start is None:
         assert grid is not None
-        start = found_start(device, sequence, grid, selection, args)
+        start = found_start(device, sequence, grid, selection, args, method.filter.search.seed)
     return Replay(sequence, frames), grid, *start
 
 

@@ -19,6 +19,7 @@ from apf.image_objective.config import (
     ProximityConfig,
 )
 from cl import InputError
+from psfs.cli.settings import add_configs
 
 #: Settings of the search that have a flag of their own.
 _SETTINGS = {
@@ -66,30 +67,38 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
 }
 
 
+#: Flags of which a table [method] says all.
+METHOD_FLAGS = (
+    *("method", "objective", "likelihood", *_SETTINGS, *_WEIGHTS),
+    *(name for _, flags in _PARTS.values() for name in flags),
+)
+
+
 def add_method_flags(
     parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel"
 ) -> None:
     """--method and --objective with their defaults, and the flags of their settings."""
-    parser.add_argument(
+    add_configs(parser, method=Method.from_dict)
+    group = parser.add_argument_group("search", "what is searched with, and by what it is judged")
+    group.add_argument(
         "--method",
         default=method,
         help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
         f"(default: {method})",
     )
-    parser.add_argument(
+    group.add_argument(
         "--objective",
         default=objective,
         help=f"{', '.join(OBJECTIVES)}: the voxels' likelihood, or functions of image features, "
         f"which need no reconstruction (default: {objective})",
     )
-    parser.add_argument(
+    group.add_argument(
         "--likelihood",
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
         "it is not the usual one; Song et al.'s is edge,silhouette; part_colour needs pictures "
         f"(default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are searched for)",
     )
-    group = parser.add_argument_group("search")
     rows = [(FilterConfig().settings, {**_SETTINGS, **_WEIGHTS})]
     rows += [
         ({of.name: of.default for of in fields(part)}, flags) for part, flags in _PARTS.values()
@@ -113,20 +122,35 @@ def _default(name: str, value: object) -> str:
 
 
 def chosen_method(args: argparse.Namespace) -> Method:
-    """What the flags of `add_method_flags` choose. Raises InputError."""
+    """What the flags of `add_method_flags` and --config choose. Raises InputError."""
 
     def given(names: Iterable[str]) -> dict[str, Any]:
         return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
-    images = args.objective != "voxel"
+    base = _base(args)
+    images = not base.uses_voxels
     if images and args.likelihood is not None:
         raise InputError(
-            f"--likelihood is the voxels'; expected none with --objective {args.objective}"
+            f"--likelihood is the voxels'; expected none with --objective {base.objective}"
         )
     terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
-    method = Method.of(args.method, args.objective, **settings)
+    method = replace(base, filter=base.filter.changed(**settings))
     image = replace(method.image, **given(_WEIGHTS)) if images else method.image
-    parts = {name: config(**given(flags)) for name, (config, flags) in _PARTS.items()}
-    parts["features"] = replace(parts["features"], proximity=parts.pop("proximity"))
-    return replace(method, image=image, **parts)
+    proximity = replace(method.features.proximity, **given(_PARTS["proximity"][1]))
+    features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))
+    swarm = replace(method.swarm, **given(_PARTS["swarm"][1]))
+    sir = replace(method.sir, **given(_PARTS["sir"][1]))
+    return replace(method, image=image, features=features, swarm=swarm, sir=sir)
+
+
+def _base(args: argparse.Namespace) -> Method:
+    """The method whose settings the flags change: that of --config, unless a flag states another
+    one, else the chosen one's defaults."""
+    base: Method | None = args.configs.get("method")
+    if base is None:
+        return Method.of(args.method, args.objective)
+    stated = args.stated_settings
+    if stated.get("method", base.search) != base.search:
+        return Method.of(args.method, stated.get("objective", base.objective))
+    return replace(base, objective=stated.get("objective", base.objective))

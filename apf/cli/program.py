@@ -1,20 +1,15 @@
-"""The parser of a program with subcommands."""
+"""The program `apf`, with some of its subcommands or all."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from types import ModuleType
 
-from psfs.cli.commandline import CommandParser, run_command
+import psfs.cli.program
 
 
 def run_program(commands: Sequence[ModuleType], argv: Sequence[str] | None = None) -> int:
     """Run the one of these subcommands, modules with `register`, that `argv` names; return the exit
     code. argv: the process's own by default."""
-    parser = CommandParser(
-        prog="apf", description="A skeleton per frame from synchronised calibrated views."
-    )
-    subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in commands:
-        command.register(subparsers)
-    return run_command(parser, None if argv is None else list(argv))
+    description = "A skeleton per frame from synchronised calibrated views."
+    return psfs.cli.program.run_program("apf", description, commands, argv)

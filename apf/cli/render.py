@@ -20,6 +20,7 @@ from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.cli.settings import write_settings
 from psfs.common.files import write_picture
 from psfs.output.preview import picture_of
 
@@ -96,6 +97,7 @@ def run(args: argparse.Namespace) -> None:
                 )
                 for kind, picture in zip(KINDS, pictures, strict=True):
                     write_picture(args.output / kind / name, picture)
+    write_settings(args.output, args)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
 
 

@@ -12,6 +12,7 @@ from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import add_command, stdout
+from psfs.cli.settings import write_settings
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -51,6 +52,7 @@ def run(args: argparse.Namespace) -> None:
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
     write_files(args.output, track, track.its_body)
+    write_settings(args.output, args)
     lost = int(track.lost.sum())
     note = f"; {lost} lost frames left as they were" if lost else ""
     stdout.print(f"{len(track)} frames smoothed: {args.output}{note}", soft_wrap=True)

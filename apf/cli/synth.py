@@ -10,6 +10,7 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.settings import write_settings
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -21,7 +22,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--cameras", type=int, default=default.cameras, metavar="N")
     parser.add_argument("--frames", type=int, default=default.frames, metavar="N")
     parser.add_argument("--fps", type=float, default=default.fps)
-    parser.add_argument("--size", type=image_size, default=default.size, metavar="WxH")
+    parser.add_argument(
+        "--size", type=image_size, default="x".join(map(str, default.size)), metavar="WxH"
+    )
     parser.add_argument("--seed", type=int, default=default.seed)
     parser.add_argument(
         "--noise", type=float, default=default.noise, help="sigma of the sensor, grey levels"
@@ -62,6 +65,7 @@ def run(args: argparse.Namespace) -> None:
             bar.update(task, completed=done)
 
         generate(args.output, config, device, advance)
+    write_settings(args.output, args)
     stdout.print(
         f"{args.output}: {config.frames} frames of {config.cameras} cameras at {config.fps:g} fps"
     )

@@ -12,7 +12,7 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
-from apf.cli.method_flags import add_method_flags, chosen_method
+from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.take_report import TakeLine, TakeReport
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
@@ -29,6 +29,10 @@ from psfs.cli.sequence_flags import (
     open_trusted,
     selected_frames,
 )
+from psfs.cli.settings import add_configs, write_settings
+from psfs.reconstructor import ReconstructionConfig
+
+_RECONSTRUCTION = ReconstructionConfig()
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -59,6 +63,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         help="of several takes, work on N at a time "
         f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
     )
+    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     add_device_flag(parser)
 
@@ -147,8 +152,15 @@ def _tracked(
             given=given_start(sequence.folder, frames[0], args.body, args.init, args.convention),
             template=template, keep_shape=own_shape, height=args.height,
             voxel_size=args.voxel_size,
-            selection=slice(frames.start, frames.stop, frames.step), progress=line,
+            selection=slice(frames.start, frames.stop, frames.step),
+            reconstruction=args.configs.get("reconstruction"), progress=line,
         )  # fmt: skip
+    write_settings(
+        args.output,
+        args,
+        {"method": method, "reconstruction": args.configs.get("reconstruction", _RECONSTRUCTION)},
+        METHOD_FLAGS,
+    )
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):

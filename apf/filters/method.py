@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from apf.filters.swarm import SwarmConfig
 from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
 from cl import InputError
 from psfs.cameras.names import listed
+from psfs.common.configs import changed_config
 
 SEARCHES = ("apf", "pso", "sir")
 #: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
@@ -63,6 +65,14 @@ class Method:
         as in `FilterConfig.of`."""
         config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
         return cls(search, objective, config)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
+        """Return the inverse of `dataclasses.asdict`; what is not stated has the search's own
+        default. Arguments and errors as of `config_of`."""
+        search = values.get("search")
+        base = cls.of(search) if search in SEARCHES else cls()
+        return changed_config(base, values, where)
 
     @property
     def uses_voxels(self) -> bool:

@@ -29,6 +29,7 @@ from apf.initialisation.start import check_startable
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice, UserError
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
@@ -76,6 +77,7 @@ def track_take(
     height: float | None = None,
     voxel_size: float | None = None,
     selection: slice | None = None,
+    reconstruction: ReconstructionConfig | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> Take:
     """Find the person in the selected frames of `sequence` and track them.
@@ -96,12 +98,12 @@ def track_take(
         check_startable(template)  # before anything that takes time
     if method.uses_voxels or given is None:
         report("volume")
-        grid = automatic_grid(sequence, selection, voxel_size, device=device)
+        grid = automatic_grid(sequence, selection, voxel_size, reconstruction, device)
     if given is None:
         assert grid is not None
         report("start")
         start = start_of(
-            device, sequence, grid, template, selection,
+            device, sequence, grid, template, selection, reconstruction,
             height=height, keep_shape=keep_shape, seed=method.filter.search.seed,
             progress=lambda: report("start"),
         )  # fmt: skip
@@ -112,7 +114,7 @@ def track_take(
     tracks = track_seeds(
         device, sequence, grid, body, pose, method,
         [method.filter.search.seed] if seeds is None else list(seeds),
-        selection=selection, progress=lambda: report("tracking"),
+        reconstruction, selection, lambda: report("tracking"),
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
 

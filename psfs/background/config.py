@@ -87,7 +87,7 @@ class AdaptationConfig:
     period: int = 8
     """Frames in which every pixel is looked at once, a part of the picture in each: more
     often takes more time."""
-    variance_slowdown: float = 4
+    variance_slowdown: float = 4.0
     """The variance drifts so many times as slowly as the mean: it needs more samples."""
     nearest: float = 30.0
     """Squared distance to the background, in its standard deviations, of what it may drift to.

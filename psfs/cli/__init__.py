@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from psfs.cli import check, devices, info, mesh, reconstruct, silhouettes, view
-from psfs.cli.commandline import CommandParser, run_command
+from psfs.cli.program import run_program
+
+COMMANDS = (info, reconstruct, silhouettes, check, mesh, view, devices)
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = CommandParser(
-        prog="psfs", description="Probabilistic shape from silhouette: calibrated views to voxels."
-    )
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in (info, reconstruct, silhouettes, check, mesh, view, devices):
-        command.register(commands)
-    return run_command(parser, argv)
+    """Run the command with these arguments, the process's own by default; return its exit code."""
+    description = "Probabilistic shape from silhouette: calibrated views to voxels."
+    return run_program("psfs", description, COMMANDS, argv)

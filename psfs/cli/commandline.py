@@ -1,4 +1,4 @@
-"""What the commands `psfs` and `apf` share: errors as one line, exit codes, common flags."""
+"""What the commands `psfs` and `apf` share: messages, the log file, common flags."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import argparse
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from rich.console import Console
@@ -18,20 +22,42 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 from rich.text import Text
 
-from psfs.cli.outcome import exit_code
+from cl import InputError
 from psfs.common.names import printable
 
 #: Columns of a file or a pipe, which has no width of its own: room for the widest table.
 _UNLIMITED = 160
 
 
-def _console(stream: TextIO, **options: Any) -> Console:
+class Messages(Console):
+    """A console whose texts and tables also go into the log file, where there is one."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*objects, **options)
+        if _state.log is not None and all(isinstance(item, (str, Text, Table)) for item in objects):
+            _state.log.print(*objects, soft_wrap=True)
+
+
+@dataclass
+class _State:
+    """What the flags of the running command say of its messages."""
+
+    running: bool = False
+    quiet: bool = False
+    log: Console | None = None
+
+
+_state = _State()
+
+
+def _console(stream: TextIO, **options: Any) -> Messages:
     own = stream.isatty() or "COLUMNS" in os.environ
     width = None if own else _UNLIMITED
     # No markup anywhere: paths and names hold brackets.
-    return Console(highlight=False, markup=False, emoji=False, width=width, **options)
+    return Messages(highlight=False, markup=False, emoji=False, width=width, **options)
 
 
 #: Results go to standard output, progress and messages to standard error.
@@ -40,7 +66,8 @@ stderr = _console(sys.stderr, stderr=True)
 
 
 def warn(text: str, console: Console = stderr) -> None:
-    """Print a warning."""
+    """Print a warning, on standard error where results are not wanted."""
+    console = stderr if _state.quiet else console
     remark("warning", "yellow", text, console)
 
 
@@ -56,22 +83,54 @@ class CommandParser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
 
 
-def run_command(parser: argparse.ArgumentParser, argv: list[str] | None = None) -> int:
-    """Parse, run the chosen subcommand's `run(args)` and return the exit code of
-    `psfs.cli.outcome`."""
-    words = sys.argv[1:] if argv is None else argv
+@contextmanager
+def messages(args: argparse.Namespace) -> Iterator[None]:
+    """Print and log as --verbose, --quiet and --log-file say; a command within a command does as
+    the outer one. Raises InputError if the log file cannot be written."""
+    if _state.running:
+        yield
+        return
+    root = logging.getLogger()
+    level_before = root.level
+    with ExitStack() as stack:
+        shown = logging.StreamHandler()
+        shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+        shown.setLevel(logging.INFO if args.verbose else logging.WARNING)
+        handlers: list[logging.Handler] = [shown]
+        log = None
+        if args.log_file is not None:
+            file = stack.enter_context(_opened(args.log_file))
+            log = Console(file=file, width=_UNLIMITED, color_system=None, highlight=False,
+                          markup=False, emoji=False)  # fmt: skip
+            handlers.append(logging.StreamHandler(file))
+            handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+        for handler in handlers:
+            root.addHandler(handler)
+            stack.callback(root.removeHandler, handler)
+        stack.callback(root.setLevel, level_before)
+        root.setLevel(logging.INFO if args.verbose or log else logging.WARNING)
+        _state.running, _state.quiet, _state.log = True, args.quiet, log
+        stdout.quiet = args.quiet
+        try:
+            yield
+        finally:
+            _state.running, _state.quiet, _state.log = False, False, None
+            stdout.quiet = False
 
-    def run() -> None:
-        if any("\0" in word for word in words):
-            parser.error("an argument holds the character NUL; expected text")
-        args = parser.parse_args(words)
-        logging.basicConfig(
-            level=logging.INFO if args.verbose else logging.WARNING,
-            format="%(name)s: %(message)s",
-        )
-        args.run(args)
 
-    return exit_code(parser.prog, run)
+def log_line(text: str) -> None:
+    """Write a line, with the time, into the log file, where there is one."""
+    if _state.log is not None:
+        now = datetime.now().strftime("%Y-%m-%d %H:%M:%S")
+        _state.log.print(f"{now} {text}", soft_wrap=True)
+
+
+def _opened(path: Path) -> TextIO:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a", encoding="utf-8", buffering=1)
+    except OSError as error:
+        raise InputError(f"--log-file {path}: cannot be written: {error.strerror}") from None
 
 
 def add_command(
@@ -80,11 +139,28 @@ def add_command(
     run: Callable[[argparse.Namespace], None],
     help: str,
 ) -> argparse.ArgumentParser:
-    """Add a subcommand with the flags that all have."""
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=help, description=help)
-    parser.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
-    parser.set_defaults(run=run)
+    """Add a subcommand."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=help, description=help, allow_abbrev=False
+    )
+    parser.set_defaults(run=run, command=name)
     return parser
+
+
+def add_message_flags(parser: argparse.ArgumentParser) -> None:
+    """Add what all subcommands have: how much is said, and where."""
+    group = parser.add_argument_group("messages")
+    loudness = group.add_mutually_exclusive_group()
+    loudness.add_argument("-v", "--verbose", action="store_true", help="say what is being done")
+    loudness.add_argument(
+        "-q", "--quiet", action="store_true", help="show warnings and errors only"
+    )
+    group.add_argument(
+        "--log-file",
+        type=Path,
+        metavar="FILE",
+        help="append all messages to FILE, with the times and the traceback of an error",
+    )
 
 
 def add_device_flag(parser: argparse.ArgumentParser) -> None:
@@ -97,6 +173,12 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def path_or_name(text: str) -> str:
+    """Return a path in full where there is such a file or folder, else the text (argparse type)."""
+    path = Path(text)
+    return str(path.resolve()) if path.exists() else text
+
+
 def progress_bar() -> Progress:
     """Make the bar that all long work shows, on standard error."""
     return Progress(
@@ -106,6 +188,7 @@ def progress_bar() -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=stderr,
+        disable=_state.quiet,
     )
 
 

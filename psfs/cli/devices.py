@@ -6,7 +6,7 @@ import argparse
 
 from rich.table import Table
 
-from cl import InputError, list_devices
+from cl import list_devices, select_device
 from psfs.cli.commandline import add_command, stdout
 
 
@@ -17,9 +17,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 def _run(args: argparse.Namespace) -> None:
     devices = list_devices()
     if not devices:
-        raise InputError(
-            "no OpenCL device found; `pip install pyopencl[pocl]` brings one for the CPU"
-        )
+        select_device()  # says what there could be
     table = Table("name", "kind", "platform", "driver")
     table.add_column("compute units", justify="right")
     table.add_column("memory GiB", justify="right")

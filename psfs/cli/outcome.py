@@ -21,7 +21,7 @@ from psfs.common.names import printable
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 #: Handled as Ctrl-C is: what is done is kept.
-_ENDING = (signal.SIGTERM, signal.SIGHUP)
+_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def exit_code(program: str, run: Callable[[], None]) -> int:

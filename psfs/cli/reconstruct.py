@@ -20,6 +20,7 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
+from psfs.cli.settings import add_configs, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output import runs
@@ -67,6 +68,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     add_all_cameras_flag(parser)
     add_device_flag(parser)
+    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
 
 
 def _shape(text: str) -> tuple[int, int, int]:
@@ -112,12 +114,16 @@ def _grid(
     """Return the grid that the flags ask for, around the stated or found volume."""
     selection = slice(frames.start, frames.stop, frames.step)
     if args.grid is None:
-        return automatic_grid(sequence, selection, args.voxel_size, device=device)
+        return automatic_grid(sequence, selection, args.voxel_size, _config(args), device)
     VoxelGrid(np.zeros(3), 1.0, args.grid)  # complains before the search
-    low, high = sequence.volume or foreground_box(sequence, selection, device=device)
+    low, high = sequence.volume or foreground_box(sequence, selection, _config(args), device)
     voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
     origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2
     return VoxelGrid(origin, voxel_size, args.grid)
+
+
+def _config(args: argparse.Namespace) -> ReconstructionConfig:
+    return args.configs.get("reconstruction") or ReconstructionConfig()
 
 
 def _warn_of_fine_voxels(grid: VoxelGrid, sequence: Sequence) -> None:
@@ -150,10 +156,10 @@ class _Job:
         self.debris: float = args.debris
         self.colour = not args.no_colour
         self.normals: bool = args.normals
-        self.stated = stated(args)
+        self.args, self.stated = args, stated(args)
         self.folder: str = args.folder
         self.sequence, self.grid, self.device = sequence, grid, device
-        self.config = ReconstructionConfig()
+        self.config = _config(args)
         # Sparse: the same voxels, in less time and memory.
         self.reconstructor = reconstructor_for(
             device, sequence.rig, grid, sequence.background, self.config, sparse=True
@@ -195,6 +201,7 @@ class _Job:
         if not self.done:
             return
         write_json(self.out / runs.SUMMARY, self._summary(expected))
+        write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
         run = runs.Run.open(self.out)

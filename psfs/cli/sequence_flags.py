@@ -9,7 +9,7 @@ from typing import Any
 
 from cl import Device, InputError, NumpyDevice
 from psfs.api import consistent_cameras
-from psfs.cli.commandline import frame_range, warn
+from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.footage.settings import BACKGROUND_KINDS
 from psfs.sequence import Sequence
@@ -32,10 +32,17 @@ def add_sequence_flags(
     parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
     name, count = ("folders", "+") if several else ("folder", None)
     parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
+    if frames:
+        parser.add_argument(
+            "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
+        )
+    parser.add_argument("--cameras", type=_names, metavar="A,B,C", help="use only these cameras")
     group = parser.add_argument_group(
         "sequence", "what the files do not say; the same keys may stand in FOLDER/sequence.toml"
     )
-    group.add_argument("--calibration", metavar="PATH", help="calibration file or folder")
+    group.add_argument(
+        "--calibration", type=path_or_name, metavar="PATH", help="calibration file or folder"
+    )
     group.add_argument(
         "--unit", metavar="U", help="unit of the calibration: m, cm, mm, 0.76mm or metres per unit"
     )
@@ -57,13 +64,10 @@ def add_sequence_flags(
         metavar="x0,x1,y0,y1,z0,z1",
         help="the box to reconstruct, in metres with Z up",
     )
-    group.add_argument(
-        "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="use only these"
-    )
-    if frames:
-        group.add_argument(
-            "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded"
-        )
+
+
+def _names(text: str) -> list[str]:
+    return text.split(",")
 
 
 def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,7 @@ from cl import InputError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.iou import plain
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.cli.settings import write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.diagnostics.silhouette_pictures import mosaic
 from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
@@ -62,6 +63,7 @@ def _run(args: argparse.Namespace) -> None:
     finally:  # what there is, also when interrupted
         if report.scores:
             write_json(out / REPORT, report.plain())
+            write_settings(out, args)
             stdout.print(report.table())
             stdout.print(f"wrote {out}", soft_wrap=True)
 

@@ -100,7 +100,7 @@ class Run:
         config = self.summary["config"]
         try:
             return ReconstructionConfig.from_dict(config)
-        except (KeyError, TypeError) as error:
+        except InputError as error:
             raise InputError(
                 f"{self.out / SUMMARY}: not the parameters that this version knows ({error}); "
                 "run psfs reconstruct again"

@@ -35,6 +35,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
         "joints.csv",
         "body.toml",
         "start.txt",
+        "settings.toml",
         "overlay.mp4",
     }
     found = Track.open(tmp_path / "out")
@@ -66,7 +67,11 @@ def test_several_seeds_at_once(
     assert track(walk, tmp_path / "all", *few, "--seed", "3", "--seeds", "2") == 0
     said = capsys.readouterr().out
     assert "2 runs: joints lie" in said and "mean error:" in said
-    assert {path.name for path in (tmp_path / "all").iterdir()} == {"seed3", "seed4"}
+    assert {path.name for path in (tmp_path / "all").iterdir()} == {
+        "seed3",
+        "seed4",
+        "settings.toml",
+    }
     assert track(walk, tmp_path / "one", *few, "--seed", "4") == 0
     together, alone = Track.open(tmp_path / "all" / "seed4"), Track.open(tmp_path / "one")
     np.testing.assert_array_equal(together.poses, alone.poses)

@@ -92,7 +92,7 @@ def test_parameters_of_another_version_are_said(
     summary["config"]["silhouette"]["magic"] = 1
     (tmp_path / "summary.json").write_text(json.dumps(summary))
     assert main(["mesh", str(tmp_path)]) == 2
-    assert "'magic'" in capsys.readouterr().err
+    assert "silhouette.magic: no such setting" in capsys.readouterr().err
 
 
 def test_the_dinosaur_is_watertight_and_fills_its_silhouettes(tmp_path: Path) -> None:

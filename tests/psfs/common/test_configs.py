@@ -21,7 +21,11 @@ def test_a_config_survives_json() -> None:
 
 
 def test_what_is_wrong_is_refused() -> None:
-    with pytest.raises(KeyError, match="silhouettes"):
+    with pytest.raises(InputError, match="silhouettes: no such setting"):
         ReconstructionConfig.from_dict({"silhouettes": {}})
     with pytest.raises(InputError, match="rim's share is 3"):
         ReconstructionConfig.from_dict({"silhouette": {"rim": {"share": 3}}})
+    with pytest.raises(InputError, match=r"silhouette\.rim\.share is 'all'; expected a number"):
+        ReconstructionConfig.from_dict({"silhouette": {"rim": {"share": "all"}}})
+    with pytest.raises(InputError, match=r"silhouette\.rim is 3; expected settings"):
+        ReconstructionConfig.from_dict({"silhouette": {"rim": 3}})

@@ -1,0 +1,231 @@
+"""The settings of a command as a TOML file: `--config FILE` reads one, results have theirs beside.
+
+At its top stand flags by their long names, as texts or numbers; in tables, the configs that the
+command names by `add_configs`, all of their settings.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from cl import InputError
+from psfs.cli.commandline import path_or_name
+from psfs.common.files import written_whole
+from psfs.common.toml import read_toml
+
+#: Makes a config of values and the name that precedes theirs in errors; raises InputError.
+ConfigReader = Callable[[Mapping[str, Any], str], Any]
+#: The name of the file beside results.
+FILE = "settings.toml"
+#: Flags that say where results go and what is shown: no settings.
+_NONE = ("help", "output", "config", "verbose", "quiet", "log_file", "print_completion")
+
+
+def add_config_flag(parser: argparse.ArgumentParser) -> None:
+    """Add --config."""
+    group = parser.add_argument_group("settings")
+    group.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help=f"settings (TOML), such as the {FILE} that is written beside results; flags beat it",
+    )
+    kinds = parser.get_default("config_kinds") or {}
+    parser.set_defaults(parser=parser, config_kinds=kinds)
+
+
+def add_configs(parser: argparse.ArgumentParser, **kinds: ConfigReader) -> None:
+    """Let `parser`'s settings have tables of these names, each read by a function of its values and
+    its name: `configs[name]` of the arguments, where it is stated."""
+    parser.set_defaults(config_kinds={**(parser.get_default("config_kinds") or {}), **kinds})
+
+
+def with_settings(
+    parser: argparse.ArgumentParser, args: argparse.Namespace, argv: Sequence[str]
+) -> argparse.Namespace:
+    """Return the arguments with what --config adds to them; in `stated` the settings' flags as they
+    were stated, in `configs` the file's configs. Raises InputError naming the file."""
+    command: argparse.ArgumentParser | None = getattr(args, "parser", None)
+    if command is None:
+        return args
+    stated: dict[str, Any] = _stated(parser, command, argv)
+    configs: dict[str, Any] = {}
+    if args.config is not None:
+        content = read_toml(args.config)
+        tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
+        configs = _configs(args.config, tables, args.config_kinds)
+        flags = {name: value for name, value in content.items() if name not in tables}
+        of_file = _flags(args.config, command, flags, stated)
+        command.set_defaults(**{dest: parsed for dest, (_, parsed) in of_file.items()})
+        args = parser.parse_args(argv)
+        stated = {dest: raw for dest, (raw, _) in of_file.items()} | stated
+    args.stated_settings, args.configs = stated, configs
+    return args
+
+
+def write_settings(
+    folder: Path,
+    args: argparse.Namespace,
+    configs: Mapping[str, Any] | None = None,
+    without: Sequence[str] = (),
+) -> Path:
+    """Write the settings that `args` hold into `folder`, and return the file. configs: by table,
+    all of their settings; without: flags that these contain."""
+    flags: dict[str, Any] = {}
+    for action in args.parser._actions:
+        if _is_setting(action) and action.dest not in without:
+            value = args.stated_settings.get(action.dest, getattr(args, action.dest))
+            value = _plain(action, value)
+            if value is not None:
+                flags[_name(action)] = value
+    tables = {name: _without_none(asdict(config)) for name, config in (configs or {}).items()}
+    head = (
+        f"# The settings of `{args.parser.prog}`, to be given back with --config.\n"
+        "# Flags first, then tables with all settings that have no flag; what is left out has its "
+        "default.\n\n"
+    )
+    path = folder / FILE
+    with written_whole(path) as temporary:
+        temporary.write_text(head + tomli_w.dumps({**flags, **tables}), encoding="utf-8")
+    return path
+
+
+def _is_setting(action: argparse.Action) -> bool:
+    return bool(action.option_strings) and action.dest not in _NONE
+
+
+def _name(action: argparse.Action) -> str:
+    return max(action.option_strings, key=len).removeprefix("--")
+
+
+def _stated(
+    parser: argparse.ArgumentParser, command: argparse.ArgumentParser, argv: Sequence[str]
+) -> dict[str, Any]:
+    """Return the settings' flags on the command line, by destination, as texts; those without a
+    value as their constant."""
+    with _as_texts(command):
+        found = vars(parser.parse_args(argv))
+    wanted = [action.dest for action in command._actions if _is_setting(action)]
+    return {dest: found[dest] for dest in wanted if dest in found}
+
+
+@contextmanager
+def _as_texts(command: argparse.ArgumentParser) -> Any:
+    """Let `command` parse into texts, and only what is there."""
+    kept = [(a, a.default, a.type, a.choices) for a in command._actions]
+    defaults = dict(command._defaults)
+    try:
+        for action in command._actions:
+            action.default, action.type, action.choices = argparse.SUPPRESS, None, None
+        command._defaults.clear()
+        yield
+    finally:
+        for action, default, kind, choices in kept:
+            action.default, action.type, action.choices = default, kind, choices
+        command._defaults.update(defaults)
+
+
+def _configs(
+    file: Path, tables: Mapping[str, Any], kinds: Mapping[str, ConfigReader]
+) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, values in tables.items():
+        if name not in kinds:
+            expected = ", ".join(f"[{kind}]" for kind in kinds) or "no table"
+            raise InputError(f"{file}: has a table [{name}]; expected {expected}")
+        try:
+            found[name] = kinds[name](values, name)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+    return found
+
+
+def _flags(
+    file: Path,
+    command: argparse.ArgumentParser,
+    flags: Mapping[str, Any],
+    stated: Mapping[str, Any],
+) -> dict[str, tuple[Any, Any]]:
+    """Return the file's flags by destination, as stated and as parsed, but for those that the
+    command line states, or excludes by others."""
+    by_name = {_name(action): action for action in command._actions if _is_setting(action)}
+    excluded = set(stated)
+    for group in command._mutually_exclusive_groups:
+        members = {action.dest for action in group._group_actions}
+        if members & stated.keys():
+            excluded |= members
+    found = {}
+    for name, value in flags.items():
+        if name not in by_name:
+            raise InputError(
+                f"{file}: {name} is no setting of {command.prog}; expected some of "
+                f"{', '.join(sorted(by_name))}"
+            )
+        action = by_name[name]
+        parsed = _parsed(file, action, value)
+        if action.dest not in excluded:
+            found[action.dest] = (parsed if action.nargs == 0 else value, parsed)
+    return found
+
+
+def _parsed(file: Path, action: argparse.Action, value: Any) -> Any:
+    """Return a file's value as the command line would give it."""
+    name = _name(action)
+    if action.nargs == 0:
+        if not isinstance(value, bool):
+            raise InputError(f"{file}: {name} is {value!r}; expected true or false")
+        return action.const if value else not action.const
+    several = action.nargs in ("+", "*")
+    if isinstance(value, list) != several:
+        expected = "a list" if several else "one value"
+        raise InputError(f"{file}: {name} is {value!r}; expected {expected}")
+    parsed = [_one(file, action, entry) for entry in (value if several else [value])]
+    return parsed if several else parsed[0]
+
+
+def _one(file: Path, action: argparse.Action, value: Any) -> Any:
+    name, kind = _name(action), action.type if callable(action.type) else str
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise InputError(f"{file}: {name} is {value!r}; expected a text or a number")
+    try:
+        parsed = kind(str(value))
+    except (ValueError, argparse.ArgumentTypeError) as error:
+        expected = getattr(kind, "__name__", "another value")
+        told = error if isinstance(error, argparse.ArgumentTypeError) else f"expected {expected}"
+        raise InputError(f"{file}: {name} is {value!r}; {told}") from None
+    if action.choices is not None and parsed not in action.choices:
+        listed = ", ".join(map(str, action.choices))
+        raise InputError(f"{file}: {name} is {value!r}; expected one of {listed}")
+    return parsed
+
+
+def _plain(action: argparse.Action, value: Any) -> Any:
+    """Return a flag's value, a text as stated or a default, as TOML holds it; None where there is
+    nothing to say."""
+    if value is None or value is argparse.SUPPRESS:
+        return None
+    if action.nargs == 0:
+        return bool(value == action.const)
+    if isinstance(value, list):
+        return [_plain(action, entry) for entry in value]
+    if action.type in (int, float, path_or_name) and isinstance(value, str):
+        return action.type(value)
+    if isinstance(value, Path) or action.type is Path:
+        return str(Path(value).resolve())
+    return value if isinstance(value, (int, float)) else str(value)
+
+
+def _without_none(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values, and tables of them, without those that are None, which TOML does not know."""
+    return {
+        name: _without_none(value) if isinstance(value, Mapping) else value
+        for name, value in values.items()
+        if value is not None
+    }
