@@ -12,7 +12,7 @@ from apf.body.cones import distances
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
 from cl import InputError, MissingFileError
-from psfs.common.files import read_npz
+from psfs.common.npz import Values, read_npz
 
 #: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
 FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
@@ -212,7 +212,8 @@ def _nearest_bones(vertices: np.ndarray, body: BodyModel, pose: np.ndarray) -> n
 
 def _read_weights(path: Path, body: BodyModel, n_vertices: int) -> np.ndarray:
     """Read weights (M, B), a row's sum 1. Raises InputError naming the file."""
-    data = read_npz(path, ("weights",), "the array weights, vertices x bones")
+    schema = {"weights": Values(None, low=0), "bones": Values(("B",), "text", needed=False)}
+    data = read_npz(path, schema, "the array weights, vertices x bones")
     table = np.asarray(data["weights"], np.float64)
     names = [bone.name for bone in body.bones]
     given = [str(name) for name in data.get("bones", names)]

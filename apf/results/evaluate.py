@@ -15,7 +15,8 @@ from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_jo
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
 from cl import InputError
-from psfs.common.files import read_npz, write_json, written_whole
+from psfs.common.files import write_json, written_whole
+from psfs.common.npz import Values, read_npz, scalar
 
 #: A joint farther than this from the truth counts as lost in that frame, m.
 LOST_JOINT = 0.150
@@ -29,6 +30,15 @@ LIMB_ENDS = {
     "left leg": "l_ankle",
     "right leg": "r_ankle",
     "head": "head_top",
+}
+
+
+#: What an npz of true joints holds; m, NaN where missing.
+_TRUTH = {
+    "joint_names": Values(("J",), "text"),
+    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
+    "fps": Values(None, low=1e-3, high=1e5),
+    "frames": Values(("F",), "int", low=0, needed=False),
 }
 
 
@@ -176,21 +186,13 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     if path.suffix.lower() == ".trc":
         return read_trc(path, convention)
     what = "a .trc, or an npz with joint_names, joints (frames, joints, 3) in metres and fps"
-    data = read_npz(path, ("joint_names", "joints", "fps"), what)
-    joints = data["joints"]
-    names = tuple(str(name) for name in data["joint_names"].ravel())
-    if joints.ndim != 3 or joints.shape[1:] != (len(names), 3) or joints.dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: joints is {joints.dtype} {joints.shape}; "
-            f"expected numbers of shape (frames, {len(names)}, 3) for {len(names)} names"
-        )
+    data = read_npz(path, _TRUTH, what)
+    joints, fps = data["joints"].astype(np.float64), data["fps"]
+    names = tuple(str(name) for name in data["joint_names"])
+    if fps.size != 1:
+        raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
     frames = data.get("frames", np.arange(len(joints)))
-    if frames.shape != (len(joints),) or frames.dtype.kind not in "iu":
-        raise InputError(f"{path}: frames is not one integer for each of the {len(joints)} frames")
-    fps = data["fps"]
-    if fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < float(fps.ravel()[0]) < np.inf:
-        raise InputError(f"{path}: fps is not one positive number")
-    return JointSeries(names, joints.astype(np.float64), float(fps.ravel()[0]), frames)
+    return JointSeries(names, joints, float(scalar(fps)), frames.astype(np.int64))
 
 
 def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:

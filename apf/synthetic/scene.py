@@ -43,11 +43,11 @@ class SceneConfig:
         width, height = self.size
         limits = {
             "cameras": (self.cameras, 1, 64),
-            "frames": (self.frames, 1, math.inf),
+            "frames": (self.frames, 1, 1_000_000),
             "fps": (self.fps, 1, 1000),
             "size, width in px,": (width, 32, 8192),
             "size, height in px,": (height, 32, 8192),
-            "seed": (self.seed, 0, math.inf),
+            "seed": (self.seed, 0, 2**63),
             "noise, grey levels,": (self.noise, 0, 50),
             "flicker": (self.flicker, 0, 0.2),
             "height, m,": (self.height, 1.2, 2.2),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,32 @@ from apf.body.toml import body_from_text, body_text
 from apf.formats import WRITERS, JointSeries
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import read_npz, written_whole
+from psfs.common.files import written_whole
+from psfs.common.npz import Values, read_npz, scalar
+from psfs.common.ranges import check_range
 
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
-_KEYS = ("body_name", "dof_names", "joint_names", "fps", "frames", "poses", "joints", "edges",
-         "provenance")  # fmt: skip
+#: The fields as a `track.npz` holds them; m and rad.
+_FIELDS = {
+    "body_name": Values((), "text"),
+    "dof_names": Values(("D",), "text"),
+    "joint_names": Values(("J",), "text"),
+    "fps": Values((), low=1e-3, high=1e5),
+    "frames": Values(("F",), "int", low=0),
+    "poses": Values(("F", "D"), low=-1e6, high=1e6),
+    "joints": Values(("F", "J", 3), low=-1e6, high=1e6),
+    "edges": Values(("E", 2), "int", low=0),
+    "provenance": Values((), "text"),
+    "body": Values((), "text", needed=False),
+}
+#: The diagnostics that are computed with.
+_DIAGNOSTICS = {
+    "lost": Values(("F",), "bool"),
+    "restart": Values(("F",), "bool"),
+    "confidence": Values(("F",), finite=False),
+    "deviation": Values(("F", "D"), finite=False, low=0, high=np.inf),
+    "covariance": Values(("F", "J", 3, 3), finite=False),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +105,18 @@ class Track:
                 raise InputError(f"{name} has shape {values.shape}; expected {n} rows")
         if self.edges.size and not 0 <= self.edges.min() <= self.edges.max() < n_joints:
             raise InputError(f"edges name joints outside 0..{n_joints - 1}")
-        if not np.isfinite(self.fps) or self.fps <= 0:
-            raise InputError(f"fps is {self.fps:g}; expected a positive number")
         if self.body is not None and not (
             self.body.dof_names == self.dof_names
             and tuple(self.body.joint_names) == self.joint_names
         ):
             raise InputError(f"the body {self.body.name} is not the one that was tracked")
+        check_range("fps", self.fps, 0, 1e5)
+        for name in ("poses", "joints"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError(f"{name} hold a number that is not finite; expected finite ones")
+        if np.any(np.diff(self.frames) < 0):
+            raise InputError("frames are not ascending; expected the frames in their order")
+        _provenance(self.provenance)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -143,7 +169,7 @@ class Track:
     @property
     def smoothing(self) -> dict[str, Any] | None:
         """How `apf smooth` made it, None for a track as it was tracked."""
-        smoothing: dict[str, Any] | None = json.loads(self.provenance).get("smoothing")
+        smoothing: dict[str, Any] | None = _provenance(self.provenance).get("smoothing")
         return smoothing
 
     @property
@@ -196,23 +222,37 @@ class Track:
         """
         path = Path(path)
         path = path / "track.npz" if path.is_dir() else path
-        data: dict[str, Any] = read_npz(path, _KEYS, "a track that `apf track` wrote")
+        schema = _FIELDS | {
+            _DIAGNOSTIC + name: replace(values, needed=False)
+            for name, values in _DIAGNOSTICS.items()
+        }
+        data: dict[str, Any] = read_npz(path, schema, "a track that `apf track` wrote")
         diagnostics = {
             name.removeprefix(_DIAGNOSTIC): values
             for name, values in data.items()
             if name.startswith(_DIAGNOSTIC)
         }
-        fields = {key: data[key] for key in _KEYS}
-        fields |= {key: str(data[key]) for key in ("body_name", "provenance")}
+        fields = {key: data[key] for key in _FIELDS if key != "body"}
+        fields |= {key: scalar(data[key]) for key in ("body_name", "provenance", "fps")}
         beside = path.with_name("body.toml")
         if "body" in data:
-            fields["body"] = body_from_text(str(data["body"]), path)
+            fields["body"] = body_from_text(scalar(data["body"]), path)
         elif beside.is_file():
             fields["body"] = load_body(beside)
         try:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from None
+
+
+def _provenance(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict) or not isinstance(found.get("smoothing") or {}, dict):
+        raise InputError("provenance is no JSON table; expected what made the track")
+    return found
 
 
 def spans(frames: Sequence[int]) -> str:

@@ -15,9 +15,17 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.distortion import distorted, largest_radius2
+from psfs.common.names import check_name
+from psfs.common.pictures import check_picture_size
 
+#: Of one rig.
+MOST_CAMERAS = 1000
 #: Floats per camera in `CameraRig.packed()`.
 CAMERA_FLOATS = 32
+
+
+#: Of all numbers of a camera; lengths may be in any unit before they are converted.
+_LARGEST = 1e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +45,7 @@ class Camera:
     size: tuple[int, int]
 
     def __post_init__(self) -> None:
+        check_name(self.name, "a camera")
         distortion = np.zeros(5)
         given = np.asarray(self.distortion, np.float64).ravel()
         if given.size > 5 and np.any(given[5:]):
@@ -59,8 +68,14 @@ class Camera:
 
     def _check(self) -> None:
         for field in ("K", "distortion", "R", "t"):
-            if not np.isfinite(getattr(self, field)).all():
+            values = getattr(self, field)
+            if not np.isfinite(values).all():
                 raise InputError(f"camera {self.name}: {field} holds a number that is not finite")
+            if np.abs(values).max() > _LARGEST:
+                largest = values.ravel()[np.abs(values).argmax()]
+                raise InputError(
+                    f"camera {self.name}: {field} holds {largest:g}; expected up to {_LARGEST:g}"
+                )
         if np.abs(self.R @ self.R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(self.R) < 0:
             raise InputError(
                 f"camera {self.name}: R is not a rotation (R R^T differs from the identity by "
@@ -72,8 +87,12 @@ class Camera:
                 f"camera {self.name}: focal lengths {self.K[0, 0]:g}, {self.K[1, 1]:g}; "
                 "expected positive numbers of pixels"
             )
-        if min(self.size) <= 0:
-            raise InputError(f"camera {self.name}: size {self.size}; expected positive pixels")
+        if np.abs(self.K[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9:
+            raise InputError(
+                f"camera {self.name}: the intrinsic matrix is {self.K.tolist()}; expected "
+                "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"
+            )
+        check_picture_size(self.size, f"camera {self.name}: size")
 
     @property
     def centre(self) -> np.ndarray:
@@ -118,7 +137,9 @@ class Camera:
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""
-        distorted = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+        distorted = np.array(pixels, np.float64).reshape(-1, 1, 2)
+        # OpenCV leaves the skew out.
+        distorted[..., 0] -= self.K[0, 1] * (distorted[..., 1] - self.K[1, 2]) / self.K[1, 1]
         plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
         rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
         return rays
@@ -155,8 +176,8 @@ class CameraRig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
-        if not self.cameras:
-            raise InputError("a rig needs at least one camera; found none")
+        if not 1 <= len(self.cameras) <= MOST_CAMERAS:
+            raise InputError(f"a rig of {len(self.cameras)} cameras; expected 1 to {MOST_CAMERAS}")
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise InputError(f"camera names must differ; found {', '.join(names)}")

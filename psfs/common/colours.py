@@ -20,8 +20,8 @@ def chromaticity(pixels: np.ndarray) -> np.ndarray:
     return np.stack([(r - g) / np.sqrt(2), (r + g - 2 * b) / np.sqrt(6)], -1) / total[..., None]
 
 
-def parse_colour(text: str) -> np.ndarray:
+def parse_colour(text: object) -> np.ndarray:
     """Return the colour (3,) float BGR of `#rrggbb`. Raises InputError for anything else."""
-    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+    if not isinstance(text, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise InputError(f"key = {text!r}; expected a colour #rrggbb, such as #00b140")
     return np.array([int(text[i : i + 2], 16) for i in (5, 3, 1)], np.float64)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,9 @@ import cv2
 import numpy as np
 
 from cl import InputError, MissingFileError
+
+#: Of a JSON file: a run of 100,000 frames takes 10 MB.
+MOST_BYTES = 256 * 2**20
 
 
 def unreadable(path: Path, error: OSError) -> InputError:
@@ -28,29 +29,45 @@ def read_numbers(path: Path) -> np.ndarray:
     InputError naming the file if it cannot be read or holds anything else, MissingFileError if it
     is absent."""
     try:
-        return np.array(path.read_text().split(), np.float64)
-    except OSError as error:
-        raise unreadable(path, error) from None
+        return np.array(read_text(path, "numbers").split(), np.float64)
     except ValueError as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path}: expected numbers only: {error}") from None
 
 
-def read_npz(path: Path, keys: Sequence[str], what: str) -> dict[str, np.ndarray]:
-    """Return all arrays of an npz that must hold `keys`; `what` says in errors what it should be.
-    Raises InputError, or MissingFileError if the file is absent."""
+def read_json(path: Path, what: str) -> Any:
+    """Return the plain values of a JSON file; `what` says in errors what it should be. Raises
+    InputError, or MissingFileError if the file is absent."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
-    except FileNotFoundError:
+        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=_refused_constant)
+    except MissingFileError:
         raise MissingFileError(f"{path}: no such file; expected {what}") from None
-    # A .npy loads as an array, which is no context manager with `files` (AttributeError).
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, AttributeError,
-            TypeError, KeyError, NotImplementedError):  # fmt: skip
-        raise InputError(f"{path}: not a readable npz file; expected {what}") from None
-    missing = [key for key in keys if key not in data]
-    if missing:
-        raise InputError(f"{path}: lacks {', '.join(missing)}; expected {what}")
-    return data
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InputError(f"{path}: malformed JSON: {reason}; expected {what}") from None
+
+
+def _refused_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
+    """Return the text (UTF-8) of a file of at most `most_bytes`; `what` says in errors what it
+    should be. Raises InputError, or MissingFileError if the file is absent."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(most_bytes + 1)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if len(content) > most_bytes:
+        raise InputError(f"{path}: more than {most_bytes // 2**20} MiB; expected {what}")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file (UTF-8); expected {what}") from None
 
 
 @contextmanager

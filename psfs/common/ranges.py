@@ -7,18 +7,28 @@ from numbers import Real
 from typing import Any
 
 from cl import InputError
+from psfs.common.names import printable
+
+#: The largest setting that makes sense without a bound of its own, and how far from an end that
+#: is left out a setting must stay: beyond, float32 overflows or divides by nothing.
+LARGEST, SMALLEST = 1e9, 1e-12
 
 
 def check_range(
     name: str, value: Any, low: float, high: float = math.inf, ends: bool = False
 ) -> None:
     """Raise InputError unless `value` is a number with low < value < high; with `ends`, low and
-    high are in the range (but never infinity)."""
+    high are in the range. No number may be above `LARGEST`."""
+    top = min(high, LARGEST)
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if number and math.isfinite(value) and (low < value < high or (ends and value in (low, high))):
-        return
+    if number and math.isfinite(value):
+        if ends and low <= value <= top:
+            return
+        if not ends and low + SMALLEST <= value < top:
+            return
     if math.isinf(high):
         expected = f"from {low:g} on" if ends else f"above {low:g}"
+        expected += f", up to {LARGEST:g}"
     else:
         expected = f"from {low:g} to {high:g}" if ends else f"between {low:g} and {high:g}"
-    raise InputError(f"{name} is {value!r}; expected a number {expected}")
+    raise InputError(f"{name} is {printable(repr(value))}; expected a number {expected}")

@@ -7,28 +7,28 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.common.files import unreadable
+from psfs.common.files import read_text
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
+#: Calibrations and bodies take kilobytes.
+_MOST_BYTES = 4 * 2**20
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the contents of a TOML file. Raises InputError if it is malformed, MissingFileError
     if it is absent."""
-    try:
-        return parse_toml(path.read_text(encoding="utf-8"), path)
-    except OSError as error:
-        raise unreadable(path, error) from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot be read: not UTF-8 text") from None
+    return parse_toml(read_text(path, "TOML", _MOST_BYTES), path)
 
 
 def parse_toml(text: str, source: str | Path) -> dict[str, Any]:
     """Return the contents of `text`. Raises InputError naming its `source` if it is malformed."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise InputError(f"{source}: malformed TOML: nested too deeply") from None
+    except ValueError as error:  # of TOML, and of numbers with too many digits
         raise InputError(f"{source}: malformed TOML: {' '.join(str(error).split())}") from None

@@ -12,6 +12,7 @@ import numpy as np
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera
+from psfs.common.pictures import read_picture
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import volume_region
 from psfs.reconstructor import ReconstructionConfig
@@ -67,10 +68,10 @@ def true_mask(
     path = folder / TRUE_MASKS / f"{camera.name}_{frame:06d}.png"
     if not path.exists():
         return None
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    picture = read_picture(path, cv2.IMREAD_GRAYSCALE)
     width, height = camera.size
-    if picture is None or picture.shape != (height, width):
-        found = "no picture" if picture is None else f"{picture.shape[1]} x {picture.shape[0]} px"
+    if picture.shape != (height, width):
+        found = f"{picture.shape[1]} x {picture.shape[0]} px"
         raise InputError(f"{path}: {found}; expected a mask of {width} x {height} px")
     mask = np.zeros(shape, bool)
     mask[:height, :width] = picture > 127

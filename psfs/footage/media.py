@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; errors are ours to raise
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from cl import InputError, MissingFileError
 from psfs.cameras.names import natural_key
+from psfs.common.pictures import check_picture_size, read_picture
 
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -99,7 +100,7 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
 def picture_size(path: Path) -> tuple[int, int]:
     """Return (width, height), px, of an image or of a video's first frame."""
     if path.suffix.lower() not in VIDEO_SUFFIXES:
-        image = _read_image(path)
+        image = read_picture(path)
     else:
         capture = _open_capture(path)
         _, image = capture.read()
@@ -169,7 +170,7 @@ class ImagesDecoder:
     def read(self, index: int) -> np.ndarray:
         """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming the file."""
         path = self._media.paths[index]
-        image = _read_image(path)
+        image = read_picture(path)
         found, expected = (image.shape[1], image.shape[0]), self._media.size
         if found != expected:
             raise InputError(
@@ -182,21 +183,20 @@ class ImagesDecoder:
         pass
 
 
-def _read_image(path: Path) -> np.ndarray:
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file; expected an image")
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if image is None:
-        raise InputError(f"{path}: cannot be decoded; expected an image")
-    return image
-
-
 def _open_capture(path: Path) -> cv2.VideoCapture:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file; expected a video")
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    # As bytes: OpenCV crashes on the text of a name that is no UTF-8.
+    capture = cv2.VideoCapture(cast(str, os.fsencode(path)), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")
+    sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    width, height = (int(capture.get(side)) for side in sides)
+    try:
+        check_picture_size((width, height), f"{path}: claims pictures of")
+    except InputError:
+        capture.release()
+        raise
     return capture
 
 

@@ -13,6 +13,7 @@ from psfs.cameras.calibration.common import naming
 from psfs.cameras.names import listed
 from psfs.cameras.units import Unit, metres_per_unit, z_up_from
 from psfs.common.colours import parse_colour
+from psfs.common.names import check_name
 from psfs.common.ranges import check_range
 from psfs.common.toml import read_toml
 
@@ -22,6 +23,8 @@ from psfs.common.toml import read_toml
 #: from the empty plate or, without one, from the sequence's own frames; "chroma": a screen of one
 #: colour, `key` or found in the empty plate or the frames.
 BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "chroma")
+#: Of a corner of the volume, m.
+_FARTHEST = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -53,30 +56,40 @@ class Settings:
         if self.up is not None:
             z_up_from(self.up)
         if self.fps is not None:
-            check_range("fps", self.fps, 0)
+            check_range("fps", self.fps, 0.001, 100_000, ends=True)
         if self.threshold is not None:
             check_range("threshold", self.threshold, 0, 1)
         for key in ("dilate", "erode"):
             if getattr(self, key) is not None:
                 check_range(key, getattr(self, key), 0, 1000, ends=True)
-        if self.background not in (None, *BACKGROUND_KINDS):
+            value = getattr(self, key)
+            if value is not None and not isinstance(value, int):
+                raise InputError(f"{key} is {value!r}; expected a whole number of pixels")
+        if not isinstance(self.background, str | None) or (
+            self.background not in (None, *BACKGROUND_KINDS)
+        ):
             raise InputError(
                 f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
             )
         if self.key is not None:
             parse_colour(self.key)
+        if self.calibration is not None:
+            _check_path(self.calibration)
         if self.volume is not None:
             object.__setattr__(self, "volume", _volume(self.volume))
         if self.cameras is not None:
-            if isinstance(self.cameras, str) or not self.cameras:
+            if not isinstance(self.cameras, list | tuple) or not self.cameras:
                 raise InputError(f"cameras = {self.cameras!r}; expected a list of names")
-            object.__setattr__(self, "cameras", tuple(str(name) for name in self.cameras))
+            names = tuple(check_name(name, "a camera in `cameras`") for name in self.cameras)
+            if len(set(names)) < len(names):
+                raise InputError(f"cameras = {listed(names)}; expected each of them once")
+            object.__setattr__(self, "cameras", names)
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Settings:
         """Return the settings of a mapping. Raises InputError for unknown keys and bad values."""
         known = [field.name for field in fields(cls)]
-        unknown = [key for key in values if key not in known]
+        unknown = [str(key) for key in values if key not in known]
         if unknown:
             raise InputError(f"unknown key {listed(unknown)}; expected {listed(known)}")
         return cls(**values)
@@ -96,13 +109,26 @@ class Settings:
         return replace(other, **said)
 
 
+def _check_path(value: Any) -> None:
+    if not isinstance(value, str | Path) or not str(value) or "\0" in str(value):
+        raise InputError(f"calibration = {value!r}; expected a path")
+
+
 def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:
     try:
-        low, high = np.asarray(value, np.float64).reshape(2, 3)
-    except (TypeError, ValueError):
+        plain = np.asarray(value)
+        if plain.dtype.kind not in "iuf":
+            raise ValueError
+        low, high = plain.astype(np.float64).reshape(2, 3)
+    except (TypeError, ValueError, OverflowError, RecursionError):
         raise InputError(
             f"volume = {value!r}; expected [[x0, y0, z0], [x1, y1, z1]] in metres"
         ) from None
     if not (np.isfinite([low, high]).all() and np.all(low < high)):
         raise InputError(f"volume from {low.tolist()} to {high.tolist()} m; expected low < high")
+    if np.abs([low, high]).max() > _FARTHEST:
+        raise InputError(
+            f"volume from {low.tolist()} to {high.tolist()} m; "
+            f"expected metres, up to {_FARTHEST:g} from the origin"
+        )
     return low, high

@@ -10,8 +10,9 @@ import numpy as np
 from scipy import sparse
 
 from cl import InputError
-from psfs.common.files import read_npz, written_whole
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.common.files import written_whole
+from psfs.common.npz import Values, check_values, read_npz, scalar
+from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.normals import normals_of
 
 #: Parts of a cloud with fewer voxels than this share of the largest part's are debris.
@@ -26,7 +27,15 @@ _COLUMNS = {
 }
 _PLY_TYPES = {"<f4": "float", "u1": "uchar"}
 #: What an NPZ holds, and the colours where there are some.
-_ARRAYS = ("origin", "voxel_size", "shape", "indices", "probability", "volume")
+_ARRAYS = {
+    "origin": Values((3,), low=-1e6, high=1e6),
+    "voxel_size": Values((), low=1e-6, high=1e3),
+    "shape": Values((3,), "int", low=1, high=2**20),
+    "indices": Values(("N",), "int", low=0),
+    "probability": Values(("N",), low=0, high=1),
+    "volume": Values(()),
+    "colour": Values(("N", 3), "int", low=0, high=255, needed=False),
+}
 
 
 def without_debris(cloud: VoxelCloud, share: float = DEBRIS_SHARE) -> VoxelCloud:
@@ -140,10 +149,16 @@ def read_cloud(path: Path) -> VoxelCloud:
     """Read what `write_npz` wrote. Raises InputError if the file is absent, cut or another's."""
     what = "a voxel cloud of `psfs reconstruct`"
     data = read_npz(path, _ARRAYS, what)
+    nx, ny, nz = (int(n) for n in data["shape"])
     try:
-        nx, ny, nz = (int(n) for n in data["shape"])
-        grid = VoxelGrid(data["origin"], float(data["voxel_size"]), (nx, ny, nz))
-        volume = float(data["volume"])
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: not {what} ({error})") from error
-    return VoxelCloud(grid, data["indices"], data["probability"], data.get("colour"), volume)
+        grid = VoxelGrid(data["origin"], scalar(data["voxel_size"]), (nx, ny, nz))
+        check_size(grid)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    indices = data["indices"].astype(np.int32)
+    check_values(path, "indices", indices, Values(None, "int", low=0, high=grid.size - 1), {})
+    if np.any(np.diff(indices) <= 0):
+        raise InputError(f"{path}: indices are not ascending; expected {what}")
+    colour = data["colour"].astype(np.uint8) if "colour" in data else None
+    probability = data["probability"].astype(np.float32)
+    return VoxelCloud(grid, indices, probability, colour, scalar(data["volume"]))

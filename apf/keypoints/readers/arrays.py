@@ -8,11 +8,16 @@ import numpy as np
 
 from apf.keypoints.readers.orders import order_of
 from apf.keypoints.readers.raw import LARGEST_SCORE, RawKeypoints
-from cl import InputError, MissingFileError
+from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import read_npz
+from psfs.common.npz import Values, read_npy, read_npz
 
 _NPZ = "keypoints (cameras, frames, points, 3: x, y, confidence), keypoint_names and camera_names"
+_ARRAYS = {
+    "keypoints": Values(None, finite=False),
+    "keypoint_names": Values(None, "text", needed=False),
+    "camera_names": Values(None, "text", needed=False),
+}
 #: Array files of FreeMoCap: x, y and, in newer ones, a depth, which is no confidence.
 FREEMOCAP = "*2dData*pixelXY.npy"
 _DIMENSIONS = "(cameras, frames, points, 2 or 3), or (frames, points, 2 or 3) for one camera"
@@ -21,7 +26,7 @@ _DIMENSIONS = "(cameras, frames, points, 2 or 3), or (frames, points, 2 or 3) fo
 def read_keypoints_npz(path: Path) -> RawKeypoints:
     """Read an npz with `keypoints` (V, F, K, 3), and the names of keypoints and cameras, without
     which their numbers must tell. Raises InputError, or MissingFileError."""
-    data = read_npz(path, ("keypoints",), f"an npz with {_NPZ}")
+    data = read_npz(path, _ARRAYS, f"an npz with {_NPZ}")
     views = _views(path, data["keypoints"])
     names, cameras = data.get("keypoint_names"), data.get("camera_names")
     if names is None:
@@ -50,7 +55,11 @@ def read_arrays(folder: Path, paths: list[Path]) -> RawKeypoints:
 
 
 def _array_of(path: Path, files: dict[str, Path]) -> RawKeypoints:
-    arrays = {name: _views(file, _load(file)) for name, file in files.items()}
+    wanted = Values(None, finite=False)
+    arrays = {
+        name: _views(file, read_npy(file, wanted, f"an array {_DIMENSIONS}"))
+        for name, file in files.items()
+    }
     counts = {name: array.shape[2] for name, array in arrays.items()}
     if len(set(counts.values())) > 1:
         found = listed(f"{name} {count}" for name, count in counts.items())
@@ -84,16 +93,6 @@ def _without_depth(path: Path, views: np.ndarray) -> list[str]:
     return [
         f"{path}: the third number is no confidence, {scores.min():g} to {scores.max():g}: left out"
     ]
-
-
-def _load(path: Path) -> np.ndarray:
-    try:
-        array: np.ndarray = np.load(path, allow_pickle=False)
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: no such file; expected an array {_DIMENSIONS}") from None
-    except (OSError, ValueError, EOFError):
-        raise InputError(f"{path}: not a readable npy file; expected {_DIMENSIONS}") from None
-    return array
 
 
 def _views(path: Path, array: np.ndarray) -> np.ndarray:

@@ -13,12 +13,17 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
-from psfs.common.files import unreadable
+from psfs.common import files
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all, one per camera name, or
 #: a function from all the names to their sizes.
 Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | None
+
+#: Of a calibration: those of 64 cameras take less than 100 kB.
+MOST_BYTES = 4 * 2**20
+#: Numbers that a value has, at most; a camera's distortion is the longest.
+_MOST_NUMBERS = 64
 
 #: Deviations of R from a rotation up to this are rounding in the file, and are mended.
 ROUNDING = 1e-3
@@ -35,12 +40,8 @@ def naming(path: Path) -> Iterator[None]:
 
 def read_text(path: Path) -> str:
     """Return the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected a calibration") from None
-    except OSError as error:
-        raise unreadable(path, error) from None
+    text: str = files.read_text(path, "a calibration", MOST_BYTES)
+    return text
 
 
 def numbers(words: Sequence[str], what: str) -> np.ndarray:
@@ -50,21 +51,33 @@ def numbers(words: Sequence[str], what: str) -> np.ndarray:
         try:
             values.append(float(word))
         except ValueError:
-            raise InputError(f"{what}: found {word!r}; expected a number") from None
+            shown = word if len(word) <= 40 else f"{word[:40]}..."
+            raise InputError(f"{what}: found {shown!r}; expected a number") from None
     return np.array(values)
 
 
 def array(value: Any, count: int | None, what: str) -> np.ndarray:
     """Return `value` as `count` finite float64 numbers; None for any number of them."""
+    shown = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
     try:
-        flat = np.asarray(value, np.float64).ravel()
-    except (TypeError, ValueError):
-        raise InputError(f"{what} is {value!r}; expected a list of numbers") from None
+        plain = np.asarray(value)
+        if plain.dtype.kind not in "iuf" or plain.size > _MOST_NUMBERS:
+            raise ValueError
+        flat = plain.astype(np.float64).ravel()
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise InputError(f"{what} is {shown}; expected a list of numbers") from None
     if count is not None and flat.size != count:
         raise InputError(f"{what} has {flat.size} numbers; expected {count}")
     if not np.isfinite(flat).all():
         raise InputError(f"{what} holds a number that is not finite")
     return flat
+
+
+def whole_size(width: float, height: float, what: str) -> Size:
+    """Return the size of a picture, px. Raises InputError unless both are whole numbers."""
+    if width != int(width) or height != int(height):
+        raise InputError(f"{what} is {width:g} x {height:g}; expected whole numbers of pixels")
+    return int(width), int(height)
 
 
 def rotation_matrix(value: Any, what: str) -> np.ndarray:

@@ -5,7 +5,9 @@ x_cam = R X + T, the rotation as a matrix or a Rodrigues vector.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,9 @@ from psfs.cameras.calibration.common import (
     read_text,
     rotation_matrix,
     sizes_for,
+    whole_size,
 )
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
 from psfs.cameras.names import listed, natural_key
 from psfs.cameras.units import Unit
 
@@ -46,18 +49,38 @@ _WIDTH, _HEIGHT = (
 )
 
 
+#: Levels of brackets or tags; OpenCV crashes on thousands, and a calibration has four.
+_DEEPEST = 32
+_MOST_ITEMS = 64
+
+
+def _check_nesting(text: str, suffix: str) -> None:
+    """Raise InputError for a text that is nested too deeply to be parsed safely."""
+    if suffix == ".xml":
+        tags = re.findall(r"<([/?!]?)[^<>]*?(/?)>", text)
+        steps = [{"/": -1, "": 0 if closed else 1}.get(kind, 0) for kind, closed in tags]
+    else:
+        steps = [1 if c in "[{" else -1 for c in re.findall(r"[][{}]", text)]
+    indented = max((len(line) - len(line.lstrip(" -\t")) for line in text.splitlines()), default=0)
+    if max(accumulate(steps), default=0) > _DEEPEST or indented > 8 * _DEEPEST:
+        raise InputError(f"nested more than {_DEEPEST} levels deep; expected a calibration")
+
+
 class Storage:
     """An open FileStorage. `matrix(names)` looks a matrix up under several names."""
 
     def __init__(self, path: Path) -> None:
-        read_text(path)  # for the error of a missing or binary file; OpenCV does not say
+        text = read_text(path)
+        _check_nesting(text, path.suffix.lower())
         try:
-            self._storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        except (cv2.error, SystemError):
+            # From memory: OpenCV crashes on a name that is no UTF-8.
+            self._storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+            opened = self._storage.isOpened() and self._storage.root().isMap()
+            self.keys: list[str] = list(self._storage.root().keys()) if opened else []
+        except (cv2.error, SystemError, ValueError):
             raise InputError("malformed; expected an OpenCV FileStorage file") from None
-        if not self._storage.isOpened():
+        if not opened:
             raise InputError("cannot be opened; expected an OpenCV FileStorage file")
-        self.keys: list[str] = list(self._storage.root().keys())
 
     def _node(self, names: Sequence[str]) -> Any:
         return next((self._storage.getNode(name) for name in names if name in self.keys), None)
@@ -67,17 +90,31 @@ class Storage:
         node = self._node(names)
         if node is None:
             raise InputError(f"no {names[0]} among {listed(self.keys)}; expected one of {names}")
-        if not node.isMap():
-            return np.array([node.at(i).real() for i in range(node.size())])
-        return np.asarray(node.mat(), np.float64)
+        what = f"the value of {names[0]}"
+        try:
+            if node.isMap():
+                return array(node.mat(), None, what)
+            items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
+        except (cv2.error, SystemError):
+            raise InputError(f"{what} is no matrix; expected numbers") from None
+        if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
+            raise InputError(f"{what} is no list of numbers; expected a matrix")
+        return array([item.real() for item in items], None, what)
 
     def strings(self, name: str) -> list[str]:
         node = self._node([name])
-        return [] if node is None else [node.at(i).string() for i in range(node.size())]
+        items = [] if node is None else [node.at(i) for i in range(node.size())]
+        if len(items) > MOST_CAMERAS or not all(item.isString() for item in items):
+            raise InputError(f"{name} is no list of at most {MOST_CAMERAS} texts")
+        return [item.string() for item in items]
 
     def number(self, names: Sequence[str]) -> float | None:
         node = self._node(names)
-        return None if node is None else node.real()
+        if node is None:
+            return None
+        if not (node.isReal() or node.isInt()):
+            raise InputError(f"{names[0]} is no number; expected pixels")
+        return float(array(node.real(), 1, names[0])[0])
 
 
 def read_filestorage(
@@ -94,7 +131,7 @@ def read_filestorage(
         with naming(path):
             storage = Storage(path)
             width, height = storage.number(_WIDTH), storage.number(_HEIGHT)
-            size = (int(width), int(height)) if width and height else None
+            size = whole_size(width, height, "the picture's size") if width and height else None
             cameras.append(_camera(storage, name, size or sizes_for(names, sizes)[index]))
     return in_metres(CameraRig(tuple(cameras)), unit, default="m")
 
@@ -127,7 +164,7 @@ def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) 
             K = array(intrinsic.matrix([f"K_{name}"]), 9, f"camera {name}: K")
             distortion = intrinsic.matrix([f"dist_{name}", f"D_{name}"])
             width, height = intrinsic.number([f"W_{name}"]), intrinsic.number([f"H_{name}"])
-            size = (int(width), int(height)) if width and height else None
+            size = whole_size(width, height, f"camera {name}") if width and height else None
             size = size or sizes_for(names, sizes)[index]
         with naming(folder / "extri.yml"):
             R = rotation_matrix(extrinsic.matrix([f"Rot_{name}", f"R_{name}"]), f"camera {name}")

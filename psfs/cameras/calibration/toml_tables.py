@@ -7,24 +7,40 @@ world -> camera, translation, fisheye.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    Size,
     Sizes,
-    array,
     in_metres,
     naming,
     rotation_matrix,
     sizes_for,
+    whole_size,
 )
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
+from psfs.common.schema import Name, Number, Table, Vector, checked, flat
 from psfs.common.toml import read_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
-_NEEDED = ("matrix", "distortions", "rotation", "translation")
+
+
+class CameraTable(Table):
+    """The keys of one camera."""
+
+    matrix: Annotated[list[float], flat(9)]
+    distortions: Annotated[list[Number], Field(max_length=14)]
+    rotation: Annotated[list[float], flat(3, 9)]
+    translation: Vector
+    size: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    name: Name | None = None
+    fisheye: bool = False
 
 
 def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
@@ -33,39 +49,41 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
     FreeMoCap files (they have world_position) come in any unit and say none, so they need
     `unit`. Raises InputError naming file, camera and key.
     """
-    tables = {
+    found = {
         name: table
         for name, table in read_toml(path).items()
         if isinstance(table, dict) and name.lower() not in _NOT_CAMERAS
     }
     with naming(path):
-        if not tables:
+        if not found:
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
-        if unit is None and any("world_position" in table for table in tables.values()):
+        if unit is None and any("world_position" in table for table in found.values()):
             raise InputError("a FreeMoCap file does not say its unit; state it (usually unit mm)")
-        by_name = {str(table.get("name", key)): table for key, table in tables.items()}
+        tables = {key: checked(CameraTable, found[key], f"camera {key}") for key in found}
+        by_name = {table.name or key: table for key, table in tables.items()}
         if len(by_name) < len(tables):
             raise InputError(f"camera names must differ; found {len(by_name)} in {len(tables)}")
         names = sorted(by_name, key=natural_key)
-        if any("size" not in table for table in tables.values()):
-            for name, size in zip(names, sizes_for(names, sizes), strict=True):
-                by_name[name].setdefault("size", size)
-        cameras = [_camera(name, by_name[name]) for name in names]
+        measured: dict[str, Size] = {}
+        if any(table.size is None for table in tables.values()):
+            measured = dict(zip(names, sizes_for(names, sizes), strict=True))
+        cameras = [_camera(name, by_name[name], measured.get(name)) for name in names]
         return in_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
-def _camera(name: str, table: dict[str, Any]) -> Camera:
-    if table.get("fisheye", False):
+def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
+    if table.fisheye:
         raise InputError(f"camera {name}: fisheye = true; expected a pinhole camera")
-    missing = [key for key in _NEEDED if key not in table]
-    if missing:
-        raise InputError(f"camera {name}: no {', '.join(missing)}")
-    width, height = array(table["size"], 2, f"camera {name}: size")
+    size = measured
+    if table.size is not None:
+        width, height = table.size
+        size = whole_size(width, height, f"camera {name}: size")
+    assert size is not None  # measured where any table lacks it
     return Camera(
         name=name,
-        K=array(table["matrix"], 9, f"camera {name}: matrix"),
-        distortion=array(table["distortions"], None, f"camera {name}: distortions"),
-        R=rotation_matrix(table["rotation"], f"camera {name}: rotation"),
-        t=array(table["translation"], 3, f"camera {name}: translation"),
-        size=(int(width), int(height)),
+        K=np.array(table.matrix).reshape(3, 3),
+        distortion=np.array(table.distortions),
+        R=rotation_matrix(table.rotation, f"camera {name}: rotation"),
+        t=np.array(table.translation),
+        size=size,
     )

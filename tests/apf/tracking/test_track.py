@@ -138,9 +138,9 @@ def _pickled(path: Path) -> None:
         (_array, "not a readable npz"),
         (_truncated, "not a readable npz"),
         (_damaged, "not a readable npz"),
-        (_pickled, "not a readable npz"),
+        (_pickled, "an array of object"),
         (_no_poses, "lacks body_name, dof_names"),
-        (_wrong_shape, r"poses has shape \(2, 2\); expected \(30, 31\)"),
+        (_wrong_shape, r"poses has the shape \(2, 2\); expected \(30, 31\)"),
     ],
 )
 def test_bad_files_are_named(tmp_path: Path, make, message: str) -> None:

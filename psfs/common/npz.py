@@ -1,0 +1,183 @@
+"""Reading npz files: what they claim is checked before anything is allocated."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from cl import InputError, MissingFileError
+from psfs.common.files import unreadable
+from psfs.common.schema import LARGEST
+
+#: Bytes that the arrays of one file may take, all together.
+MOST_BYTES = 4 * 2**30
+_MOST_ARRAYS = 1000
+_MOST_DIMENSIONS = 8
+#: Of the description of one array.
+_MOST_HEADER = 10_000
+_BROKEN = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError, KeyError,
+           NotImplementedError, RuntimeError, SyntaxError, RecursionError, OverflowError,
+           struct.error)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Values:
+    """What an array must be.
+
+    shape: a number, or a letter that stands for the same length wherever it occurs, for each
+    dimension; None for any shape. kind: "float" for any numbers, "int" for whole ones, "bool" for
+    numbers as flags, "text". finite: no NaN or infinity, and none beyond `LARGEST`; else NaN says
+    unknown, and infinity is refused all the same. low, high: bounds, ends included.
+    """
+
+    shape: tuple[int | str, ...] | None
+    kind: str = "float"
+    finite: bool = True
+    low: float = -LARGEST
+    high: float = LARGEST
+    needed: bool = True
+
+
+_KINDS = {"float": "fiu", "int": "iu", "bool": "biuf", "text": "U"}
+
+
+def read_npz(path: Path, schema: Mapping[str, Values], what: str) -> dict[str, np.ndarray]:
+    """Return all arrays of an npz, those that `schema` names checked; `what` says in errors what
+    the file should be. Raises InputError, or MissingFileError if the file is absent."""
+    data = _loaded(path, what)
+    missing = [key for key, values in schema.items() if values.needed and key not in data]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; expected {what}")
+    lengths: dict[str, tuple[int, str]] = {}
+    for key, values in schema.items():
+        if key in data:
+            check_values(path, key, data[key], values, lengths)
+    return data
+
+
+def read_npy(path: Path, values: Values, what: str) -> np.ndarray:
+    """Return the array of an npy file, checked; `what` says in errors what it should be. Raises
+    InputError, or MissingFileError if the file is absent."""
+    try:
+        with path.open("rb") as file:
+            array = _array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: no such file; expected {what}") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except InputError:
+        raise
+    except _BROKEN:
+        raise InputError(f"{path}: not a readable npy file; expected {what}") from None
+    check_values(path, "the array", array, values, {})
+    return array
+
+
+def _loaded(path: Path, what: str) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+            if len(entries) > _MOST_ARRAYS:
+                raise InputError(f"{path}: holds {len(entries)} arrays; "
+                                 f"expected at most {_MOST_ARRAYS}")  # fmt: skip
+            total, data = 0, {}
+            for entry in entries:
+                total += entry.file_size
+                if total > MOST_BYTES:
+                    raise InputError(f"{path}: its arrays take more than "
+                                     f"{MOST_BYTES / 2**30:.0f} GiB; expected {what}")  # fmt: skip
+                name = entry.filename.removesuffix(".npy")
+                with archive.open(entry) as file:
+                    data[name] = _array(path, name, file, entry.file_size)
+            return data
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: no such file; expected {what}") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except InputError:
+        raise
+    except _BROKEN:
+        raise InputError(f"{path}: not a readable npz file; expected {what}") from None
+
+
+def _array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarray:
+    """Read one array whose entry has `nbytes`, which its description must agree with."""
+    version = np.lib.format.read_magic(file)
+    headers = {(1, 0): np.lib.format.read_array_header_1_0,
+               (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
+    shape, fortran, dtype = headers[version](file, max_header_size=_MOST_HEADER)
+    if dtype.hasobject or dtype.fields is not None or len(shape) > _MOST_DIMENSIONS:
+        raise InputError(f"{path}: {name} is an array of {dtype} with {len(shape)} dimensions; "
+                         "expected plain numbers or text")  # fmt: skip
+    if any(n < 0 for n in shape):
+        raise InputError(f"{path}: {name} claims the shape {shape}; expected lengths from 0 on")
+    claimed = math.prod(shape) * dtype.itemsize
+    if claimed > nbytes:
+        raise InputError(f"{path}: {name} claims {shape} of {dtype}, {claimed:,} bytes, but has "
+                         f"{nbytes:,}; the file is damaged")  # fmt: skip
+    content = file.read(claimed)
+    if len(content) < claimed:
+        raise InputError(f"{path}: {name} ends early; the file is damaged")
+    flat = np.frombuffer(bytearray(content), dtype)
+    return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
+
+
+def check_values(
+    where: Path | str,
+    key: str,
+    array: np.ndarray,
+    values: Values,
+    lengths: dict[str, tuple[int, str]],
+) -> None:
+    """Raise InputError unless `array` is what `values` say; lengths: of the letters so far, and
+    the key that they come from."""
+    if array.dtype.kind not in _KINDS[values.kind]:
+        raise InputError(f"{where}: {key} is {array.dtype}; expected {_wanted(values)}")
+    if values.shape is not None:
+        _check_shape(where, key, array, values.shape, lengths)
+    if values.kind == "text" or not array.size:
+        return
+    numbers = array if array.dtype.kind in "iub" else array[~np.isnan(array)]
+    if values.finite and numbers.size < array.size:
+        raise InputError(f"{where}: {key} holds NaN; expected finite numbers")
+    outside = (numbers < values.low) | (numbers > values.high)
+    if outside.any():
+        raise InputError(f"{where}: {key} holds {numbers[outside].ravel()[0]:g}; expected numbers "
+                         f"from {values.low:g} to {values.high:g}")  # fmt: skip
+
+
+def _check_shape(
+    where: Path | str,
+    key: str,
+    array: np.ndarray,
+    shape: tuple[int | str, ...],
+    lengths: dict[str, tuple[int, str]],
+) -> None:
+    fits = array.ndim == len(shape)
+    for wanted, found in zip(shape, array.shape, strict=False):
+        length = wanted if isinstance(wanted, int) else lengths.setdefault(wanted, (found, key))[0]
+        fits = fits and found == length
+    if not fits:
+        named = [str(n if isinstance(n, int) else lengths.get(n, (n, ""))[0]) for n in shape]
+        raise InputError(
+            f"{where}: {key} has the shape {array.shape}; expected ({', '.join(named)})"
+        )
+
+
+def _wanted(values: Values) -> str:
+    return {"float": "numbers", "int": "whole numbers", "bool": "flags", "text": "text"}[
+        values.kind
+    ]
+
+
+def scalar(array: Any) -> Any:
+    """Return the only element of an array."""
+    return np.asarray(array).ravel()[0].item()

@@ -1,0 +1,100 @@
+"""What a file of tables must hold, stated as pydantic models, and errors of one line."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
+
+from cl import InputError
+from psfs.common.names import check_name, printable
+
+T = TypeVar("T")
+
+#: No length (m, mm or px), angle or weight that somebody means is larger.
+LARGEST = 1e9
+#: Characters of a found value that an error shows.
+_SHOWN = 60
+
+
+class Table(BaseModel):
+    """A table of plain values: types are not converted, unknown keys are passed over."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, frozen=True)
+
+
+#: Numbers, finite. TOML and JSON write whole ones without a point.
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+
+
+def flat(*counts: int) -> BeforeValidator:
+    """Return what makes plain lists, nested or not, one list of as many finite numbers as one of
+    the `counts` says."""
+
+    def flattened(value: Any) -> list[float]:
+        try:
+            numbers = np.asarray(value if isinstance(value, list) else [None])
+        except ValueError:  # lists of different lengths
+            numbers = np.array([None])
+        if numbers.dtype.kind not in "iuf" or numbers.size not in counts:
+            raise ValueError(f"{' or '.join(map(str, counts))} numbers")
+        if not np.isfinite(numbers).all():
+            raise ValueError("numbers that are finite")
+        return [float(number) for number in numbers.ravel()]
+
+    return BeforeValidator(flattened)
+
+
+def _named(name: str) -> str:
+    try:
+        return check_name(name, "it")
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+#: A name that can be a file's, see `check_name`.
+Name = Annotated[str, AfterValidator(_named)]
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter:
+    return TypeAdapter(kind)
+
+
+def checked(kind: type[T], values: Any, where: Path | str = "") -> T:
+    """Return `values` as `kind`, a model or any type pydantic knows. Raises InputError that names
+    `where`, the key, what was found and what was expected."""
+    try:
+        found: T = _adapter(cast(Any, kind)).validate_python(values)
+    except ValidationError as error:
+        before = f"{where}: " if where else ""
+        raise InputError(before + described(error)) from None
+    return found
+
+
+def described(error: ValidationError) -> str:
+    """Return the first of the errors as a line, and how many more there are."""
+    first, *more = error.errors(include_url=False)
+    key = ".".join(str(part) for part in first["loc"] if not str(part).startswith("function-"))
+    if first["type"] == "missing":
+        text = f"lacks the key {printable(key)}"
+    else:
+        found = repr(first["input"])
+        found = found if len(found) <= _SHOWN else f"{found[:_SHOWN]}..."
+        wanted = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        text = f"{printable(key) or 'the content'} is {printable(found)}; expected {wanted}"
+    return text + (f" (and {len(more)} more of its entries are wrong)" if more else "")
