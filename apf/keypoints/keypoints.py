@@ -12,11 +12,7 @@ from apf.keypoints.opening import Cameras, fitted, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.distortion import distorted, distortion_jacobian
 from psfs.cameras.names import listed
-
-#: Steps in which the distortion is undone, and the pixels that may be left of it.
-_STEPS, _LEFT = 12, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +65,7 @@ class Keypoints:
         """
         raw = read_raw(Path(path))
         points, names, notes = fitted(raw, cameras)
-        return cls(points[:, :, 0], raw.names, names, notes)
+        return cls(points, raw.names, names, notes)
 
     def of_cameras(self, names: Sequence[str]) -> Keypoints:
         """Return the keypoints of these cameras, in this order. Raises InputError."""
@@ -97,29 +93,5 @@ class Keypoints:
         points = self.points.copy()
         for view, camera in zip(points, cameras, strict=True):
             if camera.distortion.any():
-                view[..., :2] = _undistorted(camera, view[..., :2].astype(np.float64))
+                view[..., :2] = camera.undistorted(view[..., :2].astype(np.float64))
         return replace(self, points=points)
-
-
-def _undistorted(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 2) without the lens's distortion, by Newton's method; NaN where it does
-    not converge within the radius that the lens shows."""
-    K = camera.K
-    v = (pixels[..., 1] - K[1, 2]) / K[1, 1]
-    u = (pixels[..., 0] - K[0, 2] - K[0, 1] * v) / K[0, 0]
-    x, y = u.copy(), v.copy()
-    with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
-            xd, yd = distorted(camera.distortion, x, y)
-            (a, b), (c, d) = distortion_jacobian(camera.distortion, x, y)
-            det = a * d - b * c
-            x, y = (
-                x - (d * (xd - u) - b * (yd - v)) / det,
-                y - (a * (yd - v) - c * (xd - u)) / det,
-            )
-        xd, yd = distorted(camera.distortion, x, y)
-        off = np.hypot((xd - u) * K[0, 0], (yd - v) * K[1, 1])
-        good = (off < _LEFT) & (x * x + y * y < camera.max_radius2)
-    out = np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
-    out[~good] = np.nan
-    return out

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.keypoints.persons import chosen_persons
 from apf.keypoints.readers.arrays import (
     FREEMOCAP,
     read_array,
     read_arrays,
     read_keypoints_npz,
 )
+from apf.keypoints.readers.deeplabcut import ENDINGS, is_deeplabcut, read_deeplabcut
+from apf.keypoints.readers.people import OPENCAP, read_opencap, read_openpose
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import CameraRig
@@ -22,46 +25,78 @@ from psfs.sequence import Sequence as Footage
 #: What the keypoints are matched with.
 Cameras = CameraRig | Footage | Sequence[str]
 _EXPECTED = (
-    "keypoints.npz, OpenPose JSON per frame, a FreeMoCap recording or other .npy arrays, or "
-    "DeepLabCut's .csv or .h5"
+    "keypoints.npz, OpenPose's JSON per frame, OpenCap's pickles, FreeMoCap's or other .npy "
+    "arrays, or DeepLabCut's .csv or .h5"
 )
 
 
 def read_raw(path: Path) -> RawKeypoints:
-    """Read a file or folder of keypoints, whose format is recognised. Raises InputError."""
+    """Read a file or folder of keypoints, whose format is recognised. The path may hold wildcards,
+    which choose among the folders of cameras: `Videos/Cam*/OutputPkl*/jump`. Raises InputError.
+    """
+    if any(sign in str(path) for sign in "*?["):
+        fixed = next(n for n, part in enumerate(path.parts) if any(s in part for s in "*?["))
+        base = Path(*path.parts[:fixed])
+        roots = sorted(base.glob(str(Path(*path.parts[fixed:]))))
+        if not roots:
+            raise MissingFileError(f"{path}: matches no file or folder; expected {_EXPECTED}")
+        return _read_folder(base, roots)
     if not path.exists():
         raise MissingFileError(f"{path}: no such file or folder; expected {_EXPECTED}")
     if path.is_dir():
-        return _read_folder(path)
+        return _read_folder(path, [path])
     readers = {".npz": read_keypoints_npz, ".npy": read_array}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: no file of keypoints; expected {_EXPECTED}")
-    return reader(path)
+    ending = path.suffix.lower()
+    if ending in readers:
+        return readers[ending](path)
+    if ending in ENDINGS:
+        return read_deeplabcut(path, [path])
+    if ending == ".pkl":
+        return read_opencap(path.parent, [path])
+    hint = ": name its folder" if ending == ".json" else ""
+    raise InputError(f"{path}: no file of keypoints of all frames{hint}; expected {_EXPECTED}")
 
 
-def _read_folder(folder: Path) -> RawKeypoints:
-    if (folder / "keypoints.npz").is_file():
-        return read_keypoints_npz(folder / "keypoints.npz")
-    freemocap = sorted(folder.rglob(FREEMOCAP))
+def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
+    """Read what is in the folders `roots`, all in `base`, or below, or is itself among them; of
+    several kinds the first in this order."""
+
+    def found(pattern: str) -> list[Path]:
+        inside = {path for root in roots if root.is_dir() for path in root.rglob(pattern)}
+        return sorted(inside.union(root for root in roots if root.match(pattern)))
+
+    if (base / "keypoints.npz").is_file() and list(roots) == [base]:
+        return read_keypoints_npz(base / "keypoints.npz")
+    freemocap = found(FREEMOCAP)
+    if len(freemocap) > 1:
+        listing = listed(str(path.relative_to(base)) for path in freemocap)
+        raise InputError(f"{base}: {len(freemocap)} recordings: {listing}; expected one: name it")
     if freemocap:
-        _only_one(folder, [str(path.relative_to(folder)) for path in freemocap])
         return read_array(freemocap[0])
-    arrays = sorted(folder.glob("*.npy"), key=lambda path: natural_key(path.stem))
+    opencap = sorted({path for pattern in OPENCAP for path in found(pattern)})
+    if opencap:
+        return read_opencap(base, opencap)
+    openpose = read_openpose(base, found("*.json"))
+    if openpose is not None:
+        return openpose
+    here = [
+        path for root in roots for path in ((root, *root.iterdir()) if root.is_dir() else (root,))
+    ]
+    arrays = sorted(
+        (p for p in here if p.suffix == ".npy"), key=lambda path: natural_key(path.stem)
+    )
     if arrays:
-        return read_arrays(folder, arrays)
-    raise InputError(f"{folder}: holds no keypoints; expected {_EXPECTED}")
-
-
-def _only_one(folder: Path, found: list[str]) -> None:
-    if len(found) > 1:
-        raise InputError(f"{folder}: {len(found)} files of keypoints: {listed(found)}; name one")
+        return read_arrays(base, arrays)
+    tables = [path for path in sorted(here) if path.is_file() and is_deeplabcut(path)]
+    if tables:
+        return read_deeplabcut(base, tables)
+    raise InputError(f"{base}: holds no keypoints; expected {_EXPECTED}")
 
 
 def fitted(
     raw: RawKeypoints, cameras: Cameras | None
 ) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
-    """Return keypoints (V, F, N, K, 3) px of N persons, the cameras' names (V,) and notes.
+    """Return keypoints (V, F, K, 3) px of one person, the cameras' names (V,) and notes.
 
     See `Keypoints.open` for how cameras and frames are matched. Raises InputError.
     """
@@ -83,14 +118,25 @@ def fitted(
     if raw.shares:
         points[..., :2] = _in_pixels(raw, points[..., :2], cameras)
         notes.append(f"{raw.path}: x and y are shares of the picture, made pixels")
-    return points, tuple(names), tuple(notes)
+    if n_persons > 1:
+        points = chosen_persons(points, _rig(cameras))
+        notes.append(
+            f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
+            "large and seen alike by all cameras"
+        )
+    return points.reshape(len(names), length, -1, 3), tuple(names), tuple(notes)
+
+
+def _rig(cameras: Cameras | None) -> CameraRig | None:
+    if isinstance(cameras, Footage):
+        return cameras.rig
+    return cameras if isinstance(cameras, CameraRig) else None
 
 
 def _camera_names(cameras: Cameras | None) -> list[str] | None:
-    if isinstance(cameras, Footage):
-        return cameras.rig.names
-    if isinstance(cameras, CameraRig):
-        return cameras.names
+    if isinstance(cameras, (Footage, CameraRig)):
+        rig = _rig(cameras)
+        return rig.names if rig is not None else None
     return None if cameras is None else list(cameras)
 
 
@@ -107,7 +153,7 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
         if len(found) > 1:
             raise InputError(
                 f"{raw.path}: {listed(found)} could all be camera {camera}; expected one of them: "
-                "name the folder of one take"
+                "name those of one take, such as Videos/Cam*/OutputPkl*/jump"
             )
         if found:
             of[camera] = found[0]
@@ -154,8 +200,8 @@ def _length(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -
 
 def _in_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -> np.ndarray:
     """Return x, y (V, ..., 2) px of shares of the picture's width and height."""
-    rig = cameras.rig if isinstance(cameras, Footage) else cameras
-    if not isinstance(rig, CameraRig):
+    rig = _rig(cameras)
+    if rig is None:
         raise InputError(
             f"{raw.path}: x and y go from 0 to 1, as shares of the picture; expected pixels, or "
             "cameras that tell its size"

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.distortion import distorted, largest_radius2
+from psfs.cameras.distortion import distorted, largest_radius2, undistorted
 from psfs.common.names import check_name
 from psfs.common.pictures import check_picture_size
 
@@ -134,6 +134,15 @@ class Camera:
         inside = (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1]) & (depth > 0)
         column, row = nearest[inside].astype(int).T
         return inside, row, column, depth[inside]
+
+    def undistorted(self, pixels: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) as the camera without distortion would have them; NaN where it
+        cannot be undone."""
+        K = self.K
+        y = (pixels[..., 1] - K[1, 2]) / K[1, 1]
+        x = (pixels[..., 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
+        x, y = undistorted(self.distortion, x, y)
+        return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Steps in which the distortion is undone, and what may be left of it, of the focal length.
+_STEPS, _LEFT = 12, 1e-6
+
 
 def distorted(
     coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
@@ -35,6 +38,26 @@ def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) 
             [mixed, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x],
         ]
     )
+
+
+def undistorted(
+    coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the undistorted normalised coordinates (...) of distorted ones (...), by Newton's
+    method; NaN where it does not converge, or beyond `largest_radius2`, where no lens shows them.
+    """
+    found_x, found_y = np.array(x, np.float64), np.array(y, np.float64)
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            xd, yd = distorted(coefficients, found_x, found_y)
+            (a, b), (c, d) = distortion_jacobian(coefficients, found_x, found_y)
+            off_x, off_y, det = xd - x, yd - y, a * d - b * c
+            found_x = found_x - (d * off_x - b * off_y) / det
+            found_y = found_y - (a * off_y - c * off_x) / det
+        xd, yd = distorted(coefficients, found_x, found_y)
+        good = np.hypot(xd - x, yd - y) < _LEFT
+        good &= found_x * found_x + found_y * found_y < largest_radius2(coefficients)
+    return np.where(good, found_x, np.nan), np.where(good, found_y, np.nan)
 
 
 def largest_radius2(coefficients: np.ndarray) -> float:

@@ -32,6 +32,9 @@ def _run(args: argparse.Namespace) -> None:
     stdout.print(_facts(sequence, info))
     for note in info.notes:
         remark("note", "cyan", note)
+    if info.keypoints is not None:
+        unasked = "not used unless asked for, with apf track --keypoints"
+        remark("note", "cyan", f"keypoints of a pose network: {info.keypoints}; {unasked}")
     disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
     for warning in [*info.warnings, *disagreeing]:
         warn(warning, stdout)

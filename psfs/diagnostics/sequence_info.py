@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from psfs.sequence import Sequence
 
 #: A rig of people or things is this large, m; anything else hints at a wrong unit.
 PLAUSIBLE_EXTENT = (0.05, 100.0)
+#: Names of keypoints: ours, Pose2Sim's, OpenPose's, FreeMoCap's, OpenCap's, DeepLabCut's.
+_KEYPOINTS = (
+    "keypoints.npz", "pose", "pose-2d", "openpose*", "*_json", "keypoints",
+    "output_data/raw_data/*2dData*pixelXY.npy", "Videos/Cam*/OutputPkl*", "*DLC_*.csv",
+    "*DLC_*.h5",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,8 @@ class CameraFacts:
 class SequenceInfo:
     """centre: (3,) m where the optical axes meet. shared: box (low, high) m that `needed`
     cameras see, or None. extent: m between the rig's farthest cameras. notes: what was guessed or
-    left out when reading; warnings: what looks wrong.
+    left out when reading; warnings: what looks wrong. keypoints: where in the folder 2-D keypoints
+    of a pose network seem to lie, or None; nothing here reads them.
     """
 
     cameras: list[CameraFacts]
@@ -48,6 +56,7 @@ class SequenceInfo:
     extent: float
     notes: list[str]
     warnings: list[str]
+    keypoints: Path | None
 
 
 def sequence_info(sequence: Sequence) -> SequenceInfo:
@@ -81,7 +90,14 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         extent=rig_extent(rig),
         notes=sequence.notes,
         warnings=[*_count_warnings(sequence), *rig_warnings(rig)],
+        keypoints=keypoints_in(sequence.folder),
     )
+
+
+def keypoints_in(folder: Path) -> Path | None:
+    """Return the file or folder in `folder` that by its name holds 2-D keypoints, if any does."""
+    found = (path for pattern in _KEYPOINTS for path in sorted(folder.glob(pattern)))
+    return next(found, None)
 
 
 def rig_extent(rig: CameraRig) -> float:

@@ -191,7 +191,7 @@ def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:
     for path, message in (
         (tmp_path / "none", "no such file"),
         (tmp_path / "none.npz", "no such file"),
-        (tmp_path / "notes.txt", "no file of keypoints; expected keypoints.npz"),
+        (tmp_path / "notes.txt", "no file of keypoints of all frames; expected keypoints.npz"),
         (tmp_path / "empty", "holds no keypoints; expected keypoints.npz"),
         (tmp_path / "broken.npy", "not a readable npy"),
     ):

@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from psfs.cameras.distortion import distorted, distortion_jacobian, largest_radius2
+from psfs.cameras.distortion import (
+    distorted,
+    distortion_jacobian,
+    largest_radius2,
+    undistorted,
+)
 
 LENSES = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
 
@@ -28,6 +33,18 @@ def test_its_derivatives(lens: np.ndarray) -> None:
     jacobian = distortion_jacobian(lens, x, y)
     np.testing.assert_allclose(jacobian[:, 0], by_x, atol=1e-8)
     np.testing.assert_allclose(jacobian[:, 1], by_y, atol=1e-8)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_it_is_undone_but_beyond_what_the_lens_shows(lens: np.ndarray) -> None:
+    x, y = np.random.default_rng(2).uniform(-0.6, 0.6, (2, 50))
+    found = undistorted(lens, *distorted(lens, x, y))
+    np.testing.assert_allclose(found, [x, y], atol=1e-9)
+    edge = largest_radius2(lens) ** 0.5
+    if np.isfinite(edge):
+        far = np.array([1.2 * edge])
+        assert np.isnan(undistorted(lens, far, far)).all()
+    assert np.isnan(undistorted(lens, np.array([np.nan]), np.array([0.0]))).all()
 
 
 def test_where_it_turns_back() -> None:

@@ -71,6 +71,27 @@ def test_unequal_counts_are_warned_of(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "keypoints.npz",
+        "pose/cam01_json/cam01_000000.json",
+        "output_data/raw_data/mediapipe_2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy",
+        "Videos/Cam0/OutputPkl_default/jump/jump_rotated_pp.pkl",
+        "cam01DLC_resnet50_100000.csv",
+    ],
+)
+def test_keypoints_are_noticed_and_not_read(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = footage.native(tmp_path / "walk")
+    assert sequence_info(Sequence.open(folder)).keypoints is None
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text("nothing that could be read")
+    assert main(["info", str(folder), "--no-pictures"]) == 0
+    assert "note: keypoints of a pose network" in capsys.readouterr().out
+
+
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = footage.native(tmp_path / "walk[1]")
     assert main(["info", str(folder), "--up", "-z", "--volume", "-1,1,-1,1,0,2"]) == 0

@@ -1,0 +1,143 @@
+"""DeepLabCut's tables: a file per camera, columns by scorer, (individual,) part and coordinate.
+
+A csv has these names in its first rows, one row per level; an h5 is a pandas table, read with
+pandas, which is an extra of its own.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.keypoints.readers.raw import RawKeypoints
+from cl import InputError
+from psfs.cameras.names import listed
+from psfs.common.files import unreadable
+
+#: Endings of the files.
+ENDINGS = (".csv", ".h5", ".hdf5")
+_LEVELS = ("individuals", "bodyparts", "coords")
+_COORDINATES = ("x", "y", "likelihood")
+_EXPECTED = "DeepLabCut's header rows scorer, bodyparts, coords"
+#: What the files' names have after the video's: cam1DLC_resnet50_...
+_SCORER = "DLC"
+
+#: A column: individual, body part, coordinate.
+Column = tuple[str, str, str]
+
+
+def is_deeplabcut(path: Path) -> bool:
+    """Return whether a .csv begins as DeepLabCut's do; an .h5 is taken for one."""
+    if path.suffix.lower() != ".csv":
+        return path.suffix.lower() in ENDINGS
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return file.readline().split(",")[0].strip() == "scorer"
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
+    """Read the tables of all cameras; `path` is what errors name. Where a table is there as .csv
+    and as .h5, the .csv is read. Raises InputError naming the file that is wrong."""
+    by_stem: dict[str, Path] = {}
+    for file in sorted(files, key=lambda file: ENDINGS.index(file.suffix.lower())):
+        by_stem.setdefault(file.stem, file)
+    views: dict[str, np.ndarray] = {}
+    parts_of: dict[str, tuple[str, ...]] = {}
+    for stem, file in by_stem.items():
+        columns, values = _read_csv(file) if file.suffix.lower() == ".csv" else _read_h5(file)
+        name = stem.split(_SCORER)[0].rstrip("_-. ") or stem
+        if name in views:
+            raise InputError(f"{path}: {listed(by_stem)} are several tables of one video, {name}")
+        parts_of[name], views[name] = _arranged(file, columns, values)
+    first = next(iter(parts_of.values()))
+    for name, parts in parts_of.items():
+        if set(parts) != set(first):
+            raise InputError(
+                f"{path}: body parts of {name} ({listed(parts)}) are not those of "
+                f"{next(iter(parts_of))} ({listed(first)})"
+            )
+        views[name] = views[name][:, :, [parts.index(part) for part in first]]
+    return RawKeypoints(path, first, views)
+
+
+def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
+    """Return columns and values (F, C) of a table with header rows; blank cells are NaN."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a table: {error}") from None
+    heads: dict[str, list[str]] = {}
+    while rows and rows[0] and rows[0][0].strip() in ("scorer", *_LEVELS):
+        level, *cells = (cell.strip() for cell in rows.pop(0))
+        heads[level] = cells
+    if not {"bodyparts", "coords"} <= set(heads):
+        raise InputError(f"{path}: has no {_EXPECTED}")
+    width = len(heads["coords"])
+    individuals = heads.get("individuals", [""] * width)
+    columns = list(zip(individuals, heads["bodyparts"], heads["coords"], strict=False))
+    values = np.full((len(rows), width), np.nan)
+    for number, (row, cells) in enumerate(zip(values, rows, strict=True), len(heads) + 1):
+        if len(cells) != width + 1:
+            raise InputError(f"{path}: line {number} has {len(cells)} cells; expected {width + 1}")
+        try:
+            row[:] = [float(cell) if cell.strip() else np.nan for cell in cells[1:]]
+        except ValueError as error:
+            raise InputError(f"{path}: line {number}: {error}") from None
+    return columns, values
+
+
+def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
+    """Return columns and values (F, C) of a pandas table. Raises InputError."""
+    try:
+        import pandas
+        import tables  # noqa: F401  which pandas reads them with
+    except ImportError:
+        raise InputError(
+            f"{path}: reading DeepLabCut's .h5 needs pandas and tables "
+            "(pip install psfs-apf[deeplabcut]); its .csv needs nothing"
+        ) from None
+    try:
+        table: Any = pandas.read_hdf(path)
+    except FileNotFoundError as error:
+        raise unreadable(path, error) from None
+    except Exception as error:  # of pandas, tables, HDF5: almost anything
+        raise InputError(f"{path}: no table of pandas: {' '.join(str(error).split())}") from None
+    names = list(getattr(table.columns, "names", []))
+    if not {"bodyparts", "coords"} <= set(names):
+        raise InputError(f"{path}: its columns are by {listed(map(str, names))}; no {_EXPECTED}")
+    columns = [
+        tuple(str(key[names.index(level)]) if level in names else "" for level in _LEVELS)
+        for key in table.columns
+    ]
+    return columns, table.to_numpy(np.float64)  # type: ignore[return-value]
+
+
+def _arranged(
+    path: Path, columns: list[Column], values: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return the body parts (K,) and their values (F, N, K, 3), N individuals."""
+    where = {column: number for number, column in enumerate(columns)}
+    parts = tuple(dict.fromkeys(part for _, part, _ in columns))
+    individuals = list(dict.fromkeys(individual for individual, _, _ in columns))
+    if len(where) < len(columns) or not parts:
+        raise InputError(f"{path}: has the same column twice, or none; expected {_EXPECTED}")
+    out = np.full((len(values), len(individuals), len(parts), 3), np.nan)
+    for n, individual in enumerate(individuals):
+        for k, part in enumerate(parts):
+            found = [where.get((individual, part, axis)) for axis in _COORDINATES]
+            if any(column is None for column in found[:2]):
+                if individual in ("", individuals[0]):
+                    raise InputError(f"{path}: body part {part} has no x, y; expected {_EXPECTED}")
+                continue  # parts of single animals in a table of several
+            for axis, column in enumerate(found):
+                out[:, n, k, axis] = 1.0 if column is None else values[:, column]
+    return parts, out

@@ -1,0 +1,274 @@
+"""OpenPose's JSON as programs lay it out, OpenCap's pickles, DeepLabCut's tables, persons."""
+
+from __future__ import annotations
+
+import csv
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.keypoints import of_poses
+
+import apf
+from apf.body import load_body
+from apf.keypoints import Keypoints
+from apf.keypoints.readers import deeplabcut
+from apf.keypoints.readers.orders import BODY_25, COCO_17, MEDIAPIPE
+from psfs.cameras.camera import CameraRig
+
+RIG = scenes.ring(4, size=(640, 480))
+BODY = load_body("song31")
+FRAMES = 6
+#: Where programs put the file of a camera and frame.
+LAYOUTS: dict[str, Callable[[str, int], str]] = {
+    "pose2sim": lambda camera, frame: f"pose/{camera}_json/{camera}_{frame:06d}.json",
+    "pose2sim_older": lambda camera, frame: f"pose-2d/{camera}_json/{camera}.{frame:04d}.json",
+    "sports2d": lambda camera, frame: f"{camera}_Sports2D/{camera}_json/{camera}_{frame:06d}.json",
+    "openpose": lambda camera, frame: f"{camera}/take_{frame:012d}_keypoints.json",
+    "in_one_folder": lambda camera, frame: f"{camera}_{frame:012d}_keypoints.json",
+    "from_1": lambda camera, frame: f"{camera}/{frame + 1}.json",
+    "from_120": lambda camera, frame: f"{camera}/{camera}_{frame + 120}.json",
+}
+
+
+def walked(dx: float = 0.0, dy: float = 0.0, rig: CameraRig = RIG, **options: Any) -> Keypoints:
+    poses = np.tile(BODY.rest_pose, (FRAMES, 1))
+    poses[:, 0] += dx + 0.02 * np.arange(FRAMES)
+    poses[:, 1] += dy
+    return of_poses(rig, BODY, poses, **options)
+
+
+def person(points: np.ndarray) -> dict[str, Any]:
+    """(K, 3) as OpenPose lists it: zeros for what it has not found."""
+    return {"person_id": [-1], "pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}
+
+
+def write(folder: Path, layout: str, *people: Keypoints) -> Path:
+    """The JSON files of several persons."""
+    first = people[0]
+    for view, camera in enumerate(first.camera_names):
+        for frame in range(first.n_frames):
+            path = folder / LAYOUTS[layout](camera, frame)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            found = [person(one.points[view, frame].astype(float)) for one in people]
+            path.write_text(json.dumps({"version": 1.3, "people": found}))
+    return folder
+
+
+def same(read: Keypoints, written: Keypoints) -> None:
+    assert (read.names, read.camera_names) == (written.names, written.camera_names)
+    np.testing.assert_array_equal(read.points, written.points)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("names", [MEDIAPIPE, COCO_17, BODY_25], ids=["33", "17", "25"])
+def test_openpose_and_arrays_of_the_same_points_are_equal(
+    tmp_path: Path, layout: str, names: tuple[str, ...]
+) -> None:
+    written = walked(names=names)
+    write(tmp_path / "json", layout, written)
+    (tmp_path / "json" / "calibration.json").write_text("{}")  # not every JSON is a frame
+    (tmp_path / "json" / "notes_1.json").write_text('{"people": 3, "x": 1}'.replace("people", "y"))
+    np.save(tmp_path / "points.npy", written.points)
+    read = Keypoints.open(tmp_path / "json", RIG)
+    same(read, written)
+    assert read.notes == ()
+    same(Keypoints.open(tmp_path / "points.npy", RIG), written)
+
+
+def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) -> None:
+    written = walked(names=BODY_25)
+    session = tmp_path / "OpenCapData"
+    for trial in ("jump", "squat"):
+        for view, camera in enumerate(("Cam0", "Cam1", "Cam2", "Cam3")):
+            path = session / "Videos" / camera / "OutputPkl_default" / trial / "x_rotated_pp.pkl"
+            path.parent.mkdir(parents=True)
+            frames = [[person(points.astype(float))] for points in written.points[view]]
+            path.write_bytes(pickle.dumps(frames if trial == "jump" else [[]] * 3 + frames))
+    pattern = session / "Videos" / "Cam*" / "OutputPkl*" / "jump"
+    same(Keypoints.open(pattern, RIG), written)  # Cam0 for c0, ..., by order
+    named = CameraRig(tuple(SimpleNamespace(name=f"Cam{n}") for n in range(4)))  # type: ignore[misc]
+    with pytest.raises(apf.InputError, match=r"could all be camera Cam0.*Cam\*/OutputPkl\*/jump"):
+        Keypoints.open(session, named.names)
+    with pytest.raises(apf.InputError, match="matches no file"):
+        Keypoints.open(session / "Cam*" / "none", RIG)
+    path.write_bytes(pickle.dumps(SimpleNamespace(people=[])))
+    with pytest.raises(apf.InputError, match=r"no pickle of plain lists.*SimpleNamespace"):
+        Keypoints.open(path, RIG)
+    path.write_bytes(pickle.dumps({"people": []}))
+    with pytest.raises(apf.InputError, match="holds a dict; expected a list of frames"):
+        Keypoints.open(path, RIG)
+
+
+def test_frames_without_a_file_or_a_person_are_missing(tmp_path: Path) -> None:
+    written = walked()
+    write(tmp_path, "pose2sim", written)
+    (tmp_path / LAYOUTS["pose2sim"]("c1", 2)).unlink()
+    (tmp_path / LAYOUTS["pose2sim"]("c2", 3)).write_text('{"people": []}')
+    empty = json.dumps({"people": [{"pose_keypoints_2d": []}]})
+    (tmp_path / LAYOUTS["pose2sim"]("c3", 0)).write_text(empty)
+    read = Keypoints.open(tmp_path, RIG)
+    expected = written.points.copy()
+    expected[1, 2] = expected[2, 3] = expected[3, 0] = np.nan
+    np.testing.assert_array_equal(read.points, expected)
+
+
+def test_the_person_that_all_cameras_see_alike_is_followed(tmp_path: Path) -> None:
+    subject = walked(noise=2.0)
+    nearer = walked(1.2, 0.6, noise=2.0, seed=1)  # large in some cameras, which see him alone
+    shown = nearer.points.copy()
+    shown[2:] = np.nan
+    bystander = Keypoints(shown, MEDIAPIPE, subject.camera_names)
+    write(tmp_path, "pose2sim", bystander, subject)
+    for frame in (1, 4):  # networks do not keep an order
+        path = tmp_path / LAYOUTS["pose2sim"]("c0", frame)
+        people = json.loads(path.read_text())
+        path.write_text(json.dumps({"people": people["people"][::-1]}))
+    read = Keypoints.open(tmp_path, RIG)
+    np.testing.assert_array_equal(read.points, subject.points)
+    assert "up to 2 persons in a picture" in read.notes[0]
+
+
+def test_without_cameras_the_surer_person_is_followed(tmp_path: Path) -> None:
+    subject, other = walked(), walked(0.5)
+    unsure = other.points.copy()
+    unsure[..., 2] *= 0.4
+    unsure[:, 3, :, 2] = 1.0  # for once
+    people = Keypoints(unsure, MEDIAPIPE, other.camera_names)
+    read = Keypoints.open(write(tmp_path, "openpose", people, subject), subject.camera_names)
+    np.testing.assert_array_equal(read.points, subject.points)
+
+
+def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
+    good = walked()
+    for number, (text, message) in enumerate(
+        (
+            ("{", "malformed JSON"),
+            ('{"persons": []}', "lacks the list people"),
+            ('{"people": [7]}', "no list x, y, confidence"),
+            ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "found 2 values"),
+            ('{"people": [{"pose_keypoints_2d": [1, 2, "x"]}]}', "found list values"),
+            ('{"people": [{"pose_keypoints_2d": [1, 2, 0.5]}]}', "1, 33 keypoints; expected the"),
+            ('{"people": [{"pose_keypoints_2d": [1, 2, 50]}]}', "1, 33 keypoints"),
+        )
+    ):
+        folder = write(tmp_path / str(number), "pose2sim", good)
+        path = folder / LAYOUTS["pose2sim"]("c2", 4)
+        path.write_text(text)
+        with pytest.raises(apf.InputError, match=message) as error:
+            Keypoints.open(folder, RIG)
+        assert str(folder) in str(error.value) and "\n" not in str(error.value)
+    with pytest.raises(apf.InputError, match="name its folder"):
+        Keypoints.open(path, RIG)
+    path.write_text(json.dumps({"people": [person(np.ones((33, 3)) * 9)]}))
+    with pytest.raises(apf.InputError, match=r"camera c2_json/c2: confidences go from .* to 9"):
+        Keypoints.open(folder, RIG)
+    (folder / LAYOUTS["pose2sim"]("c2", 4)).unlink()
+    (folder / LAYOUTS["pose2sim"]("c2", 5)).unlink()
+    with pytest.raises(apf.InputError, match="numbers of frames differ: c0 6, c1 6, c2 4, c3 6"):
+        Keypoints.open(folder, RIG)
+    again = folder / "pose" / "c0_json" / "c0_0.json"
+    again.write_text('{"people": []}')
+    with pytest.raises(apf.InputError, match="one file a frame"):
+        Keypoints.open(folder, RIG)
+    again.rename(again.with_name("c0_99999999.json"))
+    with pytest.raises(apf.InputError, match="expected numbers that follow each other"):
+        Keypoints.open(folder, RIG)
+    nobody = write(tmp_path / "nobody", "openpose", good)
+    for path in nobody.rglob("*.json"):
+        path.write_text('{"people": []}')
+    with pytest.raises(apf.InputError, match="nobody was found in any frame"):
+        Keypoints.open(nobody, RIG)
+
+
+def table(points: np.ndarray, names: tuple[str, ...], individuals: bool = False) -> list[list[Any]]:
+    """The rows of DeepLabCut's csv for (F, K, 3)."""
+    parts = [name for name in names for _ in range(3)]
+    rows = [["scorer", *["DLC_net"] * len(parts)]]
+    rows += [["individuals", *["one"] * len(parts)]] if individuals else []
+    rows += [["bodyparts", *parts], ["coords", *["x", "y", "likelihood"] * len(names)]]
+    for frame, row in enumerate(points.reshape(len(points), -1).astype(float)):
+        rows.append([frame, *("" if np.isnan(value) else float(value) for value in row)])
+    return rows
+
+
+def write_tables(folder: Path, written: Keypoints, individuals: bool = False) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for view, camera in enumerate(written.camera_names):
+        paths.append(folder / f"{camera}DLC_resnet50_walkJan1shuffle1_100000.csv")
+        with paths[-1].open("w", newline="") as file:
+            csv.writer(file).writerows(table(written.points[view], written.names, individuals))
+    return paths
+
+
+@pytest.mark.parametrize("individuals", [False, True])
+def test_deeplabcuts_tables(tmp_path: Path, individuals: bool) -> None:
+    written = walked(names=COCO_17)
+    hidden = written.points.copy()
+    hidden[1, 2, 3] = np.nan
+    written = Keypoints(hidden, COCO_17, written.camera_names)
+    paths = write_tables(tmp_path / "dlc", written, individuals)
+    same(Keypoints.open(tmp_path / "dlc", RIG), written)
+    one = Keypoints.open(paths[1], ["c1"])
+    np.testing.assert_array_equal(one.points[0], written.points[1])
+    (tmp_path / "dlc" / "summary.csv").write_text("frame,mean\n0,1\n")  # some other table
+    same(Keypoints.open(tmp_path / "dlc", RIG), written)
+
+
+def test_deeplabcuts_h5_is_its_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = walked(names=COCO_17)
+    for path in write_tables(tmp_path, written):
+        path.with_suffix(".h5").write_bytes(b"not HDF5")
+        path.unlink()
+    monkeypatch.setitem(__import__("sys").modules, "tables", None)  # as if not installed
+    with pytest.raises(apf.InputError, match=r"needs pandas and tables \(pip install psfs-apf\["):
+        Keypoints.open(tmp_path, RIG)
+    monkeypatch.undo()
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("tables")
+    with pytest.raises(apf.InputError, match="no table of pandas"):
+        Keypoints.open(tmp_path, RIG)
+    for view, path in enumerate(sorted(tmp_path.glob("*.h5"))):
+        keys = [("DLC", name, axis) for name in COCO_17 for axis in ("x", "y", "likelihood")]
+        columns = pandas.MultiIndex.from_tuples(keys, names=["scorer", "bodyparts", "coords"])
+        values = written.points[view].reshape(FRAMES, -1).astype(float)
+        path.unlink()
+        pandas.DataFrame(values, columns=columns).to_hdf(path, key="df_with_missing", mode="w")
+    same(Keypoints.open(tmp_path, RIG), written)
+
+
+def test_bad_tables_are_one_clear_error(tmp_path: Path) -> None:
+    written = walked(names=COCO_17)
+    for number, (row, column, value, message) in enumerate(
+        (
+            (0, 0, "bones", "holds no keypoints"),
+            (1, 0, "bones", "has no DeepLabCut's header"),
+            (1, 2, "nose2", "has no x, y"),
+            (2, 1, "y", "same column twice"),
+            (5, 3, "wide", "line 6: could not convert"),
+        )
+    ):
+        paths = write_tables(tmp_path / str(number), written)
+        for path in paths if row == 0 else paths[:1]:
+            rows = [line.split(",") for line in path.read_text().splitlines()]
+            rows[row][column] = value
+            path.write_text("\n".join(",".join(cells) for cells in rows) + "\n")
+        with pytest.raises(apf.InputError, match=message) as error:
+            Keypoints.open(tmp_path / str(number), RIG)
+        assert "\n" not in str(error.value)
+    paths = write_tables(tmp_path / "ragged", written)
+    paths[0].write_text(paths[0].read_text() + "6,1,2\n")
+    with pytest.raises(apf.InputError, match="line 10 has 3 cells; expected 52"):
+        Keypoints.open(tmp_path / "ragged", RIG)
+    paths = write_tables(tmp_path / "parts", written)
+    paths[0].write_text(paths[0].read_text().replace("nose", "snout"))
+    with pytest.raises(apf.InputError, match=r"body parts of c1 .* are not those of c0"):
+        Keypoints.open(tmp_path / "parts", RIG)
+    assert not deeplabcut.is_deeplabcut(tmp_path / "none.csv")
