@@ -16,39 +16,56 @@ from apf.body.model import AXES, BodyModel
 _SLIDES, _TURNS = 1, 2
 
 
-def cone_moves(body: BodyModel) -> np.ndarray:
-    """Return (C, D) uint8: 0 where a degree of freedom does not move a cone, 1 where it slides it,
+def bone_moves(body: BodyModel) -> np.ndarray:
+    """Return (B, D) uint8: 0 where a degree of freedom does not move a bone, 1 where it slides it,
     2 where it turns it."""
-    moves = np.zeros((len(body.cones), body.n_dof), np.uint8)
-    for c, cone in enumerate(body.cones):
-        bone = cone.bone
-        while bone >= 0:
-            for axis in body.bones[bone].axes:
-                moves[c, axis.dof] = _SLIDES if AXES.index(axis.kind) < 3 else _TURNS
-            bone = body.bones[bone].parent
+    moves = np.zeros((len(body.bones), body.n_dof), np.uint8)
+    for b, bone in enumerate(body.bones):
+        if bone.parent >= 0:
+            moves[b] = moves[bone.parent]
+        for axis in bone.axes:
+            moves[b, axis.dof] = _SLIDES if AXES.index(axis.kind) < 3 else _TURNS
     return moves
 
 
+def cone_moves(body: BodyModel) -> np.ndarray:
+    """Return (C, D) uint8, what moves each cone: what moves its bone, see `bone_moves`."""
+    return bone_moves(body)[[cone.bone for cone in body.cones]]
+
+
 def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the world axes (D, 3), with their signs, of the degrees of freedom in `pose` (D,), and
-    points (D, 3) m on them."""
-    directions, anchors = np.zeros((2, body.n_dof, 3))
-    rotations, origins = bone_matrices(body, pose[None])
+    """Return the world axes (..., D, 3), with their signs, of the degrees of freedom in poses
+    (..., D), and points (..., D, 3) m on them."""
+    poses = np.asarray(pose, np.float64).reshape(-1, body.n_dof)
+    directions, anchors = np.zeros((2, len(poses), body.n_dof, 3))
+    rotations, origins = bone_matrices(body, poses)
     for bone in body.bones:
-        rotation, origin = np.eye(3), bone.offset
+        rotation, origin = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), bone.offset
         if bone.parent >= 0:
-            rotation = rotations[0, bone.parent]
-            origin = origins[0, bone.parent] + rotation @ bone.offset
+            rotation = rotations[:, bone.parent]
+            origin = origins[:, bone.parent] + rotation @ bone.offset
         rotation = rotation @ bone.rest
         for axis in bone.axes:
-            kind, value = AXES.index(axis.kind), axis.sign * pose[axis.dof]
-            directions[axis.dof] = axis.sign * rotation[:, kind % 3]
-            anchors[axis.dof] = origin
+            kind, value = AXES.index(axis.kind), axis.sign * poses[:, axis.dof]
+            directions[:, axis.dof] = axis.sign * rotation[:, :, kind % 3]
+            anchors[:, axis.dof] = origin
             if kind < 3:
-                origin = origin + rotation[:, kind] * value
+                origin = origin + rotation[:, :, kind] * value[:, None]
             else:
                 rotation = rotation @ axis_rotation(kind - 3, value)
-    return directions, anchors
+    shape = (*np.shape(pose), 3)
+    return directions.reshape(shape), anchors.reshape(shape)
+
+
+def bone_point_jacobian(
+    body: BodyModel, poses: np.ndarray, bone: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Return (M, P, D, 3) how fast each degree of freedom of poses (M, D) moves points (M, P, 3) m
+    that are fixed to the bones numbered `bone` (P,)."""
+    directions, anchors = world_axes(body, poses)
+    moves = bone_moves(body)[bone][:, :, None]
+    turns = np.cross(directions[:, None], points[:, :, None] - anchors[:, None])
+    return np.where(moves == _SLIDES, directions[:, None], np.where(moves == _TURNS, turns, 0.0))
 
 
 def point_jacobian(

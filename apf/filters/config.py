@@ -97,17 +97,36 @@ class RefinementConfig:
     width: float = 4.0
     """Deviation of the prior about the particles' mean, in the first layer's noise. By hand: as far
     as the particles reach."""
+    point_strength: float = 1.0
+    """Weight of each observed point's squared distance, in deviations, against the prior's: 1 where
+    their errors have nothing to do with each other."""
+    point_scale: float = 2.5
+    """Deviations at which an observed point is half missed."""
+    point_reach: float = 10.0
+    """Deviations that observed points are weighed by in the first step; they shrink to
+    `point_scale`, as `reach` does."""
 
     def __post_init__(self) -> None:
         check_range("refinement_steps", self.steps, 0, ends=True)
-        for name in ("scale", "reach", "strength", "width"):
+        names = ("scale", "reach", "strength", "width", "point_strength", "point_scale",
+                 "point_reach")  # fmt: skip
+        for name in names:
             check_range(f"refinement_{name}", getattr(self, name), 0)
 
     @property
-    def shrink(self) -> float:
-        """Factor from step to step that takes `reach` to `scale`."""
-        ratio = self.scale / self.reach
-        return float(min(1.0, ratio ** (1 / max(1, self.steps - 1))))
+    def reaches(self) -> list[tuple[float, float]]:
+        """The reach of voxels, m, and of observed points, in deviations, in every step and after
+        the last one."""
+
+        def shrinking(reach: float, scale: float) -> list[float]:
+            shrink = min(1.0, (scale / reach) ** (1 / max(1, self.steps - 1)))
+            found = [reach]
+            for _ in range(self.steps):
+                found.append(max(scale, found[-1] * shrink))
+            return found
+
+        voxels = shrinking(self.reach, self.scale)
+        return list(zip(voxels, shrinking(self.point_reach, self.point_scale), strict=True))
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class LimbSearch:
     """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
     poses that differ from the mean in that limb, and the best of many that have it anywhere within
     its limits; the one of these that scores best is the estimate. Does nothing with a likelihood
-    that has no surface points.
+    that has neither surface points nor observed ones.
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
@@ -60,7 +60,10 @@ class LimbSearch:
         seeds = tuple(seeds or [config.search.seed])
         self._n_runs = n_runs = len(seeds)
         n_candidates = n_runs * self._per_run
-        self._refinement = Refinement(device, body, config, n_candidates)
+        self._refinement = Refinement(
+            device, body, config, n_candidates, voxels=likelihood.points is not None,
+            observed=likelihood.observed,
+        )  # fmt: skip
         self._candidates = device.empty((n_candidates, n), np.float32)
         self._errors = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
@@ -86,7 +89,7 @@ class LimbSearch:
         frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
         """
         likelihood, candidates = self.likelihood, self._candidates
-        if self.config.refinement.steps == 0 or likelihood.points is None:
+        if self.config.refinement.steps == 0 or not likelihood.refines:
             return []
         least_recall, stride = (
             self.config.limb_search.least_recall,

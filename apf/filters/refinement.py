@@ -1,4 +1,5 @@
-"""Gauss-Newton steps of the estimate against the surface voxels (kernels: refinement.cl)."""
+"""Gauss-Newton steps of the estimate against surface voxels and observed points (kernels:
+refinement.cl)."""
 
 from __future__ import annotations
 
@@ -6,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.jacobian import cone_moves
+from apf.body.jacobian import bone_moves, cone_moves
 from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.filters.config import FilterConfig
+from apf.likelihood.observations import ObservedPoints
 from cl import Array, Device, InputError, Launch
 from cl.workgroups import pack_defines
+from psfs.cameras.camera import CAMERA_FLOATS
 
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.
@@ -22,7 +25,8 @@ _GPU_BLOCK, _CPU_BLOCK = 64, 256
 
 
 class Refinement:
-    """Moves `n_poses` poses (n_poses, D), each by itself, onto the surface voxels of `points`.
+    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels, if there are any, and
+    `observed` points, if there are any.
 
     `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
     linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
@@ -31,12 +35,19 @@ class Refinement:
     """
 
     def __init__(
-        self, device: Device, body: BodyModel, config: FilterConfig, n_poses: int = 1
+        self,
+        device: Device,
+        body: BodyModel,
+        config: FilterConfig,
+        n_poses: int = 1,
+        *,
+        voxels: bool = True,
+        observed: ObservedPoints | None = None,
     ) -> None:
         self.device = device
         self.body = body
-        self.config, self._n_points = config.refinement, config.likelihood.n_points
-        self._filter = config
+        self.config, self._n_points = config.refinement, config.likelihood.n_points * voxels
+        self._filter, self._observed = config, observed
         self.n_poses = n_poses
         n = body.n_dof
         block = _GPU_BLOCK if device.is_gpu else _CPU_BLOCK
@@ -44,12 +55,15 @@ class Refinement:
         self._defines["VOXEL_FLOATS"] = _VOXEL_FLOATS
         pack = self._defines["PACK"]
         row = (n // pack + 1) * pack
-        self._n_parts = -(-self._n_points // block)
+        n_voxel_parts = -(-self._n_points // block)
+        self._defines |= {"VOXEL_PARTS": n_voxel_parts, "CAMERA_FLOATS": CAMERA_FLOATS}
+        room = observed.room if observed is not None else 0
+        self._n_parts = n_voxel_parts + -(-room // (block // 2))
         self.information = device.zeros((n_poses, n * (n + 1) // 2), np.float32)
         self._body = device.to_device(pack_body(body), "the body model")
         self._check_room(row)
-        moves = np.zeros((len(body.cones), row), np.float32)
-        moves[:, :n] = cone_moves(body) > 0
+        moves = np.zeros((len(body.cones) + len(body.bones), row), np.float32)
+        moves[:, :n] = np.concatenate([cone_moves(body), bone_moves(body)]) > 0
         self._moves = device.to_device(moves)
         self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
         self._limits = device.to_device(body.limits)
@@ -67,21 +81,26 @@ class Refinement:
         self._sigma.set(prior_deviation(body, self._filter).astype(np.float32))
         self._limits.set(body.limits)
 
-    def launcher(self, points: Array, results: Array) -> list[Launch]:
-        """Return the launches that refine `results` (n_poses, D) on `points` (K, 4); none with 0
-        steps."""
-        config, reach, poses = self.config, self.config.reach, results
+    def launcher(self, points: Array | None, results: Array) -> list[Launch]:
+        """Return the launches that refine `results` (n_poses, D) on the surface `points` (K, 4),
+        where it looks at voxels, and what was observed; none with 0 steps."""
+        config, poses = self.config, results
         if config.steps == 0:
             return []
-        launches = [self._system(points, poses, reach, 0)]
+        reaches = config.reaches
+        launches = [self._system(points, poses, reaches[0], 0)]
         for step in range(config.steps):
-            reach = max(config.scale, reach * config.shrink)
-            launches += self._step(step, points, results, poses, reach)
+            launches += self._step(step, points, results, poses, reaches[step + 1])
             poses = self._poses[step % 2]
         return [*launches, self._end(config.steps, results, poses)]
 
     def _step(
-        self, step: int, points: Array, results: Array, poses: Array, reach: float
+        self,
+        step: int,
+        points: Array | None,
+        results: Array,
+        poses: Array,
+        reach: tuple[float, float],
     ) -> list[Launch]:
         """Return the launches from `poses` on to the next ones, and of the linear system there."""
         taken = self._taken(results, poses, step) | {
@@ -95,13 +114,15 @@ class Refinement:
                 self._launch("refine_step", size, n_parts=self._n_parts, **taken),
                 self._system(points, self._poses[step % 2], reach, step + 1),
             ]
-        voxels = self._voxels(points, reach)
+        evidence = self._evidence(points, reach)
         next_parts = self._parts[(step + 1) % 2]
-        return [self._launch("refine_on", self._size(), **voxels, **taken, next_parts=next_parts)]
+        return [self._launch("refine_on", self._size(), **evidence, **taken, next_parts=next_parts)]
 
-    def _system(self, points: Array, poses: Array, reach: float, step: int) -> Launch:
-        voxels, parts = self._voxels(points, reach), self._parts[step % 2]
-        return self._launch("refine_system", self._size(), **voxels, poses=poses, parts=parts)
+    def _system(
+        self, points: Array | None, poses: Array, reach: tuple[float, float], step: int
+    ) -> Launch:
+        evidence, parts = self._evidence(points, reach), self._parts[step % 2]
+        return self._launch("refine_system", self._size(), **evidence, poses=poses, parts=parts)
 
     def _end(self, step: int, results: Array, poses: Array) -> Launch:
         return self._launch(
@@ -112,24 +133,38 @@ class Refinement:
             information=self.information,
         )
 
-    def _voxels(self, points: Array, reach: float) -> dict[str, Any]:
+    def _evidence(self, points: Array | None, reach: tuple[float, float]) -> dict[str, Any]:
         """Return what the linear system is made of, by the kernels' names."""
+        config, observed = self.config, self._observed
+        strength, weight = self._voxel_weights
         return {
             "n_points": self._n_points,
-            "scale": self.config.scale,
-            "reach": reach,
+            "scale": config.scale,
+            "reach": reach[0],
             "points": points,
+            "point_scale": config.point_scale,
+            "point_reach": reach[1],
+            "point_root": (config.point_strength / weight) ** 0.5,
+            "point_share": config.point_strength * config.point_scale**2 / strength,
+            "exchange": self._filter.likelihood.keypoints.exchange,
+            "cameras": observed.cameras if observed is not None else None,
+            "observed": observed.table if observed is not None else None,
             "table": self._body,
             "moves": self._moves,
         }
 
+    @property
+    def _voxel_weights(self) -> tuple[float, float]:
+        """The strength of a voxel in the cost and its weight in the linear system."""
+        strength = self.config.strength / max(1, self._n_points)
+        return strength, strength / self.config.scale**2
+
     def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Any]:
-        """Return what a step reads and keeps, by the kernels' names. strength, weight: of the
-        voxels' mean in the cost, and of a voxel in the linear system."""
-        strength = self.config.strength / self._n_points
+        """Return what a step reads and keeps, by the kernels' names."""
+        strength, weight = self._voxel_weights
         return {
             "strength": strength,
-            "weight": strength / self.config.scale**2,
+            "weight": weight,
             "sigma": self._sigma,
             "means": results,
             "poses": poses,
@@ -139,7 +174,7 @@ class Refinement:
         }
 
     def _size(self) -> tuple[int, int]:
-        """Return the global size: a work-group for every part of every pose's voxels."""
+        """Return the global size: a work-group for every part of every pose's evidence."""
         return self._n_parts * self._defines["GROUP"], self.n_poses
 
     def _launch(self, name: str, size: tuple[int, ...], /, **arguments: Any) -> Launch:

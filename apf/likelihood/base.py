@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from apf.body.model import BodyModel
+from apf.likelihood.observations import ObservedPoints
 from cl import Array, Launch
 
 
@@ -25,6 +26,8 @@ class Likelihood:
     errors: (N,) float32, -log weight at exponent 1 of each pose; smaller is better.
     points: (K, 4) float32 surface points, m, that estimates are refined on; the fourth value is 0
     where there is none. None: estimates stay the particles' mean.
+    observed: points of the body that estimates are refined on. None: on none.
+    unit: what a term of weight 1 counts in `errors`, for terms that are added to them.
     misfits: (R,) float32 of R runs, which `misfit_launcher` fills. None: not known.
 
     The misfit of a pose states in absolute terms how badly it fits: the share of the body that lies
@@ -34,7 +37,14 @@ class Likelihood:
 
     errors: Array
     points: Array | None = None
+    observed: ObservedPoints | None = None
+    unit: float = 1.0
     misfits: Array | None = None
+
+    @property
+    def refines(self) -> bool:
+        """Whether there is something that estimates are refined on."""
+        return self.points is not None or self.observed is not None
 
     def observe(self, observation: Any) -> None:
         """Enqueue the preparation of a frame."""

@@ -60,6 +60,27 @@ class MotionPriorConfig:
 
 
 @dataclass(frozen=True)
+class KeypointConfig:
+    """The share of keypoints, and other points that cameras see, that the body misses."""
+
+    weight: float = 0.0
+    """Of the share, in one camera's error. Off: there are none unless somebody brings them."""
+    reach: float = 5.0
+    """Deviations at which a point is half missed (Geman & McClure 1987): one that is quite wrong
+    costs no more than 1. By hand."""
+    exchange: float = 0.5
+    """What it costs that left was taken for right, of a point that is quite missed. By hand."""
+    room: int = 512
+    """Sightings that a frame may have: 33 points in 15 cameras."""
+
+    def __post_init__(self) -> None:
+        check_range("keypoints_weight", self.weight, 0, ends=True)
+        check_range("keypoints_reach", self.reach, 0)
+        check_range("keypoints_exchange", self.exchange, 0, 1, ends=True)
+        check_range("keypoints_room", self.room, 1, ends=True)
+
+
+@dataclass(frozen=True)
 class ReprojectionConfig:
     """How cones are compared with the reprojected voxels, by edges and silhouettes."""
 
@@ -105,6 +126,7 @@ class LikelihoodConfig:
     """What the terms of edge and silhouette look at."""
     part_colour: PartColourConfig = field(default_factory=PartColourConfig)
     motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
+    keypoints: KeypointConfig = field(default_factory=KeypointConfig)
 
     def __post_init__(self) -> None:
         for name in ("n_points", "point_turns"):

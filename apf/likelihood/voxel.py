@@ -88,6 +88,7 @@ class VoxelLikelihood(Likelihood):
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
+        self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
         self.reprojection = Reprojection(

@@ -38,7 +38,7 @@ class NumpyTracker(Tracker):
         likelihood.observe(observation)
         found = self._search()
         pose, information = found.pose, np.zeros((self.body.n_dof, self.body.n_dof))
-        if likelihood.points is not None:
+        if likelihood.points is not None or likelihood.observations is not None:
             frame = self._frame + 1
             pose, information = searched(self.body, likelihood, pose, self.config, frame)
         misfit = likelihood.misfit(pose)

@@ -39,7 +39,6 @@ def searched(
     body: BodyModel, likelihood: NumpyLikelihood, mean: np.ndarray, config: FilterConfig, frame: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the estimate (D,), and the matrix of its last linear system (see `refined`)."""
-    assert likelihood.points is not None
     candidates = [mean]
     n_limbs = len(limb_masks(body)) if config.searches_limbs else 0
     if n_limbs:
@@ -49,7 +48,8 @@ def searched(
         for kind in range(2 * n_limbs):
             tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
-    found = [refined(body, pose, likelihood.points, config) for pose in candidates]
+    evidence = (likelihood.points, config, likelihood.observations, likelihood.rig)
+    found = [refined(body, pose, *evidence) for pose in candidates]
     best = 0
     if n_limbs:
         refined_poses = np.stack([pose for pose, _ in found])

@@ -1,46 +1,117 @@
-"""Gauss-Newton steps of the estimate against the surface voxels. Twin of refinement.cl."""
+"""Gauss-Newton steps of the estimate against voxels and observed points. Twin of refinement.cl."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from apf.body.jacobian import distance_jacobian
+from apf.body.jacobian import bone_point_jacobian, distance_jacobian
 from apf.body.model import BodyModel
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import prior_deviation
+from apf.likelihood.observations import PointObservations
+from apf.reference.likelihood.keypoints import distances, placed
+from psfs.cameras.camera import CameraRig
 
 
 def refined(
-    body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
+    body: BodyModel,
+    mean: np.ndarray,
+    points: np.ndarray | None,
+    config: FilterConfig,
+    observations: PointObservations | None = None,
+    rig: CameraRig | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose (D,) that fits the points (K, 3) m best, near the particles' `mean` (D,).
+    """Return the pose (D,) that fits the points (K, 3) m of the surface and the observations of
+    `rig` best, near the particles' `mean` (D,).
 
-    It minimises strength mean(d^2 / (d^2 + scale^2)) plus its squared distance from `mean` in prior
-    deviations: the best of the poses met in `steps` steps.
+    It minimises strength mean(d^2 / (d^2 + scale^2)) of the voxels' distances d, and point_strength
+    point_scale^2 sum(e^2 / (e^2 + point_scale^2)) of the distances e, in deviations, of observed
+    points, plus the squared distance from `mean` in prior deviations: the best of the poses met in
+    `steps` steps.
 
     The steps weigh voxels by a scale that shrinks from `reach` to `scale`, so that
-    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).
+    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987), and
+    observed points likewise.
 
     Also return the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
-    if config.refinement.steps == 0:
+    refinement = config.refinement
+    if refinement.steps == 0:
         return mean, np.zeros((body.n_dof, body.n_dof))
     prior = prior_deviation(body, config) ** -2
-    if len(points) == 0:
-        return mean, np.diag(prior)
-    weight = config.refinement.strength / (len(points) * config.refinement.scale**2)
-    pose, best, least, reach = mean, mean, np.inf, config.refinement.reach
-    for step in range(config.refinement.steps + 1):
-        distance, rows = distance_jacobian(body, pose, points)
-        unexplained = np.mean(distance**2 / (distance**2 + config.refinement.scale**2))
-        cost = config.refinement.strength * unexplained + np.sum(prior * (pose - mean) ** 2)
+    pose, best, least = mean, mean, np.inf
+    for step, (reach, point_reach) in enumerate(refinement.reaches):
+        cost, matrix = np.sum(prior * (pose - mean) ** 2), np.diag(prior)
+        vector = prior * (pose - mean)
+        parts = []
+        if points is not None and len(points):
+            parts.append(_voxel_system(body, pose, points, config, reach))
+        if observations is not None and len(observations):
+            assert rig is not None
+            parts.append(_point_system(body, pose, observations, rig, config, point_reach))
+        for part_cost, weight, miss, rows in parts:
+            weighted = rows * weight[:, None]
+            cost, matrix = cost + part_cost, matrix + weighted.T @ rows
+            vector = vector + weighted.T @ miss
         if cost < least:
             best, least = pose, cost
-        weighted = rows * (weight / (1 + distance**2 / reach**2) ** 2)[:, None]
-        matrix = weighted.T @ rows + np.diag(prior)
-        if step == config.refinement.steps:
-            break
-        vector = weighted.T @ distance + prior * (pose - mean)
-        pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
-        reach = max(config.refinement.scale, reach * config.refinement.shrink)
+        if step < refinement.steps:
+            pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)
     return best, matrix
+
+
+def _voxel_system(
+    body: BodyModel, pose: np.ndarray, points: np.ndarray, config: FilterConfig, reach: float
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the voxels' cost, weights (K,), distances (K,) and their derivatives (K, D)."""
+    strength, scale = config.refinement.strength, config.refinement.scale
+    distance, rows = distance_jacobian(body, pose, points)
+    cost = float(strength * np.mean(distance**2 / (distance**2 + scale**2)))
+    weight = strength / (len(points) * scale**2) / (1 + distance**2 / reach**2) ** 2
+    return cost, weight, distance, rows
+
+
+def _point_system(
+    body: BodyModel,
+    pose: np.ndarray,
+    observations: PointObservations,
+    rig: CameraRig,
+    config: FilterConfig,
+    reach: float,
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the observed points' cost, and weights (2 N,), distances (2 N,) and derivatives
+    (2 N, D) of both coordinates of each that is in front of its camera, as its own point or its
+    partner, whichever misses less."""
+    strength, scale = config.refinement.point_strength, config.refinement.point_scale
+    exchange = config.likelihood.keypoints.exchange
+    world = placed(body, pose[None], observations)
+    found = []
+    for which in (observations.point, observations.partner):
+        off = distances(rig, world, which, observations)[0]
+        with np.errstate(invalid="ignore"):
+            square = np.sum((off / scale) ** 2, -1)
+            found.append((off, np.where(np.isfinite(square), square / (1 + square), 1.0)))
+    (off, share), (other_off, other_share) = found
+    other_share = exchange + (1 - exchange) * other_share
+    other = (observations.partner >= 0) & (other_share < share)
+    share, off = np.where(other, other_share, share), np.where(other[:, None], other_off, off)
+    point = np.where(other, observations.partner, observations.point)
+    seen = np.isfinite(off).all(1)
+    off, point, camera = off[seen], point[seen], observations.camera[seen]
+    moves = bone_point_jacobian(body, pose[None], observations.bone[point], world[:, point])[0]
+    slopes = _pixel_slopes(rig, world[0, point], camera)
+    scaled = slopes * observations.inverse_scale[seen][:, None, None]
+    rows = np.einsum("nci,ndi->ncd", scaled, moves).reshape(-1, body.n_dof)
+    weight = strength / (1 + np.sum(off**2, 1) / reach**2) ** 2
+    cost = float(strength * scale**2 * share.sum())
+    return cost, np.repeat(weight, 2), off.ravel(), rows
+
+
+def _pixel_slopes(rig: CameraRig, points: np.ndarray, camera: np.ndarray) -> np.ndarray:
+    """Return (N, 2, 3) how the pixels of points (N, 3) m in cameras (N,) move with them."""
+    R, t, K = (np.stack([getattr(one, name) for one in rig])[camera] for name in "RtK")
+    seen = np.einsum("nij,nj->ni", R, points) + t
+    plane = seen[:, :2] / seen[:, 2:]
+    turned = (R[:, :2] - plane[:, :, None] * R[:, 2:]) / seen[:, 2, None, None]
+    slopes: np.ndarray = K[:, :2, :2] @ turned
+    return slopes

@@ -6,17 +6,24 @@ from typing import Any
 
 import numpy as np
 
+from apf.likelihood.observations import PointObservations
+from psfs.cameras.camera import CameraRig
+
 
 class NumpyLikelihood:
     """What a NumPy tracker searches with, as `apf.likelihood.base.Likelihood`: a subclass has
     `observe(observation)` and, called with poses (N, D), returns their errors (N,).
 
     points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
-    of the launchers that a device's tracker makes is meant.
+    of the launchers that a device's tracker makes is meant. observations: points of the body that
+    estimates are refined on, seen by `rig`; None: there are none. unit: see `Likelihood`.
     """
 
     points: np.ndarray | None = None
     turn: int = 0
+    observations: PointObservations | None = None
+    rig: CameraRig
+    unit: float = 1.0
 
     def observe(self, observation: Any) -> None:
         """Take an observation."""

@@ -129,6 +129,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def __init__(self, scene: Scene, config: LikelihoodConfig, velocity: float = 0.0) -> None:
         self.body, self.rig, self.config, self._velocity = scene.body, scene.rig, config, velocity
+        self.unit = float(len(scene.rig))
         self._reprojection = NumpyReprojection(
             NumpyDevice(), scene.rig, scene.voxel_grid, join=config.reprojection.foreground_join
         )

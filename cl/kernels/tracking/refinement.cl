@@ -1,14 +1,20 @@
-// Gauss-Newton steps of the estimate against the surface voxels; twin:
+// Gauss-Newton steps of the estimate against surface voxels and observed points; twin:
 // reference/filters/refinement.py.
 // Minimises strength * mean(d^2 / (d^2 + scale^2)) + sum(((pose - mean) / sigma)^2) over the pose,
-// d the distance of a surface voxel to the nearest cone. The steps weigh voxels by a scale `reach`
-// that shrinks to `scale`, so that those far from any cone pull first (graduated non-convexity,
-// Blake & Zisserman 1987). Every step is one launch of each kernel.
-// Defines: BLOCK, voxels of a work-group; GROUP, a power of two; those of kinematics.h. A pack is
-// one of voxels, the pose the same in all its lanes, or one of columns of the linear system.
-#if !defined(BLOCK) || !defined(PACK) || !defined(VOXEL_FLOATS)
-#error "tracking/refinement.cl needs BLOCK, PACK and VOXEL_FLOATS"
+// d the distance of a surface voxel to the nearest cone, plus the sum over observed points of
+// strength * scale^2 * e^2 / (e^2 + scale^2), e how far they miss, with their own strength and
+// scale. The steps weigh voxels by a scale `reach` that shrinks to `scale`, so that those far from
+// any cone pull first (graduated non-convexity, Blake & Zisserman 1987), and points likewise. Every
+// step is one launch of each kernel.
+// Defines: BLOCK, voxels of a work-group, twice its points; GROUP, a power of two; VOXEL_PARTS,
+// work-groups of a pose that look at voxels, the others look at points; those of kinematics.h. A
+// pack is one of voxels, the pose the same in all its lanes, or one of columns of the linear
+// system.
+#if !defined(BLOCK) || !defined(CAMERA_FLOATS) || !defined(PACK) || !defined(VOXEL_FLOATS) || \
+    !defined(VOXEL_PARTS)
+#error "tracking/refinement.cl needs BLOCK, CAMERA_FLOATS, PACK, VOXEL_FLOATS and VOXEL_PARTS"
 #endif
+#include "common/observed.h"
 #include "common/packed_cones.h"
 #include "common/reduction.h"
 
@@ -21,7 +27,21 @@
 #define LINES 4
 #define TOGETHER 8
 // VOXEL_FLOATS are a voxel's normal, moment (point x normal), distance, square root of its weight
-// and nearest cone.
+// and nearest cone. A point has two of these, one for each coordinate in the picture: minus its
+// gradient is the normal, and N_CONES plus the point's bone stands for the cone.
+
+// What poses are refined on. scale, reach: m. points: of the surface. point_scale, point_reach: of
+// observed points, in deviations; point_root: square root of the weight that one has, in that of a
+// voxel; point_share: what its whole miss costs, in the cost of a voxel's; exchange: share of that
+// for being taken for its partner.
+typedef struct {
+    int n_points;
+    float scale, reach;
+    __global const float4 *points;
+    float point_scale, point_reach, point_root, point_share, exchange;
+    __global const float *cameras;
+    __global const float4 *observed;
+} evidence;
 
 // What a work-group keeps while it adds a part up.
 typedef struct {
@@ -126,15 +146,112 @@ inline float look_at(__global const float4 *points, int first, int n, float scal
     return sum;
 }
 
-// Linear system of the work-group's BLOCK voxels at `pose`, and their share of the cost, as a
-// `part`. moves: N_CONES x ROW, 1 where a degree of freedom moves a cone.
-inline void add_up(int n_points, float scale, float reach, __global const float4 *points,
-                   __global const float *pose, __global const float *table,
+// A point in a camera: what it misses by, in deviations, and the derivatives of that by the point's
+// place; false where it has no image.
+typedef struct { float3 at, by[2]; float off[2]; } sighting;
+
+inline bool look_from(float4 on, float4 seen, __global const float *cameras,
+                      __local const vfloat *frames, sighting *found)
+{
+    __global const float *camera = cameras + (int)seen.w * CAMERA_FLOATS;
+    __local const vfloat *frame = frames + (int)on.x * FRAME_FLOATS;
+    float p[3];
+    for (int i = 0; i < 3; ++i)
+        p[i] = single(frame + 4 * i) * on.y + (single(frame + 4 * i + 1) * on.z +
+               (single(frame + 4 * i + 2) * on.w + single(frame + 4 * i + 3)));
+    const float3 at = {p[0], p[1], p[2]};
+    const float3 right = vload3(0, camera), down = vload3(1, camera), ahead = vload3(2, camera);
+    const float depth = dot(ahead, at) + camera[11];
+    if (!(depth > 1e-6f)) return false;
+    const float inverse = 1.0f / depth;
+    const float x = (dot(right, at) + camera[9]) * inverse;
+    const float y = (dot(down, at) + camera[10]) * inverse;
+    const float3 by_x = (right - x * ahead) * inverse, by_y = (down - y * ahead) * inverse;
+    found->at = at;
+    found->by[0] = seen.z * (camera[12] * by_x + camera[16] * by_y);
+    found->by[1] = seen.z * camera[13] * by_y;
+    found->off[0] = seen.z * (camera[12] * x + camera[16] * y + camera[14] - seen.x);
+    found->off[1] = seen.z * (camera[13] * y + camera[15] - seen.y);
+    return true;
+}
+
+inline float share_missed(bool in_front, const sighting *found, float scale)
+{
+    const float u = found->off[0] / scale, v = found->off[1] / scale, square = u * u + v * v;
+    return in_front ? square / (1.0f + square) : 1.0f;
+}
+
+// Looks at observation k, as the point's own or, where that misses less, as its partner's; returns
+// the share of its cost.
+inline float look_at_point(const evidence *e, int k, __local const vfloat *frames,
+                           __local float *rows)
+{
+    const observation one = observed_at(e->observed, k);
+    sighting found, as_other;
+    bool in_front = look_from(one.own, one.seen, e->cameras, frames, &found);
+    float share = share_missed(in_front, &found, e->point_scale), bone = one.own.x;
+    if (one.other.x >= 0.0f) {
+        const bool other_in_front =
+            look_from(one.other, one.seen, e->cameras, frames, &as_other);
+        const float other_share =
+            e->exchange + (1.0f - e->exchange) *
+                          share_missed(other_in_front, &as_other, e->point_scale);
+        if (other_share < share) {
+            share = other_share;
+            found = as_other;
+            bone = one.other.x;
+            in_front = other_in_front;
+        }
+    }
+    const float reach = e->point_reach;
+    const float square = in_front ? found.off[0] * found.off[0] + found.off[1] * found.off[1] : 0;
+    const float root = in_front ? e->point_root / (1.0f + square / (reach * reach)) : 0.0f;
+    for (int c = 0; c < 2; ++c) {
+        __local float *row = rows + c * VOXEL_FLOATS;
+        const float3 at = in_front ? found.at : (float3)(0.0f);
+        const float3 normal = in_front ? -found.by[c] : (float3)(0.0f);
+        vstore3(normal, 0, row);
+        vstore3(cross(at, normal), 1, row);
+        row[6] = in_front ? found.off[c] : 0.0f;
+        row[7] = root;
+        row[8] = N_CONES + bone;
+    }
+    return share;
+}
+
+// What the work-group adds to the rows in w->voxels: of BLOCK voxels, or of BLOCK / 2 points;
+// returns how many rows these are, and their share of the cost.
+inline int take_rows(const evidence *e, __local workspace *w, float *cost)
+{
+    const int lane = get_local_id(0), part = get_group_id(0);
+    float sum = 0.0f;
+    int n;
+    if (part < VOXEL_PARTS) {
+        const int first = part * BLOCK;
+        n = e->n_points - first < BLOCK ? e->n_points - first : BLOCK;
+        for (int k = lane * PACK; k < n; k += GROUP * PACK)
+            sum += look_at(e->points + first, k, n, e->scale, e->reach, w->posed, w->spans,
+                           w->voxels);
+    } else {
+        const int first = (part - VOXEL_PARTS) * (BLOCK / 2);
+        const int left = observed_count(e->observed) - first;
+        const int here = left < 0 ? 0 : left < BLOCK / 2 ? left : BLOCK / 2;
+        n = 2 * here;
+        for (int k = lane; k < here; k += GROUP)
+            sum += look_at_point(e, first + k, w->frames, w->voxels + 2 * k * VOXEL_FLOATS);
+        sum *= e->point_share;
+    }
+    *cost = group_sum(w->scratch, sum);  // waits for the rows, too
+    return n;
+}
+
+// Linear system of the work-group's share of the evidence at `pose`, and its share of the cost, as
+// a `part`. moves: (N_CONES + N_BONES) x ROW, 1 where a degree of freedom moves a cone or a bone.
+inline void add_up(const evidence *e, __global const float *pose, __global const float *table,
                    __global const vfloat *moves, __local workspace *w, __global vfloat *part)
 {
     __local float *numbers = (__local float *)w->rows;
-    const int lane = get_local_id(0), first = get_group_id(0) * BLOCK;
-    const int n = n_points - first < BLOCK ? n_points - first : BLOCK;
+    const int lane = get_local_id(0);
     take_body(table, w->body);
     take_pose(pose, 0, 1, w->body, w->turns);
     pose_bones(w->turns, w->body, w->frames, w->hinges);
@@ -143,10 +260,8 @@ inline void add_up(int n_points, float scale, float reach, __global const float4
         cone_span(w->posed + c * CONE_FLOATS, w->spans + c * SPAN_FLOATS);
     find_twists(w->body, w->hinges, (__local float *)w->twists);
 
-    float cost = 0.0f;
-    for (int k = lane * PACK; k < n; k += GROUP * PACK)
-        cost += look_at(points + first, k, n, scale, reach, w->posed, w->spans, w->voxels);
-    cost = group_sum(w->scratch, cost);  // waits for the voxels, too
+    float cost;
+    const int n = take_rows(e, w, &cost);
     for (int item = lane; item < n * ROW_PACKS; item += GROUP) {
         const int k = item / ROW_PACKS, j = item % ROW_PACKS;
         __local const float *voxel = w->voxels + k * VOXEL_FLOATS;
@@ -269,12 +384,16 @@ inline void move_on(__local vfloat *system, __global const float2 *limits,
 // The parts at each of `poses`, along dimension 1: PART packs per work-group.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void refine_system(int n_points, float scale, float reach, __global const float4 *points,
+                   float point_scale, float point_reach, float point_root, float point_share,
+                   float exchange, __global const float *cameras, __global const float4 *observed,
                    __global const float *table, __global const vfloat *moves,
                    __global const float *poses, __global vfloat *parts)
 {
     __local workspace work;
+    const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
+                        point_share, exchange, cameras, observed};
     const int which = get_group_id(1);
-    add_up(n_points, scale, reach, points, poses + which * N_DOF, table, moves, &work,
+    add_up(&e, poses + which * N_DOF, table, moves, &work,
            parts + (which * get_num_groups(0) + get_group_id(0)) * PART);
 }
 
@@ -299,8 +418,10 @@ void refine_step(int first, int n_parts, float strength, float weight,
 // `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
 // pose take the same step, and write the same `next`.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void refine_on(int first, int n_points, float scale, float reach, float strength, float weight,
-               __global const float4 *points, __global const float *table,
+void refine_on(int first, int n_points, float scale, float reach, __global const float4 *points,
+               float point_scale, float point_reach, float point_root, float point_share,
+               float exchange, __global const float *cameras, __global const float4 *observed,
+               float strength, float weight, __global const float *table,
                __global const vfloat *moves, __global const float *sigma,
                __global const float2 *limits, __global const float *means,
                __global const float *poses, __global const vfloat *parts, __global float *least,
@@ -308,6 +429,8 @@ void refine_on(int first, int n_points, float scale, float reach, float strength
 {
     __local workspace work;
     __local vfloat system[N_DOF * ROW_PACKS];
+    const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
+                        point_share, exchange, cameras, observed};
     const int which = get_group_id(1), offset = which * N_DOF, n_parts = get_num_groups(0);
     parts += which * n_parts * PART;
     keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + offset,
@@ -315,7 +438,7 @@ void refine_on(int first, int n_points, float scale, float reach, float strength
     sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
     move_on(system, limits, poses + offset, next + offset);
     barrier(CLK_GLOBAL_MEM_FENCE);
-    add_up(n_points, scale, reach, points, next + offset, table, moves, &work,
+    add_up(&e, next + offset, table, moves, &work,
            next_parts + (which * n_parts + get_group_id(0)) * PART);
 }
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from helpers import bodies
+from helpers import bodies, scenes
 from helpers.kinds import other_kind, skipped_without_room
+from helpers.sightings import seen_points
 
 from apf.body import BodyModel, load_body
 from apf.body.jacobian import distance_jacobian
 from apf.body.kinematics import posed_joints
 from apf.filters.config import FilterConfig
 from apf.filters.refinement import Refinement, prior_deviation
+from apf.likelihood.observations import ObservedPoints, PointObservations, no_observations
 from apf.reference.filters.refinement import refined
+from apf.scene import Scene
 from cl import Device
 
 #: Without a prior that is worth mentioning.
@@ -149,6 +154,90 @@ def test_the_other_kind_of_work_groups_finds_the_same(device: Device, name: str)
     expected = refined(body, mean, points, CONFIG)[0]
     for found in (one, two):
         np.testing.assert_allclose(found, expected, atol=5e-4)
+
+
+def on_points(
+    device: Device,
+    body: BodyModel,
+    mean: np.ndarray,
+    voxels: np.ndarray,
+    seen: PointObservations,
+    config: FilterConfig,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Refined pose and information by the kernel, by the cameras of `RIG` and voxels, if any."""
+    scene = Scene(device, RIG, None, body)
+    observed = ObservedPoints(scene, 300)
+    observed.set(seen)
+    refinement = Refinement(device, body, config, voxels=len(voxels) > 0, observed=observed)
+    result = device.to_device(mean.astype(np.float32))
+    points = None
+    if len(voxels):
+        points = device.to_device(np.c_[voxels, np.ones(len(voxels))].astype(np.float32))
+    for launch in refinement.launcher(points, result):
+        launch()
+    return result.get(), refinement.information.get()[0]
+
+
+RIG = scenes.ring(3, size=(640, 480))
+
+
+def test_finds_the_way_back_by_what_cameras_see() -> None:
+    """Of which a tenth is wrong and another tenth the other side's."""
+    body, random = load_body("song31"), np.random.default_rng(3)
+    pose = bodies.random_poses(body, 1)[0]
+    seen = seen_points(body, pose, RIG, 60)
+    swapped = seen_points(body, pose, RIG, 60, as_partners=True)
+    assert len(swapped) == len(seen)
+    kind = random.random(len(seen))[:, None]
+    wrong = random.uniform(0, 500, (len(seen), 2))
+    pixel = np.where(kind < 0.1, wrong, np.where(kind < 0.2, swapped.pixel, seen.pixel))
+    seen = replace(seen, pixel=pixel, inverse_scale=np.full(len(seen), 0.2))
+    config = CONFIG.changed(refinement_width=20.0, refinement_point_reach=20.0)
+    moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
+    found = refined(body, moved, None, config, seen, RIG)[0]
+    before, after = (
+        np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
+        for p in (moved, found)
+    )
+    assert after.mean() < 0.1 * before.mean()
+
+
+@pytest.mark.parity(
+    "tracking/refinement.refine_system",
+    "tracking/refinement.refine_step",
+    "tracking/refinement.refine_on",
+    "tracking/refinement.refine_end",
+)
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n_voxels", [0, 300])
+@pytest.mark.parametrize("n_points", [0, 1, 70])
+def test_kernels_and_twin_on_observed_points(
+    device: Device, name: str, n_voxels: int, n_points: int
+) -> None:
+    """Some of them behind a camera, wrong, or the other side's."""
+    body, random = bodies.named(name), np.random.default_rng(n_points)
+    config = CONFIG.changed(refinement_steps=3, refinement_width=4.0, n_points=max(1, n_voxels))
+    pose = bodies.random_poses(body, 1)[0]
+    voxels = bodies.surface_points(body, pose, n_voxels)
+    seen = no_observations()
+    if n_points:
+        seen = seen_points(body, pose, RIG, n_points)
+        other = seen_points(body, pose, RIG, n_points, as_partners=True)
+        swapped = random.random(len(seen))[:, None] < 0.2
+        pixel = np.where(swapped, other.pixel, seen.pixel + random.normal(0, 4, (len(seen), 2)))
+        away = random.random(len(seen)) < 0.05
+        seen = replace(seen, pixel=pixel + 300 * away[:, None])
+    mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
+    expected, matrix = refined(body, mean, voxels, config, seen, RIG)
+    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    lower = np.tril_indices(body.n_dof)
+    with skipped_without_room(device):
+        for place in (device, other_kind(device)):
+            found, information = on_points(place, body, mean, voxels, seen, config)
+            np.testing.assert_allclose(found, expected, atol=5e-4)
+            np.testing.assert_allclose(
+                information / scale[lower], (matrix / scale)[lower], atol=0.02
+            )
 
 
 def test_nothing_to_refine_on(device: Device) -> None:

@@ -1,0 +1,303 @@
+"""Body and poses by least squares on points of the body that cameras see: a bundle adjustment.
+
+Unknown are the pose of every frame, the body's lengths, and where the points lie on it. Lengths and
+places are shared by all frames, from whose systems the poses are eliminated (Schur's complement),
+as in `shape_fit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from apf.body.jacobian import bone_point_jacobian
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel, sideless
+from apf.initialisation.shape_model import inner_axes
+from psfs.cameras.camera import CameraRig
+
+#: Difference of a log of a length for derivatives.
+_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class PointFitConfig:
+    """The fit of body and poses to points of the body that cameras see."""
+
+    size: float = 0.15
+    """Deviation of the log of the body's size: children, too."""
+    length: float = 0.06
+    """Of the log of a bone's length beside the size."""
+    angle: float = 1.0
+    """rad, of an angle from rest; only decides what the points leave open."""
+    noise: float = 0.02
+    """m, of triangulated points, to which the poses are brought first."""
+    stray: float = 0.15
+    """m at which a triangulated point counts a quarter."""
+    n_near_steps: int = 40
+    """Steps of every frame's pose towards the triangulated points."""
+    n_steps: int = 12
+    """Steps of everything by what the cameras see."""
+    first_reach: float = 8.0
+    """Deviations at which a point in a picture counts a quarter in the first of them (Geman &
+    McClure 1987) ..."""
+    last_reach: float = 2.5
+    """... and in the last; those between are spaced geometrically."""
+    damping: float = 1e-3
+    """Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."""
+    n_independent: float = 20.0
+    """Frames that all frames together count as, beside the priors of what they share: the errors of
+    a network are alike in neighbouring frames. By hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointViews:
+    """P points of the body in M frames and V cameras.
+
+    bone: (P,) that each is fixed to. position: (P, 3) m on it, in the template's size. spread: (P,)
+    m, deviation of each coordinate of that. partner: (P,) number of the same point of the other
+    side, the own in the middle; the two lie at mirrored places. pixels: (V, M, P, 2), undistorted;
+    inverse_scale: (V, M, P) 1 / px, 0 where a point is not seen. triangulated: (M, P, 3) m, NaN
+    where unknown.
+    """
+
+    bone: np.ndarray
+    position: np.ndarray
+    spread: np.ndarray
+    partner: np.ndarray
+    pixels: np.ndarray
+    inverse_scale: np.ndarray
+    triangulated: np.ndarray
+
+    @cached_property
+    def by_place(self) -> np.ndarray:
+        """(P, Q, 3): 1 where a point lies at the unknown place q, -1 along y where that is the
+        other side's, else 0."""
+        own = np.arange(len(self.bone))
+        first = np.minimum(own, self.partner)
+        places, place = np.unique(first, return_inverse=True)
+        sign = np.ones((len(own), 3))
+        sign[first != own, 1] = -1
+        chosen: np.ndarray = np.eye(len(places))[place][:, :, None] * sign[:, None, :]
+        return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class PointFit:
+    """What was fitted. log_lengths: (G,) of the template's scale groups. offset: (Q, 3) m of the
+    points' places, see `PointViews.by_place`. poses: (M, D)."""
+
+    log_lengths: np.ndarray
+    offset: np.ndarray
+    poses: np.ndarray
+
+
+class PointFitter:
+    """Fits a template body to points that cameras see. keep_shape: its lengths stay."""
+
+    def __init__(
+        self,
+        template: BodyModel,
+        rig: CameraRig,
+        views: PointViews,
+        config: PointFitConfig | None = None,
+        keep_shape: bool = False,
+    ) -> None:
+        self.template, self.views, self.config = template, views, config or PointFitConfig()
+        self.groups = template.scale_groups
+        self._group = np.array([self.groups.index(sideless(b.name)) for b in template.bones])
+        self._R = np.stack([camera.R for camera in rig])
+        self._t = np.stack([camera.t for camera in rig])
+        self._K = np.stack([camera.K for camera in rig])
+        self.keep_shape = keep_shape
+        self._pose_prior = np.where(inner_axes(template), self.config.angle**-2, 1e-6)
+
+    def body(self, log_lengths: np.ndarray) -> BodyModel:
+        """Return the template with these lengths (G,); girths go with their mean."""
+        scales = np.exp(log_lengths)
+        girth = float(np.exp(log_lengths.mean()))
+        return self.template.scaled(dict(zip(self.groups, scales, strict=True)), girth)
+
+    def positions(self, log_lengths: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """Return (P, 3) m where the points lie on their bones."""
+        factor = np.exp(log_lengths)[self._group[self.views.bone]]
+        placed: np.ndarray = self.views.position * factor[:, None]
+        return placed + np.einsum("pqi,qi->pi", self.views.by_place, offset)
+
+    def points(self, log_lengths: np.ndarray, offset: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Return (M, P, 3) m of the points in the world."""
+        rotations, origins = bone_matrices(self.body(log_lengths), poses)
+        bone, local = self.views.bone, self.positions(log_lengths, offset)
+        turned = np.einsum("mpij,pj->mpi", rotations[:, bone], local)
+        placed: np.ndarray = origins[:, bone] + turned
+        return placed
+
+    def residuals(self, fit: PointFit) -> np.ndarray:
+        """Return (V, M, P, 2) px of the points in the pictures beside where they were seen."""
+        pixels, _ = self._projected(self.points(fit.log_lengths, fit.offset, fit.poses))
+        difference: np.ndarray = pixels - self.views.pixels
+        return difference
+
+    def fitted(self, poses: np.ndarray) -> PointFit:
+        """Return what fits best, from poses (M, D) that need only be turned about right."""
+        n_places = self.views.by_place.shape[1]
+        fit = PointFit(np.zeros(len(self.groups)), np.zeros((n_places, 3)), poses)
+        if not self.keep_shape:
+            fit = replace(fit, log_lengths=fit.log_lengths + self._first_size())
+        fit = self.brought_near(fit)
+        return self.refined(fit)
+
+    def refined(self, fit: PointFit) -> PointFit:
+        """Return the fit after steps by what the cameras see."""
+        config = self.config
+        for reach in np.geomspace(config.first_reach, config.last_reach, config.n_steps):
+            fit = self._step(fit, float(reach))
+        return fit
+
+    def brought_near(self, fit: PointFit) -> PointFit:
+        """Return the fit with poses at the triangulated points, each by Levenberg's method."""
+        config, poses = self.config, fit.poses
+        damping = np.full(len(poses), 1e-2)
+        gap, cost = self._gaps(fit, poses)
+        for _ in range(config.n_near_steps):
+            weight = self._near_weights(gap)
+            by_pose = bone_point_jacobian(
+                self.body(fit.log_lengths), poses, self.views.bone,
+                self.points(fit.log_lengths, fit.offset, poses),
+            )  # fmt: skip
+            matrix = np.einsum("mpdi,mp,mpei->mde", by_pose, weight, by_pose)
+            matrix += np.diag(self._pose_prior)
+            vector = np.einsum("mpdi,mp,mpi->md", by_pose, weight, gap)
+            vector += self._pose_prior * (poses - self.template.rest_pose)
+            diagonal = np.einsum("mdd->md", matrix)
+            damped = matrix + (damping[:, None] * diagonal)[:, :, None] * np.eye(poses.shape[1])
+            moved = poses - np.linalg.solve(damped, vector[..., None])[..., 0]
+            moved = np.clip(moved, self.template.lower, self.template.upper)
+            moved_gap, moved_cost = self._gaps(fit, moved)
+            better = moved_cost < cost
+            poses = np.where(better[:, None], moved, poses)
+            gap = np.where(better[:, None, None], moved_gap, gap)
+            cost = np.where(better, moved_cost, cost)
+            damping = np.clip(np.where(better, 0.3 * damping, 5 * damping), 1e-6, 1e6)
+        return replace(fit, poses=poses)
+
+    def _first_size(self) -> float:
+        """The log of the body's size by distances between triangulated points on the trunk and
+        along limbs, which posture changes little: the median over pairs on neighbouring bones."""
+        body, views = self.template, self.views
+        rest = self.points(np.zeros(len(self.groups)), np.zeros_like(views.by_place[0]),
+                           body.rest_pose[None])[0]  # fmt: skip
+        logs = []
+        for a in range(len(rest)):
+            for b in range(a):
+                related = {views.bone[a], views.bone[b]}
+                if len({self._group[bone] for bone in related}) == 1 and len(related) == 1:
+                    continue  # on one bone: too near each other
+                apart = np.linalg.norm(rest[a] - rest[b])
+                if apart < 0.2 or not _neighbours(body, views.bone[a], views.bone[b]):
+                    continue
+                found = np.linalg.norm(views.triangulated[:, a] - views.triangulated[:, b], axis=-1)
+                if np.isfinite(found).any():
+                    logs.append(np.log(np.nanmedian(found) / apart))
+        return float(np.median(logs)) if logs else 0.0
+
+    def _gaps(self, fit: PointFit, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M, P, 3) m from the triangulated points to those of poses, 0 where there is none, and
+        the cost (M,) of the poses."""
+        gap = self.points(fit.log_lengths, fit.offset, poses) - self.views.triangulated
+        gap = np.where(np.isfinite(gap), gap, 0.0)
+        square = np.sum(gap**2, -1)
+        share = square / (square + self.config.stray**2)
+        cost = (self.config.stray / self.config.noise) ** 2 * share.sum(1)
+        away = poses - self.template.rest_pose
+        return gap, cost + np.sum(self._pose_prior * away**2, 1)
+
+    def _near_weights(self, gap: np.ndarray) -> np.ndarray:
+        square = np.sum(gap**2, -1) / self.config.stray**2
+        known = np.isfinite(self.views.triangulated).all(-1)
+        return np.where(known, self.config.noise**-2 / (1 + square) ** 2, 0.0)
+
+    def _projected(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(V, M, P, 2) px of points (M, P, 3) m, and their derivatives (V, M, P, 2, 3)."""
+        seen = np.einsum("vij,mpj->vmpi", self._R, points) + self._t[:, None, None]
+        depth = np.maximum(seen[..., 2:], 0.05)
+        plane = seen[..., :2] / depth
+        turned = self._R[:, None, None, :2] - plane[..., None] * self._R[:, None, None, 2:]
+        focal = self._K[:, None, None, :2, :2]
+        pixels = np.einsum("vij,vmpj->vmpi", self._K[:, :2, :2], plane)
+        slopes: np.ndarray = focal @ (turned / depth[..., None])
+        return pixels + self._K[:, None, None, :2, 2], slopes
+
+    def _step(self, fit: PointFit, reach: float) -> PointFit:
+        """Return the fit after one Gauss-Newton step; reach: deviations at which a point counts a
+        quarter."""
+        views, config = self.views, self.config
+        points = self.points(fit.log_lengths, fit.offset, fit.poses)
+        pixels, slopes = self._projected(points)
+        seen = views.inverse_scale > 0
+        off = np.where(seen[..., None], pixels - views.pixels, 0.0)
+        scaled = np.sum(off**2, -1) * views.inverse_scale**2
+        weight = views.inverse_scale**2 / (1 + scaled / reach**2) ** 2
+        # What all cameras say of a point: information (M, P, 3, 3) and gradient (M, P, 3).
+        matrix = np.einsum("vmp,vmpai,vmpaj->mpij", weight, slopes, slopes)
+        vector = np.einsum("vmp,vmpai,vmpa->mpi", weight, slopes, off)
+        body = self.body(fit.log_lengths)
+        by_pose = bone_point_jacobian(body, fit.poses, views.bone, points)
+        weighted = np.einsum("mpdi,mpij->mpdj", by_pose, matrix)
+        own = np.einsum("mpdj,mpej->mde", weighted, by_pose) + np.diag(self._pose_prior)
+        own += config.damping * np.einsum("mde,de->mde", own, np.eye(own.shape[1]))
+        gradient = np.einsum("mpdi,mpi->md", by_pose, vector)
+        gradient += self._pose_prior * (fit.poses - self.template.rest_pose)
+        shared = self._by_shared(fit, points)
+        mixed = np.einsum("mpdj,mpsj->mds", weighted, shared)
+        solved = np.linalg.solve(own, np.concatenate([mixed, gradient[..., None]], 2))
+        counted = min(1.0, config.n_independent / len(points))
+        total = np.einsum("mpsi,mpij,mptj->st", shared, matrix, shared)
+        total -= np.einsum("mds,mdt->st", mixed, solved[..., :-1])
+        right = np.einsum("mpsi,mpi->s", shared, vector)
+        right -= np.einsum("mds,md->s", mixed, solved[..., -1])
+        prior, pull = self._shared_prior(fit)
+        change = -np.linalg.solve(counted * total + prior, counted * right + pull)
+        moved = fit.poses - solved[..., -1] - np.einsum("mds,s->md", solved[..., :-1], change)
+        n = len(self.groups)
+        return PointFit(
+            fit.log_lengths + change[:n],
+            fit.offset + change[n:].reshape(-1, 3),
+            np.clip(moved, self.template.lower, self.template.upper),
+        )
+
+    def _by_shared(self, fit: PointFit, points: np.ndarray) -> np.ndarray:
+        """(M, P, S, 3) how points move with the logs of lengths, then the coordinates of places."""
+        views, n = self.views, len(self.groups)
+        by_length = np.zeros((*points.shape[:2], n, 3))
+        if not self.keep_shape:
+            for group, step in enumerate(_STEP * np.eye(n)):
+                moved = self.points(fit.log_lengths + step, fit.offset, fit.poses)
+                by_length[:, :, group] = (moved - points) / _STEP
+        rotations, _ = bone_matrices(self.body(fit.log_lengths), fit.poses)
+        by_place = np.einsum("mpij,pqj->mpqji", rotations[:, views.bone], views.by_place)
+        by_place = by_place.reshape(*points.shape[:2], -1, 3)
+        return np.concatenate([by_length, by_place], 2)
+
+    def _shared_prior(self, fit: PointFit) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse covariance (S, S) of what frames share, and its product with the deviation."""
+        config, n = self.config, len(self.groups)
+        lengths = np.diag(np.full(n, config.length**2)) + config.size**2
+        if self.keep_shape:
+            lengths = np.eye(n) * 1e-12
+        spread = np.array([
+            self.views.spread[np.any(self.views.by_place[:, q] != 0, 1)].mean()
+            for q in range(self.views.by_place.shape[1])
+        ])  # fmt: skip
+        prior = np.diag(np.concatenate([np.zeros(n), np.repeat(spread, 3) ** -2.0]))
+        prior[:n, :n] = np.linalg.inv(lengths)
+        now = np.concatenate([fit.log_lengths, fit.offset.ravel()])
+        return prior, prior @ now
+
+
+def _neighbours(body: BodyModel, a: int, b: int) -> bool:
+    """Whether bone a is b's parent or the other way round, or both have one parent."""
+    parents = body.bones[a].parent, body.bones[b].parent
+    return a == parents[1] or b == parents[0] or parents[0] == parents[1]

@@ -1,0 +1,143 @@
+"""Keypoints and other points of the body that cameras see, in the likelihood (kernel:
+keypoints.cl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.body.posing import CONE_DEFINES, body_defines, pack_body
+from apf.likelihood.base import Likelihood
+from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.observations import ObservedPoints, no_observations, parted
+from apf.likelihood.voxel import posture_prior
+from apf.scene import Scene
+from cl import Array, Launch
+from cl.workgroups import pack_defines, pack_size
+from psfs.cameras.camera import CAMERA_FLOATS
+
+_GROUP = 128
+
+
+class KeypointLikelihood(Likelihood):
+    """Another likelihood's errors and the term of observed points; or that term and the posture
+    prior alone, where there is no other likelihood.
+
+    It observes an `Observed`. Estimates are refined on the points, too, unless the other likelihood
+    refines none. Twin: reference/likelihood/keypoints.py.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        config: LikelihoodConfig,
+        n_particles: int,
+        base: Likelihood | None = None,
+        n_runs: int = 1,
+    ) -> None:
+        self.device, self.config, self.base = scene.opencl, config.keypoints, base
+        self.body = scene.body
+        self._unit = base.unit if base is not None else float(len(scene.rig))
+        self._posture_weight = 0.0
+        if base is None:
+            self._posture_weight = self._unit * config.posture_prior_weight
+        self._table = self.device.to_device(pack_body(scene.body), "the body model")
+        self._posture = self.device.to_device(posture_prior(scene.body), "the posture prior")
+        self._seen = ObservedPoints(scene, config.keypoints.room)
+        self.observed = self._seen if base is None or base.refines else None
+        if base is not None:
+            self.errors, self.points, self.misfits = base.errors, base.points, base.misfits
+        else:
+            self.errors = self.device.empty((n_runs * n_particles,), np.float32, "the errors")
+            self.misfits = self.device.zeros((n_runs,), np.float32)
+
+    def observe(self, observation: Any) -> None:
+        """Enqueue the preparation of a frame."""
+        shown, points = parted(observation)
+        if self.base is not None:
+            self.base.observe(shown)
+        self._seen.set(points or no_observations())
+
+    def launcher(self, poses: Array) -> list[Launch]:
+        """Return the launches that score `poses` (N, D) float32 into `errors`."""
+        launches = self.base.launcher(poses) if self.base is not None else []
+        return [*launches, self._scored(poses, self.errors)]
+
+    def rescoring_launcher(
+        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+    ) -> list[Launch]:
+        """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same, see
+        `Likelihood`."""
+        launches = []
+        if self.base is not None:
+            launches = self.base.rescoring_launcher(poses, errors, stride, least_recall)
+        return [*launches, self._scored(poses, errors)]
+
+    def misfit_launcher(self, poses: Array) -> list[Launch]:
+        """Return the launches that put into `misfits` those of the first R of `poses`: the other
+        likelihood's; of the points alone the mean share that they miss."""
+        if self.base is not None:
+            return self.base.misfit_launcher(poses)
+        assert self.misfits is not None
+        size = self.misfits.size
+        return [self._launch(size, poses, self.misfits, adds=False, per_seen=True, weight=1.0)]
+
+    def learning_launcher(self, pose: Array) -> list[Launch]:
+        """Return the launches that learn from a frame whose estimate is the first of `pose`."""
+        return self.base.learning_launcher(pose) if self.base is not None else []
+
+    def change_body(self, body: BodyModel) -> None:
+        """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
+        self.body = body
+        self._table.set(pack_body(body))
+        self._posture.set(posture_prior(body))
+        if self.base is not None:
+            self.base.change_body(body)
+
+    def forget(self) -> None:
+        """Forget what was learnt: a new track begins."""
+        if self.base is not None:
+            self.base.forget()
+
+    def _scored(self, poses: Array, errors: Array) -> Launch:
+        return self._launch(
+            poses.shape[0], poses, errors, adds=self.base is not None, per_seen=False,
+            weight=self._unit * self.config.weight, posture_weight=self._posture_weight,
+        )  # fmt: skip
+
+    def _launch(
+        self,
+        n: int,
+        poses: Array,
+        errors: Array,
+        *,
+        adds: bool,
+        per_seen: bool,
+        weight: float,
+        posture_weight: float = 0.0,
+    ) -> Launch:
+        defines = body_defines(self.body) | pack_defines(self.device, _GROUP)
+        kernel = self.device.kernel(
+            "tracking/keypoints", "score_points", **defines, **CONE_DEFINES,
+            CAMERA_FLOATS=CAMERA_FLOATS,
+        )  # fmt: skip
+        return self.device.launch(
+            kernel,
+            pack_size(n, defines),
+            (defines["GROUP"],),
+            n_particles=n,
+            adds=adds,
+            per_seen=per_seen,
+            weight=weight,
+            reach=self.config.reach,
+            exchange=self.config.exchange,
+            posture_weight=posture_weight,
+            posture=self._posture,
+            poses=poses,
+            table=self._table,
+            cameras=self._seen.cameras,
+            observed=self._seen.table,
+            errors=errors,
+        )

@@ -1,0 +1,141 @@
+"""Keypoints in the likelihood. Twin of apf/likelihood/keypoints.py and keypoints.cl."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel
+from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.observations import PointObservations, no_observations, parted
+from apf.reference.likelihood.base import NumpyLikelihood
+from apf.reference.likelihood.voxel import posture_errors
+from apf.scene import Scene
+from psfs.cameras.camera import CameraRig
+
+
+def placed(body: BodyModel, poses: np.ndarray, observations: PointObservations) -> np.ndarray:
+    """Return (M, P, 3) m of the body's points in the world, in poses (M, D)."""
+    rotations, origins = bone_matrices(body, poses)
+    bone = observations.bone
+    turned = np.einsum("mpij,pj->mpi", rotations[:, bone], observations.position)
+    world: np.ndarray = origins[:, bone] + turned
+    return world
+
+
+def distances(
+    rig: CameraRig, points: np.ndarray, which: np.ndarray, observations: PointObservations
+) -> np.ndarray:
+    """Return (M, N, 2), in deviations, from where they were seen to the points numbered `which`
+    (N,) of points (M, P, 3) m; infinite behind the camera."""
+    out = np.full((len(points), len(observations), 2), np.inf)
+    for view, camera in enumerate(rig):
+        own = observations.camera == view
+        seen = points[:, which[own]] @ camera.R.T + camera.t
+        in_front = seen[..., 2:] > 1e-6
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = (seen / seen[..., 2:]) @ camera.K[:2].T
+        off = (pixels - observations.pixel[own]) * observations.inverse_scale[own, None]
+        out[:, own] = np.where(in_front, off, np.inf)
+    return out
+
+
+def missed_shares(
+    body: BodyModel,
+    rig: CameraRig,
+    poses: np.ndarray,
+    observations: PointObservations,
+    config: KeypointConfig,
+) -> np.ndarray:
+    """Return (M, N) the share d^2 / (d^2 + reach^2) of every sighting's distance d in deviations
+    (Geman & McClure 1987), or `exchange` and the rest's share of its partner's if that is less."""
+    points = placed(body, poses, observations)
+
+    def shares(which: np.ndarray) -> np.ndarray:
+        off = distances(rig, points, which, observations)
+        with np.errstate(invalid="ignore"):
+            square = np.sum((off / config.reach) ** 2, -1)
+            return np.where(np.isfinite(square), square / (1 + square), 1.0)
+
+    own, as_other = shares(observations.point), shares(observations.partner)
+    exchanged = config.exchange + (1 - config.exchange) * as_other
+    return np.where(observations.partner >= 0, np.minimum(own, exchanged), own)
+
+
+class NumpyKeypointLikelihood(NumpyLikelihood):
+    """The same as `KeypointLikelihood`, in float64."""
+
+    def __init__(
+        self, scene: Scene, config: LikelihoodConfig, base: NumpyLikelihood | None = None
+    ) -> None:
+        self.body, self.rig, self.config, self.base = scene.body, scene.rig, config, base
+        self._seen = no_observations()
+
+    @property
+    def observations(self) -> PointObservations | None:  # type: ignore[override]
+        """What estimates are refined on, unless the other likelihood refines none."""
+        refines = self.base is None or self.base.points is not None
+        return self._seen if refines else None
+
+    @property
+    def points(self) -> np.ndarray | None:  # type: ignore[override]
+        """(K, 3) m of the other likelihood."""
+        return self.base.points if self.base is not None else None
+
+    @property
+    def unit(self) -> float:  # type: ignore[override]
+        """What a term of weight 1 counts."""
+        return self.base.unit if self.base is not None else float(len(self.rig))
+
+    def observe(self, observation: Any) -> None:
+        """Take an `Observed`."""
+        shown, points = parted(observation)
+        if self.base is not None:
+            self.base.observe(shown)
+        self._seen = points or no_observations()
+        self._seen.check(self.body, self.rig)
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D)."""
+        if self.base is None:
+            return self._term(poses)
+        self.base.turn = self.turn
+        return self.base(poses) + self._term(poses)
+
+    def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
+        """Return errors (N,) of poses (N, D), see `Likelihood.rescoring_launcher`."""
+        if self.base is None:
+            return self._term(poses)
+        return self.base.rescore(poses, stride, least_recall) + self._term(poses)
+
+    def misfit(self, pose: np.ndarray) -> float:
+        """Return the other's misfit of a pose (D,); of the points alone the mean share missed, 1
+        where none is seen."""
+        if self.base is not None:
+            return self.base.misfit(pose)
+        shares = self._shares(pose[None])
+        return float(shares.mean()) if shares.size else 1.0
+
+    def learn(self, pose: np.ndarray) -> None:
+        """Learn from a frame whose estimate is `pose` (D,)."""
+        if self.base is not None:
+            self.base.learn(pose)
+
+    def forget(self) -> None:
+        """Forget what was learnt: a new track begins."""
+        if self.base is not None:
+            self.base.forget()
+
+    def _shares(self, poses: np.ndarray) -> np.ndarray:
+        return missed_shares(
+            self.body, self.rig, poses, self._seen, self.config.keypoints
+        )
+
+    def _term(self, poses: np.ndarray) -> np.ndarray:
+        most = max(self._seen.most, 1.0)
+        errors = self.config.keypoints.weight * self._shares(poses).sum(1) / most
+        if self.base is None:
+            errors = errors + self.config.posture_prior_weight * posture_errors(self.body, poses)
+        return self.unit * errors

@@ -1,0 +1,153 @@
+"""The keypoints' term of the likelihood, and its kernel against the twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.kinds import other_kind
+from helpers.sightings import seen_points
+
+from apf.body import load_body
+from apf.filters.config import FilterConfig
+from apf.likelihood.config import KeypointConfig
+from apf.likelihood.keypoints import KeypointLikelihood
+from apf.likelihood.observations import Observed, PointObservations, joined, no_observations
+from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood, missed_shares
+from apf.scene import Scene
+from cl import Device, InputError
+
+SONG = load_body("song31")
+CONFIG = FilterConfig.of(keypoints_weight=3.0, posture_prior_weight=0.02).likelihood
+
+
+def test_the_pose_that_was_seen_misses_nothing() -> None:
+    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
+    seen = seen_points(SONG, pose, rig, 20)
+    assert missed_shares(SONG, rig, pose[None], seen, KeypointConfig()).max() < 1e-12
+    away = missed_shares(SONG, rig, pose[None] + [0.5, *[0] * 30], seen, KeypointConfig())
+    assert away.min() > 0.05
+
+
+def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> None:
+    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
+    seen = seen_points(SONG, pose, rig, 20)
+    wrong = replace(seen, pixel=seen.pixel + np.eye(len(seen))[:, :1] * 1e5)
+    shares = missed_shares(SONG, rig, pose[None], wrong, KeypointConfig())[0]
+    assert 0.99 < shares[0] <= 1 and shares[1:].max() < 1e-12
+    likelihood = NumpyKeypointLikelihood(Scene(None, rig, None, SONG), CONFIG)  # type: ignore[arg-type]
+
+    def error(observations: PointObservations) -> float:
+        likelihood.observe(Observed(None, observations))
+        return float(likelihood(pose[None])[0])
+
+    fewer = replace(seen, **{
+        name: getattr(seen, name)[5:]
+        for name in ("point", "partner", "camera", "pixel", "inverse_scale")
+    })  # fmt: skip
+    assert error(fewer) == pytest.approx(error(seen))
+    assert error(wrong) - error(seen) == pytest.approx(3 * CONFIG.keypoints.weight / len(seen))
+
+
+def test_left_taken_for_right_costs_the_exchange() -> None:
+    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
+    config = KeypointConfig(reach=0.5)
+    seen = seen_points(SONG, pose, rig, 20)
+    swapped = seen_points(SONG, pose, rig, 20, as_partners=True)
+    shares = missed_shares(SONG, rig, pose[None], swapped, config)[0]
+    paired = swapped.partner >= 0
+    assert paired.any() and shares[paired].max() <= config.exchange + 1e-9
+    lonely = replace(swapped, partner=np.full(len(swapped), -1))
+    assert missed_shares(SONG, rig, pose[None], lonely, config)[0][paired].mean() > config.exchange
+
+
+@pytest.mark.parity("tracking/keypoints.score_points")
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("n", [0, 1, 37, 300])
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_kernel_agrees_with_the_twin(device: Device, name: str, n: int, kind: str) -> None:
+    """Alone: the term with the posture prior, and the misfit."""
+    device = device if kind == "own" else other_kind(device)
+    body, rig = bodies.named(name), scenes.ring(3)
+    poses = bodies.random_poses(body, 23, wild=True).astype(np.float32)
+    seen = replace(seen_points(body, poses[3].astype(float), rig, max(1, n // 3)), most=350.0)
+    if n == 0:
+        seen = no_observations()
+    scene = Scene(device, rig, None, body)
+    kernel, twin = KeypointLikelihood(scene, CONFIG, 23), NumpyKeypointLikelihood(scene, CONFIG)
+    for likelihood in (kernel, twin):
+        likelihood.observe(Observed(None, seen))
+    on_device = device.to_device(poses)
+    for launch in [*kernel.launcher(on_device), *kernel.misfit_launcher(on_device)]:
+        launch()
+    expected = twin(poses.astype(float))
+    np.testing.assert_allclose(kernel.errors.get(), expected, rtol=2e-4, atol=1e-4)
+    misfit = twin.misfit(poses[0].astype(float))
+    np.testing.assert_allclose(kernel.misfits.get()[0], misfit, rtol=2e-4, atol=1e-5)
+
+
+@pytest.mark.parity("tracking/keypoints.score_points")
+def test_it_adds_to_another_likelihood(device: Device) -> None:
+    """To its errors, in its unit, and takes its points and misfits."""
+    body, rig = SONG, scenes.ring(3)
+    poses = bodies.random_poses(body, 23).astype(np.float32)
+    seen, scene = seen_points(body, poses[3].astype(float), rig, 9), Scene(device, rig, None, body)
+    base = _Constant(device, 23)
+    term = KeypointLikelihood(scene, CONFIG, 23, base)
+    term.observe(Observed("shown", seen))
+    for launch in term.launcher(device.to_device(poses)):
+        launch()
+    shares = missed_shares(body, rig, poses.astype(float), seen, CONFIG.keypoints)
+    expected = 7 + 2 * CONFIG.keypoints.weight * shares.mean(1)
+    np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4)
+    assert base.shown == "shown" and term.points is base.points and term.observed is None
+
+
+class _Constant:
+    """A likelihood whose errors are 7, in units of 2."""
+
+    unit, points, misfits, refines = 2.0, None, None, False
+
+    def __init__(self, device: Device, n: int) -> None:
+        self.errors = device.to_device(np.full(n, 7, np.float32))
+
+    def observe(self, shown: str) -> None:
+        self.shown = shown
+
+    def launcher(self, poses: object) -> list[object]:
+        return []
+
+
+def test_joined_observations_keep_their_points() -> None:
+    rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
+    one, other = seen_points(SONG, pose, rig, 5), seen_points(SONG, pose, rig, 8, seed=1)
+    both = joined([one, other])
+    assert len(both) == len(one) + len(other) == both.most
+    separate = [missed_shares(SONG, rig, pose[None] + 0.02, o, KeypointConfig()) for o in (one, other)]
+    together = missed_shares(SONG, rig, pose[None] + 0.02, both, KeypointConfig())
+    np.testing.assert_allclose(together, np.concatenate(separate, 1))
+    assert len(joined([])) == 0
+
+
+def test_impossible_observations(device: Device) -> None:
+    rig, pose = scenes.ring(2), bodies.random_poses(SONG, 1)[0]
+    seen = seen_points(SONG, pose, rig, 5)
+    for wrong in (
+        {"pixel": seen.pixel[1:]},
+        {"pixel": seen.pixel * np.nan},
+        {"inverse_scale": -seen.inverse_scale},
+        {"point": seen.point + 99},
+    ):
+        with pytest.raises(InputError, match="observed points"):
+            replace(seen, **wrong)
+    scene = Scene(device, rig, None, SONG)
+    config = FilterConfig.of(keypoints_room=len(seen) - 1).likelihood
+    with pytest.raises(InputError, match="keypoints_room"):
+        KeypointLikelihood(scene, config, 4).observe(Observed(None, seen))
+    with pytest.raises(InputError, match="cameras 0 to 5"):
+        other = replace(seen, camera=np.r_[5, seen.camera[1:]])
+        KeypointLikelihood(scene, CONFIG, 4).observe(Observed(None, other))
+
+
