@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from apf.initialisation.from_joints import fit_to_joints
     from apf.keypoints.keypoints import Keypoints
     from apf.likelihood.config import (
+        KeypointConfig,
         LikelihoodConfig,
         MotionPriorConfig,
         PartColourConfig,
@@ -72,6 +73,7 @@ __all__ = [
     "Gait",
     "GaitConfig",
     "InputError",
+    "KeypointConfig",
     "Keypoints",
     "LikelihoodConfig",
     "LimbSearchConfig",
@@ -129,6 +131,7 @@ _MODULES = {
     "apf.initialisation.from_joints": ("fit_to_joints",),
     "apf.keypoints.keypoints": ("Keypoints",),
     "apf.likelihood.config": (
+        "KeypointConfig",
         "LikelihoodConfig",
         "MotionPriorConfig",
         "PartColourConfig",

@@ -12,7 +12,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from apf.body.mesh import BodyMesh
-from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood
+from apf.filters.annealed import AnnealedParticleFilter, voxel_likelihood, with_keypoints
 from apf.filters.base import DeviceTracker, Tracker
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
@@ -23,7 +23,11 @@ from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.base import Likelihood
-from apf.reference.filters.annealed import NumpyAnnealedParticleFilter, numpy_voxel_likelihood
+from apf.reference.filters.annealed import (
+    NumpyAnnealedParticleFilter,
+    numpy_voxel_likelihood,
+    numpy_with_keypoints,
+)
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.sir import NumpySirParticleFilter
 from apf.reference.filters.swarm import NumpyParticleSwarm
@@ -44,7 +48,7 @@ from psfs.voxels.host_voxels import HostVoxels
 
 AnyFeatures: TypeAlias = Features | NumpyFeatures
 #: What a tracker observes of a frame.
-Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures
+Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures | None
 
 
 class Footage(Protocol):
@@ -88,7 +92,7 @@ def device_tracker(
     if seeds is not None and not shares_launches(scene.opencl, method):
         raise InputError(
             f"seeds {list(seeds)} at once by {method.search} over {method.objective}; expected apf "
-            "over voxels, without terms that depend on the track so far"
+            "over voxels or keypoints, without terms that depend on the track so far"
         )
     likelihood = _device_likelihood(scene, method, len(seeds or [0]))
     if method.search == "pso":
@@ -102,7 +106,7 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     """Return whether one tracker of `method` can make several runs at once."""
     fits = (
         method.search == "apf"
-        and method.uses_voxels
+        and not method.uses_images
         and not method.filter.likelihood.depends_on_track
     )
     return fits and isinstance(device, Device)
@@ -112,14 +116,20 @@ def _device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelih
     """Return what the tracker of `method` searches with on OpenCL, for so many runs at once."""
     if method.uses_voxels:
         return voxel_likelihood(scene, method.filter, n_runs)
-    return ImageObjective(scene, method.filter.search.n_particles, method.image)
+    base = None
+    if method.uses_images:
+        base = ImageObjective(scene, method.filter.search.n_particles, method.image)
+    return with_keypoints(scene, method.filter, base, n_runs)
 
 
 def _numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
     """Return what the tracker of `method` searches with on NumPy."""
     if method.uses_voxels:
         return numpy_voxel_likelihood(scene, method.filter)
-    return NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
+    base = None
+    if method.uses_images:
+        base = NumpyImageObjective(scene, method.filter.search.n_particles, method.image)
+    return numpy_with_keypoints(scene, method.filter, base)
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
@@ -150,11 +160,14 @@ def observer_for(
     method: Method,
     reconstruction: ReconstructionConfig | None = None,
 ) -> Callable[[Frame], Observation]:
-    """Return what makes of a frame that which the tracker of `method` observes.
+    """Return what makes of a frame that which the tracker of `method` observes beside keypoints.
 
-    Voxels in `grid`, or image features. Footage without pictures has only the silhouettes' outlines
-    for edges. Raises InputError where voxels are needed and there is no grid.
+    Voxels in `grid`, or image features; None for keypoints alone. Footage without pictures has only
+    the silhouettes' outlines for edges. Raises InputError where voxels are needed and there is no
+    grid.
     """
+    if method.objective == "keypoints":
+        return lambda frame: None
     if method.uses_voxels:
         if grid is None:
             raise InputError("no voxel grid; expected one for an objective over voxels")

@@ -8,15 +8,29 @@ from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
+from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.scene import Scene
 from cl import Launch
 
 
-def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> VoxelLikelihood:
-    """Return the voxels' likelihood for a filter of these settings and so many runs."""
+def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
+    """Return the voxels' likelihood for a filter of these settings and so many runs, with the
+    keypoints' if that has a weight."""
     search = config.search
-    return VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
+    voxels = VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
+    return with_keypoints(scene, config, voxels, n_runs)
+
+
+def with_keypoints(
+    scene: Scene, config: FilterConfig, base: Likelihood | None, n_runs: int = 1
+) -> Likelihood:
+    """Return the likelihood `base` with the keypoints' term if that has a weight, or the
+    keypoints' alone."""
+    if base is not None and config.keypoints.weight == 0:
+        return base
+    posture, n = config.likelihood.posture_prior_weight, config.search.n_particles
+    return KeypointLikelihood(scene, config.keypoints, posture, n, base, n_runs)
 
 
 class AnnealedParticleFilter(DeviceTracker):

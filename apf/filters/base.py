@@ -15,6 +15,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.limb_search import LimbSearch
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
+from apf.likelihood.observations import PointObservations, with_points
 from apf.scene import Scene
 from cl import InputError, Launch
 
@@ -61,8 +62,9 @@ class Tracker:
         """Put all particles at `pose` (D,). Raises InputError unless it has D finite values."""
         raise NotImplementedError
 
-    def step(self, observation: Any) -> Estimate:
-        """Track one frame further, by voxels or whatever else the likelihood observes."""
+    def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
+        """Track one frame further, by voxels or whatever else the likelihood observes, and by
+        keypoints where it has a weight for them."""
         raise NotImplementedError
 
     def stream(self, observations: Iterable[Any]) -> Iterator[Estimate]:
@@ -112,9 +114,9 @@ class DeviceTracker(Tracker):
         """Put all particles of one run at `pose` (D,), while the others go on."""
         self.particles.restart(run, checked_pose(self.body, pose))
 
-    def step(self, observation: Any) -> Estimate:
+    def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
         """Track one frame further and return the first run's estimate."""
-        return self.step_runs(observation)[0]
+        return self.step_runs(with_points(observation, keypoints))[0]
 
     def step_runs(self, observation: Any) -> list[Estimate]:
         """Track one frame further and return each run's estimate."""

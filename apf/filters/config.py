@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.likelihood.config import LikelihoodConfig
+from apf.likelihood.config import KeypointConfig, LikelihoodConfig
 from cl import InputError
 from psfs.common.ranges import check_range
 
@@ -162,6 +162,7 @@ class FilterConfig:
     likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     limb_search: LimbSearchConfig = field(default_factory=LimbSearchConfig)
+    keypoints: KeypointConfig = field(default_factory=KeypointConfig)
 
     @classmethod
     def of(cls, **settings: Any) -> FilterConfig:
@@ -242,7 +243,10 @@ _OTHER_TERMS = {
     "silhouette_recall": ("silhouette_recall_weight", 2.0),
     "part_colour": ("part_colour_weight", 1.0),
     "motion_prior": ("motion_prior_weight", 0.01),
+    "keypoints": ("keypoints_weight", 4.0),
 }
+#: The setting with which keypoints count, where they are chosen in another way.
+KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
 USUAL_TERMS = tuple(_USUAL_TERMS)
 TERMS = (*USUAL_TERMS, *_OTHER_TERMS)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from apf.filters.config import FilterConfig
+from apf.filters.config import KEYPOINTS_ON, FilterConfig
 from apf.filters.sir import SirConfig
 from apf.filters.swarm import SwarmConfig
 from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
@@ -15,8 +15,9 @@ from psfs.cameras.names import listed
 from psfs.common.configs import changed_config
 
 SEARCHES = ("apf", "pso", "sir")
-#: The voxels' likelihood, and the image objectives of Rymut 2016 eq. (4.46)-(4.50).
-OBJECTIVES = ("voxel", *OBJECTIVE_KINDS)
+#: The voxels' likelihood, keypoints alone, and the image objectives of Rymut 2016 eq.
+#: (4.46)-(4.50).
+OBJECTIVES = ("voxel", "keypoints", *OBJECTIVE_KINDS)
 
 #: What a search changes in the defaults of FilterConfig. By hand: a swarm has no annealing, so that
 #: more particles spread wider at once; it compares errors of different iterations, which therefore
@@ -56,8 +57,10 @@ class Method:
             raise InputError(f"the method is {self.search!r}; expected {listed(SEARCHES)}")
         if self.objective not in OBJECTIVES:
             raise InputError(f"the objective is {self.objective!r}; expected {listed(OBJECTIVES)}")
-        if not self.uses_voxels:
+        if self.uses_images:
             object.__setattr__(self, "image", replace(self.image, kind=self.objective))
+        if self.objective == "keypoints" and not self.uses_keypoints:
+            object.__setattr__(self, "filter", self.filter.changed(**KEYPOINTS_ON))
 
     @classmethod
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
@@ -79,6 +82,23 @@ class Method:
         """Whether the objective is the voxels' likelihood."""
         return self.objective == "voxel"
 
+    @property
+    def uses_images(self) -> bool:
+        """Whether the objective is one over image features."""
+        return self.objective in OBJECTIVE_KINDS
+
+    @property
+    def uses_keypoints(self) -> bool:
+        """Whether keypoints have a weight, beside the objective or alone."""
+        return self.filter.keypoints.weight > 0
+
+    def with_keypoints(self, n_sightings: int) -> Method:
+        """Return the method with room for so many keypoints in a frame; with their usual weight
+        unless they have one."""
+        room = max(self.filter.keypoints.room, n_sightings)
+        weight = {} if self.uses_keypoints else KEYPOINTS_ON
+        return replace(self, filter=self.filter.changed(keypoints_room=room, **weight))
+
     def described(self) -> dict[str, Any]:
         """Return what was used, for a track's provenance."""
         used = {"method": self.search, "objective": self.objective, "filter": self.filter.settings}
@@ -86,6 +106,6 @@ class Method:
             used["swarm"] = asdict(self.swarm)
         if self.search == "sir":
             used["sir"] = asdict(self.sir)
-        if not self.uses_voxels:
+        if self.uses_images:
             used |= {"image": asdict(self.image), "features": asdict(self.features)}
         return used

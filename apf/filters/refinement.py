@@ -25,8 +25,8 @@ _GPU_BLOCK, _CPU_BLOCK = 64, 256
 
 
 class Refinement:
-    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels, if there are any, and
-    `observed` points, if there are any.
+    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels and `observed` points,
+    where there are such.
 
     `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
     linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
@@ -146,7 +146,7 @@ class Refinement:
             "point_reach": reach[1],
             "point_root": (config.point_strength / weight) ** 0.5,
             "point_share": config.point_strength * config.point_scale**2 / strength,
-            "exchange": self._filter.likelihood.keypoints.exchange,
+            "exchange": self._filter.keypoints.exchange,
             "cameras": observed.cameras if observed is not None else None,
             "observed": observed.table if observed is not None else None,
             "table": self._body,

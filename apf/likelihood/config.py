@@ -126,7 +126,6 @@ class LikelihoodConfig:
     """What the terms of edge and silhouette look at."""
     part_colour: PartColourConfig = field(default_factory=PartColourConfig)
     motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
-    keypoints: KeypointConfig = field(default_factory=KeypointConfig)
 
     def __post_init__(self) -> None:
         for name in ("n_points", "point_turns"):

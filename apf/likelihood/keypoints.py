@@ -10,7 +10,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.base import Likelihood
-from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.config import KeypointConfig
 from apf.likelihood.observations import ObservedPoints, no_observations, parted
 from apf.likelihood.voxel import posture_prior
 from apf.scene import Scene
@@ -32,20 +32,21 @@ class KeypointLikelihood(Likelihood):
     def __init__(
         self,
         scene: Scene,
-        config: LikelihoodConfig,
+        config: KeypointConfig,
+        posture_prior_weight: float,
         n_particles: int,
         base: Likelihood | None = None,
         n_runs: int = 1,
     ) -> None:
-        self.device, self.config, self.base = scene.opencl, config.keypoints, base
+        self.device, self.config, self.base = scene.opencl, config, base
         self.body = scene.body
         self._unit = base.unit if base is not None else float(len(scene.rig))
         self._posture_weight = 0.0
         if base is None:
-            self._posture_weight = self._unit * config.posture_prior_weight
+            self._posture_weight = self._unit * posture_prior_weight
         self._table = self.device.to_device(pack_body(scene.body), "the body model")
         self._posture = self.device.to_device(posture_prior(scene.body), "the posture prior")
-        self._seen = ObservedPoints(scene, config.keypoints.room)
+        self._seen = ObservedPoints(scene, config.room)
         self.observed = self._seen if base is None or base.refines else None
         if base is not None:
             self.errors, self.points, self.misfits = base.errors, base.points, base.misfits

@@ -51,7 +51,8 @@ class PointObservations:
             raise InputError("observed points: a place is not finite; expected missing ones absent")
         if not (np.isfinite(self.inverse_scale).all() and np.all(self.inverse_scale >= 0)):
             raise InputError("observed points: an inverse scale is not 0 or positive")
-        if n and not (0 <= self.point.min() <= max(self.point.max(), self.partner.max()) < n_points):
+        last = max(self.point.max(), self.partner.max()) if n else -1
+        if n and not (self.point.min() >= 0 and last < n_points):
             raise InputError(f"observed points: expected numbers of the {n_points} points")
         object.__setattr__(self, "most", float(max(self.most, n)))
 
@@ -117,6 +118,11 @@ class Observed(NamedTuple):
 
     shown: Any
     points: PointObservations | None
+
+
+def with_points(observation: Any, points: PointObservations | None) -> Any:
+    """Return an observation with `points`, if there are any."""
+    return observation if points is None else Observed(observation, points)
 
 
 def parted(observation: Any) -> Observed:

@@ -17,13 +17,27 @@ from apf.reference.filters.annealing import (
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.filters.noise import uniform
 from apf.reference.likelihood.base import NumpyLikelihood
+from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 
 
-def numpy_voxel_likelihood(scene: Scene, config: FilterConfig) -> NumpyVoxelLikelihood:
-    """Return the voxels' likelihood for a filter of these settings."""
-    return NumpyVoxelLikelihood(scene, config.likelihood, config.search.velocity)
+def numpy_voxel_likelihood(scene: Scene, config: FilterConfig) -> NumpyLikelihood:
+    """Return the voxels' likelihood for a filter of these settings, with the keypoints' if that
+    has a weight."""
+    voxels = NumpyVoxelLikelihood(scene, config.likelihood, config.search.velocity)
+    return numpy_with_keypoints(scene, config, voxels)
+
+
+def numpy_with_keypoints(
+    scene: Scene, config: FilterConfig, base: NumpyLikelihood | None
+) -> NumpyLikelihood:
+    """Return the likelihood `base` with the keypoints' term if that has a weight, or the
+    keypoints' alone."""
+    if base is not None and config.keypoints.weight == 0:
+        return base
+    posture = config.likelihood.posture_prior_weight
+    return NumpyKeypointLikelihood(scene, config.keypoints, posture, base)
 
 
 class NumpyAnnealedParticleFilter(NumpyTracker):

@@ -10,6 +10,7 @@ import numpy as np
 from apf.filters.base import Estimate, Tracker, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
+from apf.likelihood.observations import PointObservations, with_points
 from apf.reference.filters.limb_search import searched
 from apf.reference.filters.noise import normals
 from apf.reference.likelihood.base import NumpyLikelihood
@@ -32,13 +33,13 @@ class NumpyTracker(Tracker):
         self._last, self._drift, self._deviation = np.zeros((3, self.body.n_dof))
         self.likelihood.forget()
 
-    def step(self, observation: Any) -> Estimate:
+    def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
         """Track one frame further."""
         likelihood = self.likelihood
-        likelihood.observe(observation)
+        likelihood.observe(with_points(observation, keypoints))
         found = self._search()
         pose, information = found.pose, np.zeros((self.body.n_dof, self.body.n_dof))
-        if likelihood.points is not None or likelihood.observations is not None:
+        if likelihood.points is not None or likelihood.observed is not None:
             frame = self._frame + 1
             pose, information = searched(self.body, likelihood, pose, self.config, frame)
         misfit = likelihood.misfit(pose)

@@ -48,7 +48,7 @@ def searched(
         for kind in range(2 * n_limbs):
             tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
-    evidence = (likelihood.points, config, likelihood.observations, likelihood.rig)
+    evidence = (likelihood.points, config, likelihood.observed)
     found = [refined(body, pose, *evidence) for pose in candidates]
     best = 0
     if n_limbs:

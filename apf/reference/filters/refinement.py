@@ -18,11 +18,10 @@ def refined(
     mean: np.ndarray,
     points: np.ndarray | None,
     config: FilterConfig,
-    observations: PointObservations | None = None,
-    rig: CameraRig | None = None,
+    observed: tuple[CameraRig, PointObservations] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose (D,) that fits the points (K, 3) m of the surface and the observations of
-    `rig` best, near the particles' `mean` (D,).
+    """Return the pose (D,) that fits the points (K, 3) m of the surface and what a rig
+    observed best, near the particles' `mean` (D,).
 
     It minimises strength mean(d^2 / (d^2 + scale^2)) of the voxels' distances d, and point_strength
     point_scale^2 sum(e^2 / (e^2 + point_scale^2)) of the distances e, in deviations, of observed
@@ -46,9 +45,8 @@ def refined(
         parts = []
         if points is not None and len(points):
             parts.append(_voxel_system(body, pose, points, config, reach))
-        if observations is not None and len(observations):
-            assert rig is not None
-            parts.append(_point_system(body, pose, observations, rig, config, point_reach))
+        if observed is not None and len(observed[1]):
+            parts.append(_point_system(body, pose, *observed, config, point_reach))
         for part_cost, weight, miss, rows in parts:
             weighted = rows * weight[:, None]
             cost, matrix = cost + part_cost, matrix + weighted.T @ rows
@@ -74,8 +72,8 @@ def _voxel_system(
 def _point_system(
     body: BodyModel,
     pose: np.ndarray,
-    observations: PointObservations,
     rig: CameraRig,
+    observations: PointObservations,
     config: FilterConfig,
     reach: float,
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -83,7 +81,7 @@ def _point_system(
     (2 N, D) of both coordinates of each that is in front of its camera, as its own point or its
     partner, whichever misses less."""
     strength, scale = config.refinement.point_strength, config.refinement.point_scale
-    exchange = config.likelihood.keypoints.exchange
+    exchange = config.keypoints.exchange
     world = placed(body, pose[None], observations)
     found = []
     for which in (observations.point, observations.partner):

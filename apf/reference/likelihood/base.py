@@ -15,14 +15,13 @@ class NumpyLikelihood:
     `observe(observation)` and, called with poses (N, D), returns their errors (N,).
 
     points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
-    of the launchers that a device's tracker makes is meant. observations: points of the body that
-    estimates are refined on, seen by `rig`; None: there are none. unit: see `Likelihood`.
+    of the launchers that a device's tracker makes is meant. observed: cameras and the points of
+    the body that estimates are refined on; None: on none. unit: see `Likelihood`.
     """
 
     points: np.ndarray | None = None
     turn: int = 0
-    observations: PointObservations | None = None
-    rig: CameraRig
+    observed: tuple[CameraRig, PointObservations] | None = None
     unit: float = 1.0
 
     def observe(self, observation: Any) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel
-from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.config import KeypointConfig
 from apf.likelihood.observations import PointObservations, no_observations, parted
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.voxel import posture_errors
@@ -68,16 +68,21 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
     """The same as `KeypointLikelihood`, in float64."""
 
     def __init__(
-        self, scene: Scene, config: LikelihoodConfig, base: NumpyLikelihood | None = None
+        self,
+        scene: Scene,
+        config: KeypointConfig,
+        posture_prior_weight: float,
+        base: NumpyLikelihood | None = None,
     ) -> None:
+        self._posture_weight = posture_prior_weight
         self.body, self.rig, self.config, self.base = scene.body, scene.rig, config, base
         self._seen = no_observations()
 
     @property
-    def observations(self) -> PointObservations | None:  # type: ignore[override]
+    def observed(self) -> tuple[CameraRig, PointObservations] | None:  # type: ignore[override]
         """What estimates are refined on, unless the other likelihood refines none."""
         refines = self.base is None or self.base.points is not None
-        return self._seen if refines else None
+        return (self.rig, self._seen) if refines else None
 
     @property
     def points(self) -> np.ndarray | None:  # type: ignore[override]
@@ -129,13 +134,11 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
             self.base.forget()
 
     def _shares(self, poses: np.ndarray) -> np.ndarray:
-        return missed_shares(
-            self.body, self.rig, poses, self._seen, self.config.keypoints
-        )
+        return missed_shares(self.body, self.rig, poses, self._seen, self.config)
 
     def _term(self, poses: np.ndarray) -> np.ndarray:
         most = max(self._seen.most, 1.0)
-        errors = self.config.keypoints.weight * self._shares(poses).sum(1) / most
+        errors = self.config.weight * self._shares(poses).sum(1) / most
         if self.base is None:
-            errors = errors + self.config.posture_prior_weight * posture_errors(self.body, poses)
+            errors = errors + self._posture_weight * posture_errors(self.body, poses)
         return self.unit * errors

@@ -194,7 +194,7 @@ def test_finds_the_way_back_by_what_cameras_see() -> None:
     seen = replace(seen, pixel=pixel, inverse_scale=np.full(len(seen), 0.2))
     config = CONFIG.changed(refinement_width=20.0, refinement_point_reach=20.0)
     moved = np.clip(pose + random.normal(0, 2, body.n_dof) * body.sigma, body.lower, body.upper)
-    found = refined(body, moved, None, config, seen, RIG)[0]
+    found = refined(body, moved, None, config, (RIG, seen))[0]
     before, after = (
         np.linalg.norm(posed_joints(body, p[None]) - posed_joints(body, pose[None]), axis=-1)
         for p in (moved, found)
@@ -228,7 +228,7 @@ def test_kernels_and_twin_on_observed_points(
         away = random.random(len(seen)) < 0.05
         seen = replace(seen, pixel=pixel + 300 * away[:, None])
     mean = np.clip(pose + random.normal(0, 1, body.n_dof) * body.sigma, body.lower, body.upper)
-    expected, matrix = refined(body, mean, voxels, config, seen, RIG)
+    expected, matrix = refined(body, mean, voxels, config, (RIG, seen))
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     lower = np.tril_indices(body.n_dof)
     with skipped_without_room(device):

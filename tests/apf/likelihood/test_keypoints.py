@@ -11,7 +11,6 @@ from helpers.kinds import other_kind
 from helpers.sightings import seen_points
 
 from apf.body import load_body
-from apf.filters.config import FilterConfig
 from apf.likelihood.config import KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.observations import Observed, PointObservations, joined, no_observations
@@ -20,7 +19,7 @@ from apf.scene import Scene
 from cl import Device, InputError
 
 SONG = load_body("song31")
-CONFIG = FilterConfig.of(keypoints_weight=3.0, posture_prior_weight=0.02).likelihood
+CONFIG, POSTURE = KeypointConfig(weight=3.0), 0.02
 
 
 def test_the_pose_that_was_seen_misses_nothing() -> None:
@@ -37,7 +36,7 @@ def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> 
     wrong = replace(seen, pixel=seen.pixel + np.eye(len(seen))[:, :1] * 1e5)
     shares = missed_shares(SONG, rig, pose[None], wrong, KeypointConfig())[0]
     assert 0.99 < shares[0] <= 1 and shares[1:].max() < 1e-12
-    likelihood = NumpyKeypointLikelihood(Scene(None, rig, None, SONG), CONFIG)  # type: ignore[arg-type]
+    likelihood = NumpyKeypointLikelihood(Scene(None, rig, None, SONG), CONFIG, POSTURE)  # type: ignore[arg-type]
 
     def error(observations: PointObservations) -> float:
         likelihood.observe(Observed(None, observations))
@@ -48,13 +47,12 @@ def test_the_cost_of_an_outlier_is_bounded_and_a_missing_one_costs_nothing() -> 
         for name in ("point", "partner", "camera", "pixel", "inverse_scale")
     })  # fmt: skip
     assert error(fewer) == pytest.approx(error(seen))
-    assert error(wrong) - error(seen) == pytest.approx(3 * CONFIG.keypoints.weight / len(seen))
+    assert error(wrong) - error(seen) == pytest.approx(3 * CONFIG.weight / len(seen))
 
 
 def test_left_taken_for_right_costs_the_exchange() -> None:
     rig, pose = scenes.ring(3), bodies.random_poses(SONG, 1)[0]
     config = KeypointConfig(reach=0.5)
-    seen = seen_points(SONG, pose, rig, 20)
     swapped = seen_points(SONG, pose, rig, 20, as_partners=True)
     shares = missed_shares(SONG, rig, pose[None], swapped, config)[0]
     paired = swapped.partner >= 0
@@ -76,7 +74,8 @@ def test_kernel_agrees_with_the_twin(device: Device, name: str, n: int, kind: st
     if n == 0:
         seen = no_observations()
     scene = Scene(device, rig, None, body)
-    kernel, twin = KeypointLikelihood(scene, CONFIG, 23), NumpyKeypointLikelihood(scene, CONFIG)
+    kernel = KeypointLikelihood(scene, CONFIG, POSTURE, 23)
+    twin = NumpyKeypointLikelihood(scene, CONFIG, POSTURE)
     for likelihood in (kernel, twin):
         likelihood.observe(Observed(None, seen))
     on_device = device.to_device(poses)
@@ -95,12 +94,12 @@ def test_it_adds_to_another_likelihood(device: Device) -> None:
     poses = bodies.random_poses(body, 23).astype(np.float32)
     seen, scene = seen_points(body, poses[3].astype(float), rig, 9), Scene(device, rig, None, body)
     base = _Constant(device, 23)
-    term = KeypointLikelihood(scene, CONFIG, 23, base)
+    term = KeypointLikelihood(scene, CONFIG, POSTURE, 23, base)
     term.observe(Observed("shown", seen))
     for launch in term.launcher(device.to_device(poses)):
         launch()
-    shares = missed_shares(body, rig, poses.astype(float), seen, CONFIG.keypoints)
-    expected = 7 + 2 * CONFIG.keypoints.weight * shares.mean(1)
+    shares = missed_shares(body, rig, poses.astype(float), seen, CONFIG)
+    expected = 7 + 2 * CONFIG.weight * shares.mean(1)
     np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4)
     assert base.shown == "shown" and term.points is base.points and term.observed is None
 
@@ -125,9 +124,11 @@ def test_joined_observations_keep_their_points() -> None:
     one, other = seen_points(SONG, pose, rig, 5), seen_points(SONG, pose, rig, 8, seed=1)
     both = joined([one, other])
     assert len(both) == len(one) + len(other) == both.most
-    separate = [missed_shares(SONG, rig, pose[None] + 0.02, o, KeypointConfig()) for o in (one, other)]
-    together = missed_shares(SONG, rig, pose[None] + 0.02, both, KeypointConfig())
-    np.testing.assert_allclose(together, np.concatenate(separate, 1))
+    separate, together = (
+        [missed_shares(SONG, rig, pose[None] + 0.02, part, KeypointConfig()) for part in parts]
+        for parts in ((one, other), (both,))
+    )
+    np.testing.assert_allclose(together[0], np.concatenate(separate, 1))
     assert len(joined([])) == 0
 
 
@@ -143,11 +144,9 @@ def test_impossible_observations(device: Device) -> None:
         with pytest.raises(InputError, match="observed points"):
             replace(seen, **wrong)
     scene = Scene(device, rig, None, SONG)
-    config = FilterConfig.of(keypoints_room=len(seen) - 1).likelihood
+    config = KeypointConfig(room=len(seen) - 1)
     with pytest.raises(InputError, match="keypoints_room"):
-        KeypointLikelihood(scene, config, 4).observe(Observed(None, seen))
+        KeypointLikelihood(scene, config, POSTURE, 4).observe(Observed(None, seen))
     with pytest.raises(InputError, match="cameras 0 to 5"):
         other = replace(seen, camera=np.r_[5, seen.camera[1:]])
-        KeypointLikelihood(scene, CONFIG, 4).observe(Observed(None, other))
-
-
+        KeypointLikelihood(scene, CONFIG, POSTURE, 4).observe(Observed(None, other))
