@@ -25,7 +25,7 @@ _GPU_BLOCK, _CPU_BLOCK = 64, 256
 
 
 class Refinement:
-    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels and `observed` points,
+    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels and observed points,
     where there are such.
 
     `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last

@@ -46,7 +46,7 @@ def test_on_the_device(start, search: str, objective: str) -> None:
     provenance = json.loads(track.provenance)
     assert (provenance["method"], provenance["objective"]) == (search, objective)
     assert ("grid" in provenance) == method.uses_voxels
-    if not method.uses_voxels:
+    if method.uses_images:
         assert provenance["image"]["kind"] == objective
         assert np.all(track.diagnostics["best_log_weight"] <= 0)
         assert np.all(track.diagnostics["best_log_weight"] >= -1)
