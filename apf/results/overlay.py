@@ -16,8 +16,8 @@ from apf.body.model import BodyModel, side_of
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.files import written_whole
 from psfs.output.preview import picture_of
+from psfs.output.video import written_video
 from psfs.sequence import Frame, Sequence
 
 #: BGR by side, bright enough for dark pictures and grey ones; the plots' hues.
@@ -147,8 +147,8 @@ def write_overlay(
 
     body: the scaled model that was tracked. cameras: names of those to show, all without it.
     progress: called after each frame. Plays as fast as the scene (slower below 1 frame/s).
-    Raises InputError when a camera is unknown, a frame is not in the sequence or there is no
-    encoder.
+    Raises InputError when a camera is unknown, a frame is not in the sequence or the video cannot
+    be written.
     """
     names = sequence.rig.names
     unknown = [name for name in cameras or () if name not in names]
@@ -158,30 +158,21 @@ def write_overlay(
     shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
     cones = posed_cones(body, track.poses)[:, shown]
     cone_names = [body.cone_names[i] for i in shown]
-    writer: cv2.VideoWriter | None = None
-    with written_whole(path) as temporary:
-        try:
-            for row, frame in enumerate(_frames(sequence, track.frames)):
-                picture = overlay_picture(
-                    frame,
-                    sequence.rig,
-                    cones[row],
-                    cone_names,
-                    track.joints[row],
-                    track.edges,
-                    views,
-                    "   LOST" if track.lost[row] else "",
-                )
-                if writer is None:
-                    writer = _writer(temporary, path, track, picture)
-                writer.write(picture)
-                if progress is not None:
-                    progress()
-        finally:
-            if writer is not None:
-                writer.release()
-        if not temporary.exists() or not temporary.stat().st_size:
-            raise InputError(f"{path}: the video could not be written")
+    with written_video(path, frame_rate(track)) as video:
+        for row, frame in enumerate(_frames(sequence, track.frames)):
+            picture = overlay_picture(
+                frame,
+                sequence.rig,
+                cones[row],
+                cone_names,
+                track.joints[row],
+                track.edges,
+                views,
+                "   LOST" if track.lost[row] else "",
+            )
+            video.write(picture)
+            if progress is not None:
+                progress()
 
 
 def _frames(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
@@ -200,14 +191,8 @@ def _frames(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
     return sequence.frames(slice(int(indices[0]), int(indices[-1]) + 1, step))
 
 
-def _writer(
-    temporary: Path, path: str | Path, track: Track, picture: np.ndarray
-) -> cv2.VideoWriter:
+def frame_rate(track: Track) -> float:
+    """Return the pictures per second with which a video of the track's frames plays as fast as the
+    scene, 1 at least."""
     steps = np.diff(track.frames)
-    fps = track.fps / max(1.0, float(np.median(steps)) if steps.size else 1.0)
-    size = (picture.shape[1], picture.shape[0])
-    codec = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(temporary), cv2.CAP_FFMPEG, codec, max(fps, 1.0), size)
-    if not writer.isOpened():
-        raise InputError(f"{path}: OpenCV has no encoder for mp4v video of {size[0]} x {size[1]}")
-    return writer
+    return max(1.0, track.fps / max(1.0, float(np.median(steps)) if steps.size else 1.0))
