@@ -159,7 +159,7 @@ def write_overlay(
     cones = posed_cones(body, track.poses)[:, shown]
     cone_names = [body.cone_names[i] for i in shown]
     with written_video(path, frame_rate(track)) as video:
-        for row, frame in enumerate(_frames(sequence, track.frames)):
+        for row, frame in enumerate(frames_of(sequence, track.frames)):
             picture = overlay_picture(
                 frame,
                 sequence.rig,
@@ -175,7 +175,7 @@ def write_overlay(
                 progress()
 
 
-def _frames(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
+def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
     """The frames of these indices (F,), decoded in the background where evenly spaced."""
     if not indices.size:
         raise InputError("the track holds no frame to draw")

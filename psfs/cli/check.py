@@ -30,7 +30,7 @@ def _run(args: argparse.Namespace) -> None:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
     sequence = run.sequence()
     device = select_device(args.device)
-    checker = Checker(device, sequence, run)
+    checker = Checker.of_run(device, sequence, run)
     scores = []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1

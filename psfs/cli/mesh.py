@@ -80,7 +80,7 @@ def _run(args: argparse.Namespace) -> None:
     targets = _targets(args, run)
     device, sequence = select_device(args.device), run.sequence()
     mesher = Mesher(device, run, sequence, args.smooth)
-    checker = Checker(device, sequence, run) if args.check else None
+    checker = Checker.of_run(device, sequence, run) if args.check else None
     checks = {}
     with progress_bar() as bar:
         for index, path in bar.track(targets.items(), len(targets), description="meshing"):

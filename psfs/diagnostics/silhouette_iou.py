@@ -11,6 +11,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.common.regions import iou, large_parts
 from psfs.output.runs import Run
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
@@ -29,24 +30,39 @@ class Checker:
     """`checker(frame, cloud)`: (V,) IoU per camera as `DEFINITION` says; NaN where the frame
     shows nothing and the cloud reprojects to nothing.
 
-    The silhouettes are the run's: its reconstruction is done again with the same parameters, so
-    what was learnt from the frames before is learnt again. Give the frames in the run's order; a
+    The silhouettes are those of the reconstruction with this grid and config, which is done again,
+    so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
     frame for itself learns from itself.
     """
 
-    def __init__(self, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> None:
+    def __init__(
+        self,
+        device: Device | NumpyDevice,
+        sequence: Sequence,
+        grid: VoxelGrid,
+        config: ReconstructionConfig,
+    ) -> None:
         self.rig = sequence.rig
         self._reconstruct = reconstructor_for(
-            device, self.rig, run.grid, sequence.background, run.config, sparse=True
+            device, self.rig, grid, sequence.background, config, sparse=True
         )
-        self._volume = volume_region(self.rig, run.grid)
-        self._extents = footprints(self.rig, run.grid.voxel_size)
+        self._volume = volume_region(self.rig, grid)
+        self._extents = footprints(self.rig, grid.voxel_size)
+
+    @classmethod
+    def of_run(cls, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> Checker:
+        """Return the checker of a run of `psfs reconstruct`."""
+        return cls(device, sequence, run.grid, run.config)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
         """Return (V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
-        self._reconstruct(frame)
+        self._voxels = self._reconstruct(frame)
         shown = (self._reconstruct.evidence() > 0) & self._volume
         return np.stack([without_speckle(view) for view in shown])
+
+    def cloud(self, colour: bool = False) -> VoxelCloud:
+        """Return the voxels of the frame whose silhouettes were asked for last."""
+        return self._voxels.cloud(colour)
 
     def __call__(self, frame: Frame, cloud: VoxelCloud) -> np.ndarray:
         shape = (self.rig.height, self.rig.width)
