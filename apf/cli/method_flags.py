@@ -75,16 +75,17 @@ METHOD_FLAGS = (
 
 
 def add_method_flags(
-    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel"
+    parser: argparse.ArgumentParser, method: str = "apf", objective: str = "voxel", more: str = ""
 ) -> None:
-    """--method and --objective with their defaults, and the flags of their settings."""
+    """--method and --objective with their defaults, and the flags of their settings. more: what
+    the command knows beside the searches, for --help."""
     add_configs(parser, method=Method.from_dict)
     group = parser.add_argument_group("search", "what is searched with, and by what it is judged")
     group.add_argument(
         "--method",
         default=method,
-        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter "
-        f"(default: {method})",
+        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter"
+        f"{more} (default: {method})",
     )
     group.add_argument(
         "--objective",

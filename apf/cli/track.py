@@ -12,8 +12,10 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
+from apf.cli.keypoint_flags import add_keypoint_flags
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.take_report import TakeLine, TakeReport
+from apf.cli.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
 from apf.results.evaluate import evaluate, load_truth
@@ -48,7 +50,10 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     add_start_flags(parser)
     add_all_cameras_flag(parser)
-    add_method_flags(parser)
+    add_method_flags(
+        parser, more=f"; {TRIANGULATE}: --keypoints alone, triangulated, without a body"
+    )
+    add_triangulation_flags(add_keypoint_flags(parser))
     parser.add_argument(
         "--seeds",
         type=int,
@@ -69,6 +74,9 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.method == TRIANGULATE:
+        run_triangulate(args, take_names([Path(folder) for folder in args.folders]))
+        return
     method = chosen_method(args)
     seeds = chosen_seeds(args, method)
     check_height(args)

@@ -147,6 +147,17 @@ def landmarks_of(
     return found
 
 
+def landmark_edges(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return which of the landmarks `names` to join with lines, as pairs of their indices."""
+    found = []
+    for a, b in read_toml(LANDMARKS)["edges"]:
+        for side in ("", "l_", "r_"):
+            ends = [name if name in names else side + name for name in (a, b)]
+            if all(end in names for end in ends):
+                found.append((names.index(ends[0]), names.index(ends[1])))
+    return list(dict.fromkeys(found))
+
+
 def points_on(
     body: BodyModel, names: Sequence[str], landmarks: Sequence[Landmark] | None = None
 ) -> BodyPoints:

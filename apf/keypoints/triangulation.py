@@ -22,8 +22,8 @@ class TriangulationConfig:
     max_error: float = 15.0
     """px. Cameras are left out until the mean reprojection error of the rest is below. What
     Pose2Sim has by default, for pictures about 1000 px high."""
-    min_confidence: float = 0.1
-    """A keypoint below counts as missing."""
+    min_confidence: float = 0.3
+    """A keypoint below counts as missing. Pose2Sim's default."""
     min_cameras: int = 2
     """Fewer give no point."""
 

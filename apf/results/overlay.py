@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from apf.body.cones import outlines
-from apf.body.kinematics import posed_cones
+from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel, side_of
 from apf.tracking.track import Track
 from cl import InputError
@@ -139,25 +139,23 @@ def write_overlay(
     path: str | Path,
     sequence: Sequence,
     track: Track,
-    body: BodyModel,
+    body: BodyModel | None,
     progress: Callable[[], object] | None = None,
     cameras: Items[str] | None = None,
 ) -> None:
     """Write an mp4 of the track's frames as `overlay_picture` shows them.
 
-    body: the scaled model that was tracked. cameras: names of those to show, all without it.
-    progress: called after each frame. Plays as fast as the scene (slower below 1 frame/s).
-    Raises InputError when a camera is unknown, a frame is not in the sequence or the video cannot
-    be written.
+    body: the scaled model that was tracked; None for the joints alone. cameras: names of those to
+    show, all without it. progress: called after each frame. Plays as fast as the scene (slower
+    below 1 frame/s). Raises InputError when a camera is unknown, a frame is not in the sequence or
+    the video cannot be written.
     """
     names = sequence.rig.names
     unknown = [name for name in cameras or () if name not in names]
     if unknown:
         raise InputError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
     views = [names.index(name) for name in cameras or names]
-    shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
-    cones = posed_cones(body, track.poses)[:, shown]
-    cone_names = [body.cone_names[i] for i in shown]
+    cones, cone_names = _shown_cones(body, track)
     with written_video(path, frame_rate(track)) as video:
         for row, frame in enumerate(frames_of(sequence, track.frames)):
             picture = overlay_picture(
@@ -173,6 +171,14 @@ def write_overlay(
             video.write(picture)
             if progress is not None:
                 progress()
+
+
+def _shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list[str]]:
+    """The posed cones (F, C, 16) that are looked for in images, and their names."""
+    if body is None:
+        return np.zeros((len(track), 0, CONE_FLOATS)), []
+    shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
+    return posed_cones(body, track.poses)[:, shown], [body.cone_names[i] for i in shown]
 
 
 def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:

@@ -28,7 +28,7 @@ _FIELDS = {
     "fps": Values((), low=1e-3, high=1e5),
     "frames": Values(("F",), "int", low=0),
     "poses": Values(("F", "D"), low=-1e6, high=1e6),
-    "joints": Values(("F", "J", 3), low=-1e6, high=1e6),
+    "joints": Values(("F", "J", 3), finite=False, low=-1e6, high=1e6),
     "edges": Values(("E", 2), "int", low=0),
     "provenance": Values((), "text"),
     "body": Values((), "text", needed=False),
@@ -49,7 +49,9 @@ class Track:
 
     body_name: the body model's. dof_names: (D,). joint_names: (J,). fps: of the sequence.
     frames: (F,) int, frame indices of the sequence. poses: (F, D) radians and metres.
-    joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw.
+    joints: (F, J, 3) m in the world, Z up. edges: (E, 2) int joint pairs to draw. A track of points
+    without a body, see `apf.tracking.triangulated`, has no degrees of freedom, and NaN where a
+    point is missing.
     diagnostics: arrays (F, ...) by name, see below.
     provenance: JSON text of what made it: sequence (path), device, version, grid (origin m,
     voxel_size m, shape) where voxels were used, method, objective, filter and the settings of other
@@ -111,7 +113,7 @@ class Track:
         ):
             raise InputError(f"the body {self.body.name} is not the one that was tracked")
         check_range("fps", self.fps, 0, 1e5)
-        for name in ("poses", "joints"):
+        for name in ("poses", "joints") if self.dof_names else ("poses",):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError(f"{name} hold a number that is not finite; expected finite ones")
         if np.any(np.diff(self.frames) < 0):

@@ -1,0 +1,51 @@
+"""Flags of the commands that take keypoints of a pose network."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from apf.keypoints import Keypoints
+from psfs.cli.commandline import path_or_name, remark
+from psfs.cli.sequence_flags import stated
+from psfs.sequence import Sequence
+
+
+def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add --keypoints, and return the group that it is in."""
+    group = parser.add_argument_group("keypoints", "2-D points of any pose network")
+    group.add_argument(
+        "--keypoints",
+        type=path_or_name,
+        metavar="PATH",
+        help="keypoints in all cameras, in FOLDER or anywhere: keypoints.npz, OpenPose's JSON "
+        "(Pose2Sim, Sports2D), OpenCap's pickles, FreeMoCap's arrays, DeepLabCut's tables; PATH "
+        "may hold wildcards (default: none, even where there are some)",
+    )
+    return group
+
+
+def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
+    """Return the keypoints of --keypoints in the cameras and frames of `sequence`, and print what
+    was guessed about them; None without the flag. Raises InputError."""
+    if args.keypoints is None:
+        return None
+    path = _path(args, sequence.folder)
+    if args.cameras is None:
+        keypoints = Keypoints.open(path, sequence)
+    else:  # some cameras: which belongs to which may show only with all of them
+        flags = {name: value for name, value in stated(args).items() if name != "cameras"}
+        every = Sequence.open(sequence.folder, **flags)
+        keypoints = Keypoints.open(path, every).of_cameras(sequence.rig.names)
+    for note in keypoints.notes:
+        remark("note", "cyan", note)
+    return keypoints
+
+
+def _path(args: argparse.Namespace, folder: Path) -> Path:
+    """Return where --keypoints is: as given where there is such a path, else in the sequence's
+    folder."""
+    given = Path(args.keypoints)
+    if given.is_absolute() or any(Path().glob(str(given))):
+        return given
+    return folder / given

@@ -1,0 +1,118 @@
+"""`apf track --method triangulate`: keypoints alone, what others do, to compare with."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from apf.cli.keypoint_flags import keypoints_of
+from apf.results.overlay import write_overlay
+from apf.tracking.track import Track
+from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+from cl import InputError, UserError
+from psfs.cameras.names import listed
+from psfs.cli.commandline import progress_bar, stdout
+from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.settings import write_settings
+
+#: The name of the method.
+TRIANGULATE = "triangulate"
+#: Flags that are of no use without a body.
+_OF_BODIES = ("init", "body", "height", "seeds", "likelihood", "voxel_size")
+_DEFAULT = TriangulatedConfig()
+
+
+def add_triangulation_flags(group: argparse._ArgumentGroup) -> None:
+    """Add --low-pass, --max-error and --longest-gap."""
+    group.add_argument(
+        "--low-pass",
+        type=float,
+        metavar="HZ",
+        help=f"{TRIANGULATE}: Butterworth filter of the points, such as 6 (default: none)",
+    )
+    group.add_argument(
+        "--max-error",
+        type=float,
+        metavar="PX",
+        help=f"{TRIANGULATE}: cameras are left out of a point until the mean reprojection error is "
+        f"below (default: {_DEFAULT.triangulation.max_error:g})",
+    )
+    group.add_argument(
+        "--longest-gap",
+        type=float,
+        metavar="S",
+        help=f"{TRIANGULATE}: leave longer gaps open, blank in the files (default: all are filled)",
+    )
+
+
+def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
+    """Triangulate the keypoints of every folder, into OUT, or of several into OUT/NAME; one that
+    fails stops no other. Raises InputError."""
+    if args.keypoints is None:
+        raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
+    useless = [flag for flag in _OF_BODIES if getattr(args, flag) is not None]
+    if useless:
+        flags = listed("--" + flag.replace("_", "-") for flag in useless)
+        raise InputError(f"{flags} with --method {TRIANGULATE}, which has no body; expected none")
+    if len(args.folders) == 1:
+        _one(args, args.folders[0], args.output)
+        return
+    failed: dict[str, UserError] = {}
+    for folder, name in zip(args.folders, names, strict=True):
+        try:
+            _one(args, folder, args.output / name)
+        except UserError as error:
+            failed[name] = error
+    for name, why in failed.items():
+        stdout.print(f"{name} failed: {why}", soft_wrap=True)
+    if failed:
+        raise InputError(f"{len(failed)} of {len(names)} takes failed: {listed(failed)}")
+
+
+def config_of(args: argparse.Namespace) -> TriangulatedConfig:
+    """Return what the flags of `add_triangulation_flags` choose. Raises InputError."""
+    stated = {
+        name: getattr(args, name)
+        for name in ("low_pass", "longest_gap")
+        if getattr(args, name) is not None
+    }
+    config = replace(_DEFAULT, **stated)
+    if args.max_error is None:
+        return config
+    limits = replace(config.triangulation, max_error=args.max_error)
+    return replace(config, triangulation=limits)
+
+
+def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
+    """Triangulate one take, and write track.npz, joints.trc, joints.csv and overlay.mp4."""
+    config = config_of(args)
+    job = argparse.Namespace(**{**vars(args), "folder": folder, "output": output})
+    sequence = open_sequence(job)
+    frames = selected_frames(job, sequence)
+    keypoints = keypoints_of(job, sequence)
+    assert keypoints is not None
+    selection = slice(frames.start, frames.stop, frames.step)
+    track = triangulated_track(sequence, keypoints, config, selection)
+    for name in ("track.npz", "joints.trc", "joints.csv"):
+        track.save(output / name)
+    write_settings(output, job)
+    if not args.no_overlay:
+        with progress_bar() as bar:
+            task = bar.add_task("overlay", total=len(track))
+            write_overlay(output / "overlay.mp4", sequence, track, None, lambda: bar.advance(task))
+    stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
+    stdout.print(_described(track), soft_wrap=True)
+
+
+def _described(track: Track) -> str:
+    """How well cameras agree, and what is missing."""
+    errors = track.diagnostics["reprojection_error"]
+    missing = float(np.isnan(track.joints).any(-1).mean())
+    cameras = track.diagnostics["cameras_used"]
+    return (
+        f"{len(track.joint_names)} points of {cameras[cameras > 0].mean():.1f} cameras on average, "
+        f"reprojection error {np.nanmean(errors):.1f} px, {100 * missing:.1f} % missing"
+    )

@@ -1,0 +1,101 @@
+"""A track from keypoints alone, as most users make it today: triangulated, gaps closed, low-passed.
+
+The baseline that a body model, voxels and motion are to improve on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+
+import numpy as np
+
+from apf.keypoints import Keypoints, TriangulationConfig, triangulate
+from apf.keypoints.landmarks import landmark_edges, landmarks_of
+from apf.keypoints.series import low_passed, without_gaps
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cameras.names import listed
+from psfs.common.ranges import check_range
+from psfs.sequence import Sequence
+
+#: What such a track says in place of its body's name.
+BODY_NAME = "triangulated"
+
+
+@dataclass(frozen=True)
+class TriangulatedConfig:
+    """How keypoints become a track."""
+
+    triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
+    longest_gap: float | None = None
+    """s. Longer gaps stay gaps; None to fill all."""
+    low_pass: float = 0.0
+    """Hz, of a Butterworth filter; 0 for none. 6 Hz is usual for walking."""
+
+    def __post_init__(self) -> None:
+        if self.longest_gap is not None:
+            check_range("longest_gap", self.longest_gap, 0, ends=True)
+        check_range("low_pass", self.low_pass, 0, ends=True)
+
+
+def triangulated_track(
+    sequence: Sequence,
+    keypoints: Keypoints,
+    config: TriangulatedConfig | None = None,
+    selection: slice | None = None,
+    progress: Callable[[], object] | None = None,
+) -> Track:
+    """Return the landmarks of `keypoints` in the selected frames of `sequence`, whose cameras and
+    frames they have; NaN where there is no point, not even over a gap.
+
+    Its diagnostics are reprojection_error (F, J) px and cameras_used (F, J). progress: called when
+    points are made. Raises InputError if no keypoint is a landmark or none is seen twice.
+    """
+    config = config or TriangulatedConfig()
+    frames = np.arange(keypoints.n_frames)[selection or slice(None)]
+    landmarks = landmarks_of(keypoints.names)
+    if not landmarks:
+        raise InputError(
+            f"none of the keypoints {listed(keypoints.names)} is a point on the body; expected "
+            "names such as left_shoulder or LShoulder"
+        )
+    straight = keypoints.undistorted(sequence.rig).points[:, frames][:, :, list(landmarks)]
+    found = triangulate(sequence.rig, straight, config.triangulation)
+    if not np.isfinite(found.points).any():
+        raise InputError(
+            f"no keypoint of {sequence.name} is seen by {config.triangulation.min_cameras} cameras "
+            f"that agree within {config.triangulation.max_error:g} px"
+        )
+    if progress is not None:
+        progress()
+    rate = sequence.fps / (abs(selection.step or 1) if selection else 1)
+    longest = config.longest_gap
+    points = without_gaps(found.points, None if longest is None else round(longest * rate))
+    if config.low_pass:
+        points = low_passed(points, rate, config.low_pass)
+    names = tuple(landmark.name for landmark in landmarks.values())
+    return Track(
+        body_name=BODY_NAME,
+        dof_names=(),
+        joint_names=names,
+        fps=sequence.fps,
+        frames=frames,
+        poses=np.zeros((len(frames), 0)),
+        joints=points,
+        edges=np.array(landmark_edges(names)),
+        diagnostics={
+            "reprojection_error": found.errors,
+            "cameras_used": found.used.sum(0),
+        },
+        provenance=json.dumps(
+            {
+                "sequence": str(sequence.folder),
+                "version": version("psfs-apf"),
+                "method": "triangulate",
+                "triangulated": asdict(config),
+            }
+        ),
+    )

@@ -1,0 +1,197 @@
+"""A track from keypoints alone, and `apf track --method triangulate`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from helpers.keypoints import of_poses, world_points
+from helpers.shared import shared_data
+
+import apf
+import psfs
+from apf.body import load_body, posed_joints
+from apf.cli import main
+from apf.formats import JointSeries
+from apf.formats.trc import read_trc
+from apf.keypoints import Keypoints, TriangulationConfig
+from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
+from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
+
+FRAMES = 40
+BODY = load_body("song31")
+POSES = np.tile(BODY.rest_pose, (FRAMES, 1))
+POSES[:, 0] += np.linspace(-0.3, 0.3, FRAMES)
+LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sequence with exact keypoints.npz and, for BODY_25, pose/: three cameras."""
+    folder = footage.native(tmp_path_factory.mktemp("takes") / "walk", frames=FRAMES)
+    rig = psfs.open_sequence(folder).rig
+    seen = of_poses(rig, BODY, POSES)
+    np.savez(
+        folder / "keypoints.npz", keypoints=seen.points, keypoint_names=MEDIAPIPE,
+        camera_names=rig.names,
+    )  # fmt: skip
+    for camera, view in zip(rig.names, of_poses(rig, BODY, POSES, BODY_25).points, strict=True):
+        (folder / "pose" / f"{camera}_json").mkdir(parents=True)
+        for frame, points in enumerate(view):
+            people = [{"pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}]
+            path = folder / "pose" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
+            path.write_text(json.dumps({"people": people}))
+    return folder
+
+
+def test_exact_keypoints_give_the_exact_points(folder: Path) -> None:
+    sequence = psfs.open_sequence(folder)
+    keypoints = Keypoints.open(folder, sequence)
+    track = triangulated_track(sequence, keypoints)
+    np.testing.assert_allclose(track.joints, world_points(BODY, POSES, MEDIAPIPE), atol=1e-4)
+    assert track.joint_names[11] == "l_shoulder" and track.poses.shape == (FRAMES, 0)
+    assert track.diagnostics["cameras_used"].min() == 3
+    assert track.diagnostics["reprojection_error"].max() < 0.01
+    named = {tuple(track.joint_names[i] for i in edge) for edge in track.edges}
+    assert {("l_elbow", "l_wrist"), ("l_hip", "r_hip"), ("r_ankle", "r_heel")} <= named
+    some = triangulated_track(sequence, keypoints, selection=slice(4, 20, 4))
+    assert some.frames.tolist() == [4, 8, 12, 16]
+    np.testing.assert_array_equal(some.joints, track.joints[4:20:4])
+
+
+def test_it_is_evaluated_as_a_track_is(folder: Path) -> None:
+    sequence = psfs.open_sequence(folder)
+    track = triangulated_track(sequence, Keypoints.open(folder, sequence))
+    truth = JointSeries(
+        tuple(BODY.joint_names), posed_joints(BODY, POSES), sequence.fps, np.arange(FRAMES)
+    )
+    found = apf.evaluate(track, truth)
+    assert set(found.joint_names) == {"pelvis", *(f"{s}_{joint}" for s in "lr" for joint in LIMBS)}
+    assert 0.005 < found.mean_error < 0.03  # keypoints are no joint centres
+    assert np.nanmax(found.constant_and_rest[1]) < 1e-3
+
+
+def test_gaps_and_noise(folder: Path) -> None:
+    sequence = psfs.open_sequence(folder)
+    points = of_poses(sequence.rig, BODY, POSES, noise=0.5, seed=3).points.copy()
+    points[1:, 12:18, 5] = np.nan
+    points[:, :, 6] = np.nan
+    keypoints = Keypoints(points, MEDIAPIPE, tuple(sequence.rig.names))
+    raw = triangulated_track(sequence, keypoints)
+    assert np.isfinite(np.delete(raw.joints, 6, 1)).all() and np.isnan(raw.joints[:, 6]).all()
+    holed = triangulated_track(sequence, keypoints, TriangulatedConfig(longest_gap=0.2))
+    assert np.isnan(holed.joints[12:18, 5]).all() and np.isfinite(holed.joints[:12, 5]).all()
+    smooth = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=2.0))
+    truth = world_points(BODY, POSES, MEDIAPIPE)
+    errors = [np.nanmean(np.linalg.norm(t.joints - truth, axis=-1)) for t in (raw, smooth)]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
+    sequence = psfs.open_sequence(folder)
+    keypoints = Keypoints.open(folder, sequence)
+    other = Keypoints(keypoints.points[:, :, :2], ("tail", "fin"), keypoints.camera_names)
+    with pytest.raises(apf.InputError, match="none of the keypoints tail, fin is a point"):
+        triangulated_track(sequence, other)
+    alone = keypoints.points.copy()
+    alone[1:] = np.nan
+    with pytest.raises(apf.InputError, match="no keypoint of walk is seen by 2 cameras"):
+        triangulated_track(sequence, Keypoints(alone, MEDIAPIPE, keypoints.camera_names))
+    limits = TriangulationConfig(min_cameras=4)
+    with pytest.raises(apf.InputError, match="seen by 4 cameras that agree within 15 px"):
+        triangulated_track(sequence, keypoints, TriangulatedConfig(limits))
+
+
+def command(folder: Path, out: Path, *more: str) -> int:
+    given = ["--keypoints", "keypoints.npz"] if "--keypoints" not in more else []
+    return main(["track", str(folder), "-o", str(out), "--method", "triangulate", *given, *more])
+
+
+def test_command_writes_a_track(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert command(folder, out, "--low-pass", "4", "--frames", "0:30") == 0
+    said = capsys.readouterr()
+    assert "30 frames triangulated" in said.out and "33 points of 3.0 cameras" in said.out
+    names = {path.name for path in out.iterdir()}
+    assert names == {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
+    track = apf.Track.open(out)
+    assert json.loads(track.provenance)["triangulated"]["low_pass"] == 4
+    assert len(track) == 30 and read_trc(out / "joints.trc").joints.shape == (30, 33, 3)
+    video = cv2.VideoCapture(str(out / "overlay.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 30
+    again = tmp_path / "again"
+    assert main(["track", str(folder), "-o", str(again), "--config", str(out / "settings.toml"),
+                 "--no-overlay", "--frames", "0:30"]) == 0  # fmt: skip
+    np.testing.assert_array_equal(apf.Track.open(again).joints, track.joints)
+
+
+def test_command_takes_other_formats_some_cameras_and_several_takes(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few = ["--no-overlay", "--frames", "0:3"]
+    assert command(folder, tmp_path / "a", *few, "--keypoints", "pose") == 0
+    assert command(folder, tmp_path / "b", *few, "--keypoints", str(folder / "p*")) == 0
+    a, b = (apf.Track.open(tmp_path / name) for name in "ab")
+    np.testing.assert_array_equal(a.joints, b.joints)
+    np.savez(folder.parent / "order.npz", keypoints=Keypoints.open(folder).points)
+    monkeypatch.chdir(folder.parent)
+    two = ["--keypoints", "order.npz", "--cameras", "cam01,cam03"]
+    capsys.readouterr()
+    assert command(folder, tmp_path / "c", *few, *two) == 0
+    assert "note: " in (said := capsys.readouterr().out) and "3 for cam03" in said
+    c = apf.Track.open(tmp_path / "c")
+    assert c.diagnostics["cameras_used"].max() == 2
+    np.testing.assert_allclose(c.joints, world_points(BODY, POSES[:3], MEDIAPIPE), atol=1e-4)
+    other = folder.parent / "other"
+    if not other.exists():
+        other.symlink_to(footage.native(tmp_path / "other", frames=3))
+    flags = ["--method", "triangulate", "--keypoints", "keypoints.npz", *few]
+    takes = [str(folder), str(tmp_path / "other")]
+    assert main(["track", *takes, "-o", str(tmp_path / "both"), *flags]) == 2
+    said = capsys.readouterr()
+    assert "other failed" in said.out and "1 of 2 takes failed: other" in said.err
+    assert len(apf.Track.open(tmp_path / "both" / "walk")) == 3
+
+
+def test_bad_input_is_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for flags, message in (
+        (["--keypoints", "none.npz"], f"{folder / 'none.npz'}: no such file"),
+        (["--low-pass", "60"], "expected between 0 and 12.5, half of the frame rate"),
+        (["--max-error", "-3"], "max_error is -3"),
+        (["--init", str(folder / "truth.npz")], "--init with --method triangulate"),
+        (["--seeds", "3"], "--seeds with --method triangulate"),
+    ):
+        assert command(folder, tmp_path / "out", *flags) == 2
+        said = capsys.readouterr()
+        assert message in said.err and said.err.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+    assert main(["track", str(folder), "-o", str(tmp_path / "o"), "--method", "triangulate"]) == 2
+    assert "expected --keypoints" in capsys.readouterr().err
+
+
+#: mm, means over shoulders, elbows, wrists, hips, knees and ankles: the shared KEYPOINTS.md.
+FIGURES = {"synth_walk_8cam": 27, "synth_run_6cam": 33, "synth_box_4cam": 25,
+           "synth_jacks_6cam": 35, "synth_kick_8cam": 33, "synth_pickup_6cam": 22,
+           "synth_salsa_4cam_hd": 39}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_known_figures(name: str) -> None:
+    folder = shared_data(name)
+    sequence = psfs.open_sequence(folder)
+    keypoints = Keypoints.open(folder, sequence)
+    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=6))
+    found = apf.evaluate(track, apf.load_truth(folder / "truth.npz"))
+    limbs = [k for k, joint in enumerate(found.joint_names) if joint != "pelvis"]
+    assert 1000 * np.nanmean(found.errors[:, limbs]) == pytest.approx(FIGURES[name], abs=1.0)
