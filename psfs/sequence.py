@@ -122,6 +122,15 @@ class Sequence:
         return prefetched(self._decoded(indices), depth)
 
     @property
+    def inputs(self) -> list[Path]:
+        """Folders and files that it is read from."""
+        footage = self.footage
+        media = (*(footage.images or ()), *(footage.masks or ()), *(footage.background or ()))
+        stated = self.settings.calibration
+        calibration = [self.folder / stated] if stated is not None else []
+        return [self.folder, *dict.fromkeys(m.paths[0].parent for m in media), *calibration]
+
+    @property
     def has_images(self) -> bool:
         """Whether frames have pictures, not masks only."""
         return self.footage.images is not None

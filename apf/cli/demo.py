@@ -15,6 +15,7 @@ from apf.cli import evaluate, synth, track
 from apf.cli.program import run_program
 from psfs.cli.commandline import add_command, add_device_flag, stdout
 from psfs.common.files import write_json
+from psfs.common.outputs import output_folder
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -32,6 +33,12 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> None:
     out = args.output
+    with output_folder(out, args.parser.prog) as opened:
+        opened.begin()  # the summary of an earlier demo does not stand beside new results
+        _demonstrate(args, out)
+
+
+def _demonstrate(args: argparse.Namespace, out: Path) -> None:
     sequence, voxels, tracked = (str(out / name) for name in ("sequence", "voxels", "track"))
     truth = str(out / "sequence" / "truth.npz")
     device = ["--device", args.device]

@@ -20,6 +20,7 @@ from apf.results.evaluation_plot import write_plot
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, stdout, warn
+from psfs.common.outputs import output_folder
 
 _FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
 
@@ -62,6 +63,15 @@ def run(args: argparse.Namespace) -> None:
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     wanted = [kind for kind in _FILES if getattr(args, kind)] or list(_FILES)
+    with output_folder(folder, args.parser.prog, addition=True, replaces=True):
+        written = _written(args, folder, evaluation, wanted)
+    stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+
+
+def _written(
+    args: argparse.Namespace, folder: Path, evaluation: Evaluation, wanted: list[str]
+) -> list[Path]:
+    """Write the `wanted` files into `folder` and return them."""
     written = []
     if "csv" in wanted:
         written.append(folder / "evaluation.csv")
@@ -73,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
     if "json" in wanted:
         written.append(folder / "evaluation.json")
         evaluation.write_json(written[-1])
-    stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+    return written
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

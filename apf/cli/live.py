@@ -15,8 +15,9 @@ from apf.api import given_start
 from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_height, found_start
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
-from apf.cli.track import write_files
+from apf.cli.track import RESULTS, write_files
 from apf.filters.method import Method
+from apf.formats.trc import JointSeries
 from apf.live.budget import sizes
 from apf.live.captures import box_around, cameras_of
 from apf.live.config import LiveConfig
@@ -39,6 +40,7 @@ from psfs.cli.sequence_flags import (
 from psfs.cli.settings import add_configs, write_settings
 from psfs.common.configs import config_of
 from psfs.common.files import write_json
+from psfs.common.outputs import output_folder
 from psfs.volume import automatic_grid
 from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.grid import VoxelGrid
@@ -102,6 +104,19 @@ def run(args: argparse.Namespace) -> None:
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
     truth = load_truth(args.truth, args.convention) if args.truth else None
+    stated = [Path(path) for path in (args.init, args.body, args.truth) if path is not None]
+    inputs = [Path(args.folder), *(path for path in stated if path.exists())]
+    with output_folder(args.output, args.parser.prog, inputs, RESULTS):
+        _live(args, method, config, device, truth)
+
+
+def _live(
+    args: argparse.Namespace,
+    method: Method,
+    config: LiveConfig,
+    device: Device,
+    truth: JointSeries | None,
+) -> None:
     source, grid, body, pose = (
         _captures(args, method) if args.captures else _replay(args, method, device)
     )

@@ -20,8 +20,9 @@ from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
-from psfs.cli.settings import write_settings
+from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_picture
+from psfs.common.outputs import OutputFolder, output_folder
 from psfs.output.preview import picture_of
 
 #: What is written of every picture, each into a folder of its own.
@@ -67,8 +68,16 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     if args.opengl and args.round_ends:
         raise InputError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
+    given = [p for p in (args.body, args.mesh, args.weights, args.bind) if p is not None]
+    inputs = [Path(args.folder), args.track, *given]
+    with output_folder(args.output, args.parser.prog, inputs, (FILE,)) as out:
+        _render(args, out)
+
+
+def _render(args: argparse.Namespace, out: OutputFolder) -> None:
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
+    out.keep_off(sequence.inputs)
     chosen = selected_frames(args, sequence)
     track = Track.open(args.track)
     folder = args.track if args.track.is_dir() else args.track.parent

@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from apf.body import load_body
-from apf.cli.track import write_files
+from apf.cli.track import RESULTS, write_files
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cli.commandline import add_command, stdout
 from psfs.cli.settings import write_settings
+from psfs.common.outputs import output_folder
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -42,8 +43,12 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     config = SmoothingConfig(args.cutoff, args.lag)
     folder = args.track if args.track.is_dir() else args.track.parent
-    if args.output.resolve() == folder.resolve():
-        raise InputError(f"{args.output}: holds the track to be smoothed; expected another folder")
+    inputs = [folder, *([args.body] if args.body else [])]
+    with output_folder(args.output, args.parser.prog, inputs, RESULTS):
+        _smooth(args, config)
+
+
+def _smooth(args: argparse.Namespace, config: SmoothingConfig) -> None:
     track = Track.open(args.track)
     try:
         if args.body is not None:

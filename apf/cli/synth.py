@@ -11,6 +11,7 @@ from apf.synthetic.scene import SceneConfig
 from cl import select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.settings import write_settings
+from psfs.common.outputs import output_folder
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
         height=args.height,
     )
     device = select_device(args.device)
-    with ExitStack() as stack:
+    with output_folder(args.output, args.parser.prog), ExitStack() as stack:
         bar = progress_bar()
         task = bar.add_task("rendering", total=config.frames)
 
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
             bar.update(task, completed=done)
 
         generate(args.output, config, device, advance)
-    write_settings(args.output, args)
+        write_settings(args.output, args)
     stdout.print(
         f"{args.output}: {config.frames} frames of {config.cameras} cameras at {config.fps:g} fps"
     )

@@ -31,10 +31,14 @@ from psfs.cli.sequence_flags import (
     open_trusted,
     selected_frames,
 )
-from psfs.cli.settings import add_configs, write_settings
+from psfs.cli.settings import FILE, add_configs, write_settings
+from psfs.common.outputs import OutputFolder, output_folder
 from psfs.reconstructor import ReconstructionConfig
 
 _RECONSTRUCTION = ReconstructionConfig()
+
+#: What a take is written to.
+RESULTS = ("track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "overlay.mp4", FILE)
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -90,11 +94,16 @@ def run(args: argparse.Namespace) -> None:
 
 def _run_one(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
     job = argparse.Namespace(**vars(args), folder=args.folders[0])
-    device = select_device(args.device)
+    with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
+        _run_into(out, job, method, seeds)
+
+
+def _run_into(out: OutputFolder, job: argparse.Namespace, method: Method, seeds: list[int]) -> None:
+    device = select_device(job.device)
     bar = progress_bar()  # which the first frame starts
     line = TakeLine(bar)
     try:
-        take = _tracked(job, device, method, seeds, line)
+        take = _tracked(out, job, device, method, seeds, line)
         _draw_overlays(job, take, seeds, line)
     finally:
         if bar.live.is_started:  # stopping prints a line
@@ -121,15 +130,24 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
         name = names[number]
         own_folders = {"folder": args.folders[number], "output": args.output / name}
         job = argparse.Namespace(**{**vars(args), **own_folders})
-        with closing(TakeLine(bar, name, check)) as line:
-            take = _tracked(job, own, method, seeds, line)
+        with (
+            closing(TakeLine(bar, name, check)) as line,
+            output_folder(job.output, args.parser.prog, _inputs(job), RESULTS) as out,
+        ):
+            take = _tracked(out, job, own, method, seeds, line)
             report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
             if len(take.tracks[0]) < line.n_frames:
                 raise KeyboardInterrupt
             _draw_overlays(job, take, seeds, line)
 
+    folders = [Path(folder) for folder in args.folders]
     try:
-        with bar, closing(at_once(device, work, len(names), args.at_once)) as outcomes:
+        with (
+            output_folder(args.output, args.parser.prog, folders) as outer,
+            bar,
+            closing(at_once(device, work, len(names), args.at_once)) as outcomes,
+        ):
+            outer.begin()  # what one take left here is no result of these
             for number, outcome in outcomes:
                 if isinstance(outcome, UserError):
                     report.failed(names[number], outcome)
@@ -142,7 +160,14 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
         raise InputError(f"{len(report.errors)} of {len(names)} takes failed: {failed}")
 
 
+def _inputs(args: argparse.Namespace) -> list[Path]:
+    """Return the files and folders that are read, as far as the flags name them."""
+    stated = [Path(path) for path in (args.init, args.body) if path is not None]
+    return [Path(args.folder), *(path for path in stated if path.exists())]
+
+
 def _tracked(
+    out: OutputFolder,
     args: argparse.Namespace,
     device: Device | NumpyDevice,
     method: Method,
@@ -151,6 +176,7 @@ def _tracked(
 ) -> Take:
     """The take in `args.folder`, its files written but for the overlays."""
     sequence, _ = open_trusted(args, device)
+    out.keep_off(sequence.inputs)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
     template, own_shape = template_of(args.body)

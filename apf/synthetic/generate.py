@@ -18,12 +18,21 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError, NumpyDevice
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import write_picture
+from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
 
 BACKGROUND_FRAMES = 30
 #: The true silhouettes of every so many frames are kept.
 MASK_STEP = 10
 #: A folder with this file was written by us and may be replaced.
 MARK = "synthetic.toml"
+_RESULTS = (
+    "calibration.toml",
+    "videos/cam*",
+    "background/cam*",
+    "truth.*",
+    "truth_masks/cam*",
+    MARK,
+)
 
 
 def generate(
@@ -38,7 +47,7 @@ def generate(
     something that this function did not write, or a video cannot be written.
     """
     folder = Path(folder)
-    with _folder_written_whole(folder) as temporary:
+    with output_folder(folder, "apf synth", (), _RESULTS), _moved_whole(folder) as temporary:
         scene = SyntheticScene(config, device)
         write_calibration(temporary / "calibration.toml", scene.rig)
         with _videos(temporary / "background", scene) as write:
@@ -112,23 +121,21 @@ def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarra
 
 
 @contextmanager
-def _folder_written_whole(folder: Path) -> Iterator[Path]:
-    """A temporary folder beside `folder`, moved to its place on success, else removed."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; expected a folder to write to")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise InputError(
-            f"{folder}: holds files that `apf synth` did not write; expected a new or empty folder"
-        )
-    temporary = folder.with_name(f".{folder.resolve().name}.{os.getpid()}")
+def _moved_whole(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder beside `folder`, whose files move into it on success; else it is
+    removed."""
+    temporary = temporary_name(Path(os.path.realpath(folder)))
     try:
         temporary.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
-    try:
+        clear_leftovers(temporary.parent)
         yield temporary
-        if folder.is_dir():
-            shutil.rmtree(folder)
-        temporary.replace(folder)
+        for path in sorted(temporary.rglob("*")):
+            if path.is_file():
+                target = folder / path.relative_to(temporary)
+                claim(target)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(target)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

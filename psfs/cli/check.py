@@ -11,6 +11,7 @@ from cl import InputError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
+from psfs.common.outputs import output_folder
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.silhouette_iou import DEFINITION, Checker
 from psfs.output.runs import Run
@@ -28,6 +29,7 @@ def _run(args: argparse.Namespace) -> None:
     run = Run.open(args.out)
     if not run.indices:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
+    run.warn_if_unfinished(warn)
     sequence = run.sequence()
     device = select_device(args.device)
     checker = Checker.of_run(device, sequence, run)
@@ -39,7 +41,8 @@ def _run(args: argparse.Namespace) -> None:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
     bad = suspects(sequence, run.config.silhouette, device)
-    _report(args.out, run, sequence.rig.names, np.array(scores), bad)
+    with output_folder(args.out, args.parser.prog, addition=True):
+        _report(args.out, run, sequence.rig.names, np.array(scores), bad)
 
 
 def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:

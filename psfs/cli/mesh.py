@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ import numpy as np
 import trimesh
 
 from cl import InputError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
+from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_range
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
-from psfs.mesh.marching_cubes import FORMATS, SMOOTHING, Mesher, write_mesh
+from psfs.mesh.marching_cubes import FORMATS, MOST_SMOOTHING, SMOOTHING, Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
 from psfs.output.runs import Run
 from psfs.sequence import Frame
@@ -74,9 +77,17 @@ def _frame(text: str) -> int | str:
 
 
 def _run(args: argparse.Namespace) -> None:
-    if args.smooth < 0:
-        raise InputError(f"--smooth is {args.smooth}; expected a number of steps, 0 or more")
+    check_range("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING, ends=True)
     run = Run.open(args.out)
+    run.warn_if_unfinished(warn)
+    with ExitStack() as stack:
+        stack.enter_context(output_folder(args.out, args.parser.prog, addition=True))
+        if args.frame == "all" and args.output is not None:
+            stack.enter_context(output_folder(args.output, args.parser.prog, run.inputs))
+        _mesh(args, run)
+
+
+def _mesh(args: argparse.Namespace, run: Run) -> None:
     targets = _targets(args, run)
     device, sequence = select_device(args.device), run.sequence()
     mesher = Mesher(device, run, sequence, args.smooth)

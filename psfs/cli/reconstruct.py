@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import math
+import os
 import time
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice, select_device
+from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.backend import reconstructor_for
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import (
@@ -20,8 +23,9 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, write_settings
+from psfs.cli.settings import FILE, add_configs, write_settings
 from psfs.common.files import write_json, write_picture
+from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output import runs
 from psfs.output.preview import preview
@@ -32,6 +36,8 @@ from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
+#: s between two summaries while a run goes on.
+_SUMMARY_EVERY = 1.0
 #: Voxels this much smaller than a pixel are warned of.
 _FINE = 2.0
 
@@ -82,14 +88,19 @@ def _shape(text: str) -> tuple[int, int, int]:
 def _run(args: argparse.Namespace) -> None:
     if not 0 <= args.debris <= 1:
         raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
-    if args.output.exists() and not args.output.is_dir():
-        raise InputError(f"{args.output} is a file; expected a folder, or a name for a new one")
+    expected = (runs.SUMMARY, "preview.png", FILE, *runs.CLOUDS)
+    with output_folder(args.output, args.parser.prog, [Path(args.folder)], expected) as out:
+        _reconstruct(args, out)
+
+
+def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     sequence, left_out = open_trusted(args, device)
+    out.keep_off(sequence.inputs)
     frames = selected_frames(args, sequence)
     grid = _grid(args, sequence, frames, device)
     _warn_of_fine_voxels(grid, sequence)
-    job = _Job(args, sequence, grid, device, left_out)
+    job = _Job(args, sequence, grid, device, left_out, len(frames))
     try:
         with progress_bar() as bar:
             selection = slice(frames.start, frames.stop, frames.step)
@@ -97,8 +108,17 @@ def _run(args: argparse.Namespace) -> None:
                 sequence.frames(selection), len(frames), description="reconstructing"
             ):
                 job.reconstruct(frame)
-    finally:
-        job.finish(len(frames))
+    except UserError as error:
+        job.keep()
+        if not job.done:
+            raise
+        raise InputError(
+            f"{error}; {job.n_stated} of {len(frames)} frames are in {args.output}"
+        ) from error
+    except BaseException:
+        job.keep()
+        raise
+    job.finish()
     if not job.done:
         raise InputError(
             f"{sequence.folder}: nothing stands out from the background in the volume from "
@@ -150,6 +170,7 @@ class _Job:
         grid: VoxelGrid,
         device: Device | NumpyDevice,
         left_out: list[Suspect],
+        expected: int,
     ) -> None:
         self.left_out = left_out
         self.out: Path = args.output
@@ -164,6 +185,8 @@ class _Job:
         self.reconstructor = reconstructor_for(
             device, sequence.rig, grid, sequence.background, self.config, sparse=True
         )
+        self.expected = expected
+        self.n_stated, self._stated_at = 0, -math.inf
         self.done: list[dict[str, Any]] = []
         self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
         self._ms: dict[str, list[float]] = defaultdict(list)
@@ -186,21 +209,29 @@ class _Job:
         self._ms["write"].append(1e3 * (written - downloaded))
 
     def _write(self) -> None:
-        if not self.done:
-            for suffix in ("ply", "npz"):  # clouds of an earlier run
-                for old in (self.out / "clouds").glob(f"frame_*.{suffix}"):
-                    old.unlink()
         for index, cloud in self._waiting:
             write_cloud(cloud, runs.cloud_stem(self.out, index), self.normals)
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()
+        if time.perf_counter() - self._stated_at > _SUMMARY_EVERY:
+            self._state()
 
-    def finish(self, expected: int) -> None:
-        """Write summary and preview of what is done, also after an interruption."""
+    def _state(self) -> None:
+        """Write the summary of what is done, for the case that the process is killed."""
+        write_json(self.out / runs.SUMMARY, self._summary())
+        self.n_stated, self._stated_at = len(self.done), time.perf_counter()
+
+    def keep(self) -> None:
+        """Write as much as can be written after an interruption or an error."""
+        with suppress(UserError, KeyboardInterrupt):
+            self.finish()
+
+    def finish(self) -> None:
+        """Write summary and preview of what is done."""
         if not self.done:
             return
-        write_json(self.out / runs.SUMMARY, self._summary(expected))
+        self._state()
         write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
@@ -209,18 +240,21 @@ class _Job:
         picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
         write_picture(self.out / "preview.png", picture)
 
-    def _summary(self, expected: int) -> dict[str, Any]:
+    def _summary(self) -> dict[str, Any]:
         return {
             "sequence": {
                 "folder": self.folder,
-                "absolute": str(Path(self.folder).resolve()),
+                "absolute": os.path.realpath(self.folder),
+                "relative": os.path.relpath(
+                    os.path.realpath(self.folder), os.path.realpath(self.out)
+                ),
                 "overrides": self.stated,
                 "cameras": self.sequence.rig.names,
                 "left_out": {suspect.camera: str(suspect) for suspect in self.left_out},
                 "background": self.sequence.background_kind,
                 "fps": self.sequence.fps,
             },
-            "complete": len(self.done) == expected,
+            "complete": len(self.done) == self.expected,
             "grid": runs.grid_facts(self.grid),
             "config": self.config.to_dict(),
             "debris_share": self.debris,

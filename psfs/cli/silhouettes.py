@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from cl import InputError, select_device
+from cl import select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.iou import plain
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
-from psfs.cli.settings import write_settings
+from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
+from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.silhouette_pictures import mosaic
 from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
 from psfs.sequence import Sequence
@@ -42,10 +43,16 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def _run(args: argparse.Namespace) -> None:
     out: Path = args.output
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; expected a folder, or a name for a new one")
+    expected = (REPORT, FILE, f"frame_{6 * '[0-9]'}.png")
+    with output_folder(out, args.parser.prog, [Path(args.folder)], expected) as opened:
+        _show(args, opened)
+
+
+def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
+    out: Path = args.output
     device = select_device(args.device)
     sequence = open_sequence(args)
+    opened.keep_off(sequence.inputs)
     wanted = _wanted(args, sequence)
     report = _Report(sequence)
     try:
@@ -55,9 +62,6 @@ def _run(args: argparse.Namespace) -> None:
                 if found is None:
                     continue
                 index = found.frame.index
-                if not report.scores and (out / REPORT).is_file():  # pictures of an earlier run
-                    for old in out.glob("frame_*.png"):
-                        old.unlink()
                 write_picture(out / f"frame_{index:06d}.png", mosaic(sequence.rig, found))
                 report.scores[index] = found.scores
     finally:  # what there is, also when interrupted

@@ -13,8 +13,9 @@ import trimesh
 
 from cl import select_device
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_command, add_device_flag, stdout
+from psfs.cli.commandline import add_command, add_device_flag, stdout, warn
 from psfs.common.files import write_picture
+from psfs.common.outputs import output_folder
 from psfs.mesh.drawing import Layer, Shape, floor, frusta, steady_layer, voxel_layer
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
@@ -70,6 +71,7 @@ class OnTop:
 def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
     """Show the run `args.out` in a window; without a display, or with --png, write a picture."""
     run = Run.open(args.out)
+    run.warn_if_unfinished(warn)
     frame = run.chosen(args.frame)
     sequence = run.sequence()
     mesher = Mesher(select_device(args.device), run, sequence) if args.mesh else None
@@ -83,7 +85,9 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
         return
     path = args.png or args.out / f"view_{frame:06d}.png"
     picture = on_top.picture or partial(_picture, shape, sequence.name)
-    write_picture(path, picture(sequence.read(frame), sequence.rig))
+    drawn = picture(sequence.read(frame), sequence.rig)
+    with output_folder(args.out, args.parser.prog, addition=True):
+        write_picture(path, drawn)
     stdout.print(f"wrote {path}", soft_wrap=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 
 from cl import InputError, MissingFileError
+from psfs.common.outputs import claim, temporary_name
 
 #: Of a JSON file: a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
@@ -76,11 +76,14 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     removed.
 
     `with written_whole("a.ply") as temporary: write(temporary)`
-    Raises InputError if the file system refuses (no permission, disk full, a file for a folder).
+    In an output folder that is being written, see `psfs.common.outputs`, its manifest gets the
+    name. Raises InputError if the file system refuses (no permission, disk full, a file for a
+    folder), or the folder holds a file of that name that is not ours.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    temporary = temporary_name(path)
     try:
+        claim(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
@@ -99,11 +102,11 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
     """Write a BGR picture; the suffix of `path` says the format. Raises InputError if unknown."""
+    try:
+        done, content = cv2.imencode(path.suffix, picture)
+    except cv2.error:
+        done = False
+    if not done:
+        raise InputError(f"{path}: no picture format; expected a name such as view.png")
     with written_whole(path) as temporary:
-        try:
-            done = cv2.imwrite(str(temporary), picture)
-        except cv2.error as error:
-            wanted = "no picture format; expected a name such as view.png"
-            raise InputError(f"{path}: {wanted}") from error
-        if not done:
-            raise InputError(f"{path}: the picture could not be written")
+        content.tofile(temporary)

@@ -24,7 +24,7 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 FORMATS = ("ply", "glb", "obj")
 #: Steps of Taubin smoothing: enough to hide the voxels, too few to lose fingers and noses.
-SMOOTHING = 10
+SMOOTHING, MOST_SMOOTHING = 10, 1000
 #: Of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
 

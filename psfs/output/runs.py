@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-import json
 import platform
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
+from psfs.cameras.calibration.common import naming
+from psfs.cameras.names import listed
+from psfs.common.files import read_json
+from psfs.common.outputs import unfinished
+from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.clouds import read_cloud
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 
 SUMMARY = "summary.json"
+#: Patterns of the names of `cloud_stem`.
+CLOUDS = tuple(f"clouds/frame_{6 * '[0-9]'}.{suffix}" for suffix in ("ply", "npz"))
 
 
 def cloud_stem(out: Path, index: int) -> Path:
@@ -50,6 +58,36 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
     }
 
 
+class _SequenceFacts(Table):
+    absolute: str
+    overrides: dict[str, Any]
+    relative: str = ""
+    cameras: list[Name] | None = None
+    left_out: dict[str, str] | None = None
+
+
+class _GridFacts(Table):
+    origin_m: Vector
+    voxel_size_m: Positive
+    shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
+
+
+class _FrameFacts(Table):
+    index: Annotated[int, Field(ge=0, le=2**40)]
+    surface_voxels: Annotated[int, Field(ge=0, le=2**40)]
+    volume_m3: Number
+
+
+class _Summary(Table):
+    """What is read of a summary."""
+
+    sequence: _SequenceFacts
+    grid: _GridFacts
+    config: dict[str, Any]
+    frames: list[_FrameFacts]
+    complete: bool = True
+
+
 @dataclass(frozen=True)
 class Run:
     """A finished (or interrupted) `psfs reconstruct`."""
@@ -60,20 +98,29 @@ class Run:
     @classmethod
     def open(cls, out: Path) -> Run:
         """Read the summary in `out`. Raises InputError, or MissingFileError, if it holds no run."""
-        path = out / SUMMARY
+        path, what = out / SUMMARY, "the summary of a `psfs reconstruct`"
+        summary = read_json(path, what)
         try:
-            summary = json.loads(path.read_text())
-            for key in ("sequence", "grid", "config", "frames"):
-                summary[key]
-        except FileNotFoundError:
-            raise MissingFileError(
-                f"{path}: no such file; expected the summary of a `psfs reconstruct`"
-            ) from None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{path}: not the summary of a `psfs reconstruct` ({error})"
-            ) from error
-        return cls(out, summary)
+            checked(_Summary, summary)
+            run = cls(out, summary)
+            check_size(run.grid)
+        except InputError as error:
+            raise InputError(f"{path}: not {what}: {error}") from None
+        steps = np.diff(run.indices)
+        if np.any(steps <= 0) or np.unique(steps).size > 1:
+            raise InputError(f"{path}: not {what}: its frames are not evenly spaced")
+        return run
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Folders that it was made of, and its own."""
+        return [self.out, Path(self.summary["sequence"]["absolute"])]
+
+    def warn_if_unfinished(self, warn: Callable[[str], object]) -> None:
+        """Say that the run did not come to its end, where that is so."""
+        n = len(self.indices)
+        if unfinished(self.out) is not None or not self.summary.get("complete", True):
+            warn(f"{self.out}: the run did not come to its end; it holds {n} frames")
 
     @property
     def indices(self) -> list[int]:
@@ -116,11 +163,24 @@ class Run:
         return read_cloud(cloud_stem(self.out, index).with_suffix(".npz"))
 
     def sequence(self) -> Sequence:
-        """Open the sequence again. Raises MissingFileError if its folder has gone."""
-        stated = self.summary["sequence"]
-        for folder in (Path(stated["folder"]), Path(stated["absolute"])):
-            if folder.is_dir():
-                return Sequence.open(folder, **stated["overrides"])
-        raise MissingFileError(
-            f"{self.out / SUMMARY}: its sequence {stated['absolute']} is gone; expected a folder"
-        )
+        """Open the sequence again. Raises MissingFileError if its folder has gone, InputError if
+        another lies in its place."""
+        stated, path = self.summary["sequence"], self.out / SUMMARY
+        folders = [Path(stated["absolute"])]
+        if "relative" in stated:  # where both were moved or copied together
+            folders.append(self.out / stated["relative"])
+        folder = next((folder for folder in folders if folder.is_dir()), None)
+        if folder is None:
+            raise MissingFileError(
+                f"{path}: its sequence {stated['absolute']} is gone; expected a folder"
+            )
+        with naming(path):
+            sequence = Sequence.open(folder, **stated["overrides"])
+        names = stated.get("cameras", sequence.rig.names)
+        last = self.indices[-1] if self.indices else -1
+        if sequence.rig.names != names or last >= len(sequence):
+            raise InputError(
+                f"{path}: made of {last + 1} or more frames of {listed(names)}; {folder} now has "
+                f"{len(sequence)} of {listed(sequence.rig.names)}; expected the same sequence"
+            )
+        return sequence

@@ -30,6 +30,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
     assert track(walk, tmp_path / "out") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
+        "manifest.txt",
         "track.npz",
         "joints.trc",
         "joints.csv",
@@ -68,6 +69,7 @@ def test_several_seeds_at_once(
     said = capsys.readouterr().out
     assert "2 runs: joints lie" in said and "mean error:" in said
     assert {path.name for path in (tmp_path / "all").iterdir()} == {
+        "manifest.txt",
         "seed3",
         "seed4",
         "settings.toml",

@@ -169,14 +169,17 @@ def test_calibration_file_is_exact(folder: Path) -> None:
 def test_generate_replaces_only_its_own_folders(
     device: Device, folder: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "mine.txt").write_text("keep me")
-    with pytest.raises(InputError, match="did not write"):
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "cam_mine.mp4").write_text("keep me")
+    with pytest.raises(InputError, match=r"cam_mine\.mp4: is there already"):
         generate(tmp_path, SMALL, device)
-    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+    assert [p.name for p in tmp_path.rglob("*")] == ["videos", "cam_mine.mp4"]
     shorter = SceneConfig(cameras=1, frames=1, size=(64, 48))
     copy = tmp_path / "copy"
     generate(copy, SMALL, device)
+    (copy / "mine.txt").write_text("keep me")
     generate(copy, shorter, device)
+    assert (copy / "mine.txt").read_text() == "keep me"
     assert len(np.load(copy / "truth.npz")["joints"]) == 1
     assert not (copy / "videos" / "cam02.mp4").exists()
 

@@ -150,7 +150,7 @@ def test_check_names_what_is_missing(
     out = tmp_path / "out"
     assert reconstruct(folder, out, "--frames", "1:2") == 0
     summary = json.loads((out / "summary.json").read_text())
-    summary["sequence"] |= {"folder": "gone", "absolute": "/gone"}
+    summary["sequence"] |= {"relative": "gone", "absolute": "/gone"}
     (out / "summary.json").write_text(json.dumps(summary))
     capsys.readouterr()
     assert main(["check", str(out)]) == 2

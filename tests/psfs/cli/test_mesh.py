@@ -45,7 +45,7 @@ def test_all_frames_but_the_empty_one(out: Path, tmp_path: Path) -> None:
     [
         (("--frame", "7"), "holds frames 0 to 2"),
         (("--frame", "0"), "cloud of frame 0 is empty"),
-        (("--smooth", "-1"), "--smooth is -1"),
+        (("--smooth", "-1"), "--smooth, steps, is -1"),
         (("-o", "body.stl"), "body.stl: expected a name that ends in .ply or .glb or .obj"),
         (("-o", "body.ply", "--format", "obj"), "expected a name that ends in .obj"),
         (("--frame", "all", "-o", __file__), "is a file"),

@@ -1,0 +1,340 @@
+"""Folders that commands write: only their own files are replaced, and what is whole is marked.
+
+The folder's `manifest.txt` names every file that was written into it, before it is written. A run
+removes the files that the manifest names when it has its first result to write, not before, and
+marks itself whole at its end. What the manifest does not name is the user's and stays.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import threading
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from cl import InputError
+
+MANIFEST = "manifest.txt"
+_HEAD = "psfs-apf manifest: these files were written by commands, which may replace them"
+#: What precedes the names of files that are not yet whole; then comes a process's number.
+_TEMPORARY = ".psfs-"
+_LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
+#: Folders that are written to now, by their full paths: `claimed` asks them.
+_OPEN: dict[Path, OutputFolder] = {}
+_lock = threading.RLock()
+
+
+def temporary_name(path: Path) -> Path:
+    """Return the name beside `path`, of the same suffix, under which it is written."""
+    return path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what killed processes left in `folder` under temporary names."""
+    with contextlib.suppress(OSError):
+        for entry in os.scandir(folder):
+            match = _LEFTOVER.fullmatch(entry.name)
+            if match and not _alive(int(match[1])):
+                _removed(Path(entry.path))
+
+
+def _removed(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        for inner in path.iterdir():
+            _removed(inner)
+        path.rmdir()
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """files: relative paths and the command that wrote each. command: of the run; whole: whether it
+    came to its end."""
+
+    files: dict[str, str] = field(default_factory=dict)
+    command: str = ""
+    whole: bool = True
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest | None:
+        """Return that of `folder`, None where there is none. Raises InputError if it is another
+        program's or cannot be read."""
+        path = folder / MANIFEST
+        try:
+            with path.open("rb") as file:
+                lines = file.read(2**28).split(b"\n")
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        if len(lines) == 1 and _HEAD.encode().startswith(lines[0]):  # of a process that was killed
+            return None
+        if lines[0] != _HEAD.encode():
+            raise InputError(f"{path}: not a manifest of psfs-apf; expected another output folder")
+        return cls._parsed([os.fsdecode(line) for line in lines[1:-1]])  # the last may be cut
+
+    @classmethod
+    def _parsed(cls, lines: list[str]) -> Manifest:
+        files: dict[str, str] = {}
+        run = writer = ""
+        whole = True
+        for line in lines:
+            kind, _, rest = line.partition(" ")
+            if kind in ("run", "also"):
+                writer = rest
+                if kind == "run":
+                    run, whole = rest, False
+            elif kind == "file" and _inside(rest):
+                files[rest] = writer
+            elif kind == "whole" and rest == run:
+                whole = True
+        return cls(files, run, whole)
+
+
+def _inside(name: str) -> bool:
+    path = Path(name)
+    return bool(name) and not path.is_absolute() and ".." not in path.parts
+
+
+def unfinished(folder: Path) -> str | None:
+    """Return the command that began to write `folder` and did not end, None if all is whole."""
+    manifest = Manifest.read(folder)
+    return manifest.command if manifest is not None and not manifest.whole else None
+
+
+class OutputFolder:
+    """A folder that a command writes to, while it does; made by `output_folder`."""
+
+    def __init__(self, folder: Path, command: str, addition: bool, replaces: bool) -> None:
+        self.folder, self.command = folder, command
+        self._addition, self._replaces = addition, replaces
+        self._real = Path(os.path.realpath(folder))
+        self._file: IO[bytes] | None = None
+        self._names: set[str] = set()
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything was written."""
+        return self._file is not None
+
+    def claim(self, path: Path) -> None:
+        """Enter `path`, in this folder, in the manifest; the first time the files of the earlier
+        run are removed. Raises InputError for a file that is not ours."""
+        with _lock:
+            name = os.path.relpath(path, self._real)
+            if self._file is None and name != MANIFEST and os.path.lexists(path):
+                manifest = Manifest.read(self.folder)
+                if manifest is None or name not in manifest.files:  # before anything is removed
+                    raise _not_ours(self.folder / name)
+            self.begin()
+            if name in self._names or name == MANIFEST:
+                return
+            if "\n" in name or not _inside(name):
+                raise InputError(f"{path}: not a name for a result; expected one inside the folder")
+            if os.path.lexists(path):
+                raise _not_ours(self.folder / name)
+            self._append(f"file {name}")
+            self._names.add(name)
+
+    def finish(self) -> None:
+        """Mark the run as whole."""
+        if self._file is not None and not self._addition:
+            self._append(f"whole {self.command}")
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def begin(self) -> None:
+        """Remove the files of the earlier run, and mark what comes as not whole, unless that is
+        done."""
+        with _lock:
+            if self._file is None:
+                self._begin()
+
+    def keep_off(self, inputs: Iterable[Path]) -> None:
+        """Raise InputError if one of these files and folders, which are read, lies in this
+        folder."""
+        for path in inputs:
+            source = Path(os.path.realpath(path))
+            if source == self._real or self._real in source.parents:
+                raise InputError(
+                    f"{self.folder}: holds {path}, which is read; expected another folder"
+                )
+
+    def check(self, expected: Iterable[str]) -> None:
+        """Raise InputError if a file is in the way that matches one of the `expected` patterns
+        (of Path.glob) and is not ours, or if another process writes here."""
+        manifest = Manifest.read(self.folder)
+        ours = manifest.files if manifest is not None else {}
+        for pattern in expected:
+            for path in self._real.glob(pattern):
+                if path.name != MANIFEST and os.path.relpath(path, self._real) not in ours:
+                    raise _not_ours(self.folder / os.path.relpath(path, self._real))
+        with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
+            self._locked(file)
+
+    def _begin(self) -> None:
+        manifest = Manifest.read(self.folder) or Manifest()
+        before = manifest.files
+        try:
+            self._real.mkdir(parents=True, exist_ok=True)
+            clear_leftovers(self._real)
+            if self._addition:
+                self._file = self._opened(Manifest.read(self.folder) is not None)
+                self._append(f"also {self.command}")
+                if self._replaces:
+                    self._remove(name for name, by in before.items() if by == self.command)
+            else:
+                self._file = self._written(before)  # incomplete before anything is removed
+                self._remove(before)
+            self._names = {name for name in before if os.path.lexists(self._real / name)}
+            if not self._addition:
+                self._file = self._written(self._names)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
+
+    def _opened(self, known: bool) -> IO[bytes]:
+        """Return the manifest, made where it is not `known`, to be added to."""
+        file = (self._real / MANIFEST).open("ab")
+        self._locked(file)
+        if not known:
+            file.write(_HEAD.encode() + b"\n")
+        return file
+
+    def _written(self, names: Iterable[str]) -> IO[bytes]:
+        """Replace the manifest by that of a run with these files, and return it."""
+        temporary = temporary_name(self._real / MANIFEST)
+        file = temporary.open("wb")
+        self._locked(file)
+        lines = [_HEAD, f"run {self.command}", *(f"file {name}" for name in sorted(names))]
+        file.write(b"".join(os.fsencode(line) + b"\n" for line in lines))
+        file.flush()
+        temporary.replace(self._real / MANIFEST)
+        if self._file is not None:
+            self._file.close()
+        return file
+
+    def _remove(self, names: Iterable[str]) -> None:
+        folders = set()
+        for name in names:
+            path = self._real / name
+            parent = Path(os.path.realpath(path.parent))
+            if parent == self._real or self._real in parent.parents:  # no link leads elsewhere
+                with contextlib.suppress(IsADirectoryError):
+                    path.unlink(missing_ok=True)
+                if parent != self._real:
+                    folders.add(parent)
+        for folder in sorted(folders, key=lambda path: -len(path.parts)):
+            clear_leftovers(folder)
+            with contextlib.suppress(OSError):  # others' files are in it
+                folder.rmdir()
+
+    def _append(self, line: str) -> None:
+        assert self._file is not None
+        try:
+            self._file.write(os.fsencode(line) + b"\n")
+            self._file.flush()
+        except OSError as error:
+            raise InputError(
+                f"{self.folder / MANIFEST}: cannot be written: {error.strerror}"
+            ) from None
+
+    def _locked(self, file: IO[bytes]) -> None:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{self.folder}: another process is writing to it; expected another folder"
+            ) from None
+        except OSError:  # a file system without locks
+            return
+
+
+def _not_ours(path: Path) -> InputError:
+    return InputError(
+        f"{path}: is there already and not of an earlier run ({MANIFEST} does not name it); "
+        "expected another output folder"
+    )
+
+
+@contextlib.contextmanager
+def output_folder(
+    folder: str | Path,
+    command: str,
+    inputs: Iterable[Path] = (),
+    expected: Iterable[str] = (),
+    addition: bool = False,
+    replaces: bool = False,
+) -> Iterator[OutputFolder]:
+    """Let files be written into `folder` in the meantime, by `written_whole`; nothing is touched
+    before the first of them.
+
+    command: who writes. inputs: files and folders that are read, none of which may lie in `folder`.
+    expected: patterns of the results' names, which must not be taken by others' files. addition:
+    the files join those of the run that is there, instead of replacing them; replaces: but for
+    those that the same command wrote. Raises InputError for a folder that cannot be written.
+    """
+    folder = Path(folder)
+    _check_place(folder)
+    real = Path(os.path.realpath(folder))
+    with _lock:
+        outer = _OPEN.get(real)
+    if outer is not None:  # a command within a command
+        yield outer
+        return
+    output = OutputFolder(folder, command, addition, replaces)
+    output.keep_off(inputs)
+    output.check(expected)
+    with _lock:
+        _OPEN[real] = output
+    try:
+        yield output
+        output.finish()
+    finally:
+        with _lock:
+            del _OPEN[real]
+            output.close()
+
+
+def _check_place(folder: Path) -> None:
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; expected a folder, or a name for a new one")
+        real = Path(os.path.realpath(folder))
+        above = real
+        while not above.exists():
+            above = above.parent
+        if not above.is_dir():
+            raise InputError(f"{folder}: cannot be written: {above} is a file; expected a folder")
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise InputError(f"{folder}: cannot be written: no permission for {above}")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def claim(path: Path) -> None:
+    """Enter `path` in the manifest of the output folder that it is in, where that is being
+    written. Raises InputError for a file that is not ours."""
+    real = Path(os.path.realpath(path.parent)) / path.name
+    with _lock:
+        for parent in real.parents:
+            if parent in _OPEN:
+                _OPEN[parent].claim(real)
+                return
