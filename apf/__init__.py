@@ -4,7 +4,9 @@
 
     track = apf.track(psfs.open_sequence("walk/"))
     track.joints  # (frames, joints, 3) m in the world, Z up
-    track.save("walk.trc")
+    track.angles["l_knee_flexion"]  # (frames,) degrees
+    track.confidence  # (frames,) 0 to 1
+    apf.smoothed(track).save("walk.bvh")
 
 `track` does what `apf track` does: finds the person, follows, and finds again whom it lost. The
 parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
     from apf.tracking.batch import Take, track_take
+    from apf.tracking.export import Export, export
     from apf.tracking.foot_contact import ContactConfig
     from apf.tracking.gait import Gait, GaitConfig, gait_of
     from apf.tracking.recovery import RecoveryConfig
@@ -68,6 +71,7 @@ __all__ = [
     "DeviceError",
     "Estimate",
     "Evaluation",
+    "Export",
     "FeatureConfig",
     "FilterConfig",
     "Gait",
@@ -103,6 +107,7 @@ __all__ = [
     "UserError",
     "__version__",
     "evaluate",
+    "export",
     "fit_to_joints",
     "gait_of",
     "load_body",
@@ -140,6 +145,7 @@ _MODULES = {
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
     "apf.tracking.batch": ("Take", "track_take"),
+    "apf.tracking.export": ("Export", "export"),
     "apf.tracking.foot_contact": ("ContactConfig",),
     "apf.tracking.gait": ("Gait", "GaitConfig", "gait_of"),
     "apf.tracking.recovery": ("RecoveryConfig",),

@@ -103,7 +103,7 @@ def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> Non
     np.testing.assert_array_equal(track.poses, apf.Track.open(tmp_path).poses)
     assert stages == ["volume", "preparing", *5 * ["tracking"]]
     assert apf.evaluate(track, apf.load_truth(truth)).mean_error < 0.1
-    for ending in ("npz", "trc", "csv"):
+    for ending in ("npz", "trc", "csv", "bvh", "c3d", "glb", "mot"):
         track.save(tmp_path / "out" / f"walk.{ending}")
         assert (tmp_path / "out" / f"walk.{ending}").stat().st_size > 1000
 
@@ -163,7 +163,7 @@ def test_readme_example_runs(walk: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert blocks
     for block in blocks:
         exec(compile(block, "README.md", "exec"), {})
-    assert (tmp_path / "walk.trc").stat().st_size > 1000
+    assert (tmp_path / "walk.bvh").stat().st_size > 1000
 
 
 def first_joints(walk: Path) -> dict[str, np.ndarray]:

@@ -6,9 +6,11 @@ specification of kinematics.cl.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from apf.body.model import AXES, BodyModel
+from apf.body.model import AXES, BodyModel, Joint
 
 #: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
 #: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
@@ -59,9 +61,14 @@ def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
     """Return joint positions (N, J, 3) m of poses (N, D)."""
+    return posed_points(body, poses, body.joints)
+
+
+def posed_points(body: BodyModel, poses: np.ndarray, points: Sequence[Joint]) -> np.ndarray:
+    """Return where `points` on the bones of `body` are, (N, P, 3) m, in poses (N, D)."""
     rotations, origins = bone_matrices(body, poses)
-    bones = [joint.bone for joint in body.joints]
-    positions = np.stack([joint.position for joint in body.joints])
+    bones = [point.bone for point in points]
+    positions = np.stack([point.position for point in points])
     return origins[:, bones] + np.einsum("njab,jb->nja", rotations[:, bones], positions)
 
 

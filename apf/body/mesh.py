@@ -104,8 +104,18 @@ def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
             f"{vertices_per_part} vertices per part; expected one of "
             f"{', '.join(map(str, FRUSTUM_VERTICES))}"
         )
-    meshes = [_frustum(cone, vertices_per_part) for cone in body.cones]
-    n = vertices_per_part
+    return _cone_parts(body, [_frustum(cone, vertices_per_part) for cone in body.cones])
+
+
+def rounded_mesh(body: BodyModel, segments: int = 16) -> BodyMesh:
+    """Make the cones of `body` with rounded ends, as distances to them are measured, of so many
+    corners around."""
+    return _cone_parts(body, [_capsule(cone, segments) for cone in body.cones])
+
+
+def _cone_parts(body: BodyModel, meshes: list[tuple[np.ndarray, np.ndarray]]) -> BodyMesh:
+    """A part of as many vertices for each of the cones: vertices m in its bone's frame, faces."""
+    n = len(meshes[0][0])
     n_faces = [len(faces) for _, faces in meshes]
     return BodyMesh(
         bones=np.repeat([cone.bone for cone in body.cones], n)[:, None],
@@ -148,6 +158,37 @@ def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
             np.stack([last, segments + here, segments + there], -1),
         ]
     return np.concatenate(points), np.concatenate(faces)
+
+
+def _capsule(cone: Cone, segments: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices m in the bone's frame and faces of a cone with rounded ends: rings from its
+    start to its end, then the two poles."""
+    axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+    across = np.cross(axis, cone.side)
+    around = np.arange(segments) * 2 * np.pi / segments
+    ring = (
+        np.cos(around)[:, None] * cone.side * cone.scale[0]
+        + np.sin(around)[:, None] * across * cone.scale[1]
+    )
+    slopes = np.radians([67.5, 45.0, 22.5, 0.0])
+    ends = [(cone.start, cone.radii[0], -slopes), (cone.end, cone.radii[1], slopes[::-1])]
+    rings = [
+        centre + radius * (np.cos(slope) * ring + np.sin(slope) * axis)
+        for centre, radius, own in ends
+        for slope in own
+    ]
+    poles = [cone.start - cone.radii[0] * axis, cone.end + cone.radii[1] * axis]
+    here = np.arange(segments)
+    there = (here + 1) % segments
+    faces = []
+    for low in range(0, segments * (len(rings) - 1), segments):
+        high = low + segments
+        faces.append(np.stack([low + here, low + there, high + there], -1))
+        faces.append(np.stack([low + here, high + there, high + here], -1))
+    last, n = segments * (len(rings) - 1), segments * len(rings)
+    faces.append(np.stack([np.full(segments, n), there, here], -1))
+    faces.append(np.stack([np.full(segments, n + 1), last + here, last + there], -1))
+    return np.concatenate([*rings, *(pole[None] for pole in poles)]), np.concatenate(faces)
 
 
 def load_mesh(

@@ -1,15 +1,40 @@
-"""File formats of motion. A writer of joints stands in `WRITERS` by the ending of its files."""
+"""File formats of motion: writers by the ending of their files, in `WRITERS` those that need points
+alone, in `BODY_WRITERS` those that need the body."""
 
 from collections.abc import Callable
 from pathlib import Path
 
+from apf.formats.angles import write_angle_csv, write_mot
+from apf.formats.bvh import write_bvh
+from apf.formats.c3d import write_c3d
+from apf.formats.glb import write_glb
 from apf.formats.joint_csv import write_csv
+from apf.formats.motion import BodyMotion
 from apf.formats.trc import JointSeries, write_trc
 
-#: What writes named joints over time, by file ending.
+#: What writes named points over time, by file ending.
 WRITERS: dict[str, Callable[[str | Path, JointSeries], None]] = {
     ".trc": write_trc,
     ".csv": write_csv,
 }
+#: What writes the motion of a body, by file ending.
+BODY_WRITERS: dict[str, Callable[[str | Path, BodyMotion], None]] = {
+    ".bvh": write_bvh,
+    ".c3d": write_c3d,
+    ".glb": write_glb,
+    ".mot": write_mot,
+}
 
-__all__ = ["WRITERS", "JointSeries", "write_csv", "write_trc"]
+__all__ = [
+    "BODY_WRITERS",
+    "WRITERS",
+    "BodyMotion",
+    "JointSeries",
+    "write_angle_csv",
+    "write_bvh",
+    "write_c3d",
+    "write_csv",
+    "write_glb",
+    "write_mot",
+    "write_trc",
+]

@@ -1,7 +1,7 @@
 """TRC files, the marker trajectories of OpenSim and Pose2Sim.
 
-Written: millimetres, Y up, TRC (X, Y, Z) = world (x, z, -y). Read: metres or millimetres, and
-the world's axes after one of `CONVENTIONS`.
+Written in millimetres; read in metres, centimetres or millimetres. The world's axes are after one
+of `CONVENTIONS`, when nothing else is said Y up: TRC (X, Y, Z) = world (x, z, -y).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class JointSeries:
     frames: np.ndarray
 
 
-def write_trc(path: str | Path, series: JointSeries) -> None:
-    """Write a TRC that OpenSim opens: mm, Y up, TRC (X, Y, Z) = world (x, z, -y).
+def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -> None:
+    """Write a TRC that OpenSim opens, in mm; convention: its axes, one of `CONVENTIONS`.
 
     Frame# is the sequence's frame index + 1 and Time the index over fps, so that a track of
     some frames stays in step with the whole video. Missing points are left blank.
@@ -51,7 +51,7 @@ def write_trc(path: str | Path, series: JointSeries) -> None:
     rate, camera_rate = f"{series.fps / max(step, 1.0):g}", f"{series.fps:g}"
     values = (rate, camera_rate, n, n_joints, "mm", camera_rate, start, n)
     names = ["_".join(name.split()) for name in series.joint_names]
-    points = (series.joints @ CONVENTIONS["y-up"]).reshape(n, -1) * 1000  # inverse: transpose
+    points = (series.joints @ CONVENTIONS[convention]).reshape(n, -1) * 1000  # inverse: transpose
     header = [
         ["PathFileType", "4", "(X/Y/Z)", path.name],
         _KEYS,

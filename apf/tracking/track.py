@@ -11,8 +11,12 @@ from typing import Any
 import numpy as np
 
 from apf.body import BodyModel, load_body
+from apf.body.angles import joint_angles
+from apf.body.kinematics import posed_points
+from apf.body.markers import virtual_markers
 from apf.body.toml import body_from_text, body_text
-from apf.formats import WRITERS, JointSeries
+from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
+from apf.formats.trc import CONVENTIONS, write_trc
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
@@ -179,22 +183,67 @@ class Track:
         """The joints alone, as `evaluate` and the TRC files take them."""
         return JointSeries(self.joint_names, self.joints, self.fps, self.frames)
 
-    def save(self, path: str | Path) -> None:
-        """Write the track; the ending of `path` says as what.
+    @property
+    def angles(self) -> dict[str, np.ndarray]:
+        """Angles (F,) of the joints, degrees, by clinical name (`l_knee_flexion`), NaN where lost;
+        see `apf.body.angles`. Raises InputError where the track does not hold its body."""
+        angles = joint_angles(self.its_body, self.poses)
+        return {name: np.where(self.lost, np.nan, values) for name, values in angles.items()}
+
+    @property
+    def points(self) -> JointSeries:
+        """The joints and, of a track that holds its body, the virtual markers on heels, toes and
+        hands, NaN where lost: what files of points are written from."""
+        names, points = list(self.joint_names), self.joints
+        markers = virtual_markers(self.body) if self.body is not None else ()
+        if markers:
+            names += [marker.name for marker in markers]
+            points = np.concatenate([points, posed_points(self.its_body, self.poses, markers)], 1)
+        points = np.where(self.lost[:, None, None], np.nan, points)
+        return JointSeries(tuple(names), points, self.fps, self.frames)
+
+    @property
+    def motion(self) -> BodyMotion:
+        """What files of a moving body are written from. A marker may be as far away as the joints
+        on its bone. Raises InputError where the track does not hold its body."""
+        body, points = self.its_body, self.points
+        away = np.sqrt(np.einsum("fjaa->fj", self.covariance))
+        bones = np.array([joint.bone for joint in body.joints])
+        beside = [away[:, bones == marker.bone].max(1) for marker in virtual_markers(body)]
+        note = "smoothed" if self.smoothing is not None else "as tracked, not smoothed"
+        return BodyMotion(
+            body=body,
+            poses=self.poses,
+            lost=self.lost,
+            points=points,
+            deviation=np.column_stack([away, *beside]),
+            note=f"psfs-apf, {body.name}, {note}",
+        )
+
+    def save(self, path: str | Path, axes: str = "y-up") -> None:
+        """Write the track as it is; the ending of `path` says as what.
 
         .npz: all of it, for `open`: the fields by their names, diagnostics as diagnostic_<name>.
-        .trc, .csv: the joints alone, see `apf.formats`. Raises InputError for any other ending,
-        and where the file cannot be written.
+        .trc, .csv: `points`; axes: of a TRC, y-up, z-up or pose2sim. .bvh, .glb: the
+        moving body. .c3d: points and how certain they are. .mot: joint angles for OpenSim. See
+        `apf.formats`. Raises InputError for any other ending, where the file cannot be written, or
+        where the track does not hold its body and the file needs it.
         """
         ending = Path(path).suffix.lower()
+        if axes not in CONVENTIONS:
+            raise InputError(f"axes are {axes!r}; expected one of {', '.join(CONVENTIONS)}")
         if ending == ".npz":
             self._write_npz(path)
+        elif ending == ".trc":
+            write_trc(path, self.points, axes)
         elif ending in WRITERS:
-            WRITERS[ending](path, self.series)
+            WRITERS[ending](path, self.points)
+        elif ending in BODY_WRITERS:
+            BODY_WRITERS[ending](path, self.motion)
         else:
             raise InputError(
                 f"{path}: a track is not written as {ending or 'a file without an ending'}; "
-                f"expected {listed(('.npz', *WRITERS))}"
+                f"expected {listed(('.npz', *WRITERS, *BODY_WRITERS))}"
             )
 
     def _write_npz(self, path: str | Path) -> None:

@@ -1,0 +1,122 @@
+"""Anatomical frames of a body's segments, as the International Society of Biomechanics has them.
+
+Wu et al. 2002 and 2005: X forward, Y up (along a limb from its far end to its near one), Z to the
+right. A limb's Z is the axis about which its knee or elbow bends. Trunk, pelvis and whatever else
+is no limb take the directions that the body has with all its angles at 0, standing upright.
+Segments are found by the joints at their near ends, so that any body does that names its joints so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.model import AXES, BodyModel
+
+#: Of each limb the joints that begin its two segments, the joint that ends it, and whether the
+#: far segment swings forward when it bends, as a forearm does.
+_LIMBS = {
+    "thigh": ("hip", "knee", "ankle", False),
+    "upper_arm": ("shoulder", "elbow", "wrist", True),
+}
+_FAR = {"thigh": "shank", "upper_arm": "forearm"}
+
+
+def anatomical_frames(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Return world rotations (N, 3, 3), columns X, Y, Z as above, of poses (N, D), by segment.
+
+    Those of pelvis, thorax, head, and with l_ and r_ before them thigh, shank, foot, upper_arm and
+    forearm that `body` has; a foot only where it is a bone of its own.
+    """
+    rotations, _ = bone_matrices(body, poses)
+    return {
+        name: rotations[:, bone] @ local for name, (bone, local) in segment_frames(body).items()
+    }
+
+
+def segment_frames(body: BodyModel) -> dict[str, tuple[int, np.ndarray]]:
+    """Return of each segment its bone and its anatomical frame (3, 3) in that bone's frame."""
+    bone_of = {joint.name: joint.bone for joint in body.joints}
+    upright, _ = bone_matrices(body, np.zeros((1, body.n_dof)))
+    world = standing_axes(body)
+    trunk = {"pelvis": bone_of.get("pelvis"), "head": bone_of.get("neck")}
+    trunk["thorax"] = _common_bone(body, [bone_of.get("l_shoulder"), bone_of.get("r_shoulder")])
+    found = {
+        name: (bone, upright[0, bone].T @ world) for name, bone in trunk.items() if bone is not None
+    }
+    for side in ("l_", "r_"):
+        for near, (first, middle, end, forward) in _LIMBS.items():
+            names = [side + first, side + middle, side + end]
+            if not set(names) <= set(bone_of):
+                continue
+            axis = _hinge(body, bone_of[names[1]], forward)
+            for segment, top, bottom in ((near, *names[:2]), (_FAR[near], *names[1:])):
+                bone = bone_of[top]
+                right = upright[0, bone].T @ world[:, 2] if axis is None else axis[segment == near]
+                frame = _along(_from_to(body, bottom, top, bone), right)
+                found[side + segment] = (bone, frame)
+        shank = found.get(f"{side}shank", (-2,))[0]
+        for bone in (index for index, own in enumerate(body.bones) if own.parent == shank):
+            found[f"{side}foot"] = (bone, upright[0, bone].T @ world)
+    return found
+
+
+def standing_axes(body: BodyModel) -> np.ndarray:
+    """Return (3, 3) columns forward, up, right of the body with all its angles at 0."""
+    joints = posed_joints(body, np.zeros((1, body.n_dof)))[0]
+    place = dict(zip(body.joint_names, joints, strict=True))
+    for left, right in (("l_hip", "r_hip"), ("l_shoulder", "r_shoulder")):
+        if {left, right, "pelvis", "neck"} <= set(place):
+            return _along(place["neck"] - place["pelvis"], place[right] - place[left], keep="right")
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x forward, y left, z up
+
+
+def _along(up: np.ndarray, right: np.ndarray, keep: str = "up") -> np.ndarray:
+    """Return the frame (3, 3), columns X, Y, Z, whose Y is `up` and Z nearly `right`, or the other
+    way round."""
+    if keep == "up":
+        y = up / np.linalg.norm(up)
+        z = right - (right @ y) * y
+        z = z / np.linalg.norm(z)
+    else:
+        z = right / np.linalg.norm(right)
+        y = up - (up @ z) * z
+        y = y / np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], -1)
+
+
+def _from_to(body: BodyModel, start: str, end: str, bone: int) -> np.ndarray:
+    """Return the vector (3,) between two joints in the frame of `bone`, which carries both."""
+    upright = np.zeros((1, body.n_dof))
+    rotations, _ = bone_matrices(body, upright)
+    at = dict(zip(body.joint_names, posed_joints(body, upright)[0], strict=True))
+    return rotations[0, bone].T @ (at[end] - at[start])
+
+
+def _hinge(body: BodyModel, bone: int, forward: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the axis to the right of a knee or elbow, the one rotation of `bone`, in the frame of
+    `bone` and in that of its parent; None where it has more rotations or none."""
+    turns = [axis for axis in body.bones[bone].axes if axis.kind[0] == "r"]
+    if len(turns) != 1:
+        return None
+    dof = turns[0].dof
+    lower, upper, bends = body.lower[dof], body.upper[dof], body.rest_pose[dof]
+    if np.isfinite([lower, upper]).all() and lower + upper != 0:
+        bends = lower + upper  # it bends where its limits let it
+    sign = turns[0].sign * (1.0 if bends >= 0 else -1.0) * (1.0 if forward else -1.0)
+    axis = np.zeros(3)
+    axis[AXES.index(turns[0].kind) - 3] = sign
+    return axis, body.bones[bone].rest @ axis
+
+
+def _common_bone(body: BodyModel, bones: list[int | None]) -> int | None:
+    """Return the nearest bone that all of `bones` hang from."""
+    chains = []
+    for bone in bones:
+        chain = []
+        while bone is not None and bone >= 0:
+            bone = body.bones[bone].parent
+            chain.append(bone)
+        chains.append(chain)
+    shared = [bone for bone in chains[0] if bone >= 0 and all(bone in c for c in chains)]
+    return shared[0] if shared else None

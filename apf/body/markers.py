@@ -1,0 +1,33 @@
+"""Virtual markers: points of a body beyond its joints, read from its cones by their names."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.model import BodyModel, Cone, Joint, sideless
+
+
+def virtual_markers(body: BodyModel) -> tuple[Joint, ...]:
+    """Return heels, toes and hands of `body`, those of them that its cones show.
+
+    Heel and toe are the ends of the cone `foot`, hind and front, its roundings included; a hand is
+    the far end of the cone `hand`, or of the forearm where that reaches beyond the wrist.
+    """
+    found: list[Joint] = []
+    for cone in body.cones:
+        side, kind = cone.name[: -len(sideless(cone.name))], sideless(cone.name)
+        if kind == "foot":
+            along = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
+            heel, toe = cone.start - cone.radii[0] * along, cone.end + cone.radii[1] * along
+            found += [Joint(f"{side}heel", cone.bone, heel), Joint(f"{side}toe", cone.bone, toe)]
+        elif kind == "hand" or (kind == "forearm" and _reaches_beyond_wrist(body, cone, side)):
+            found = [marker for marker in found if marker.name != f"{side}hand"]
+            found.append(Joint(f"{side}hand", cone.bone, cone.end))
+    return tuple(found)
+
+
+def _reaches_beyond_wrist(body: BodyModel, cone: Cone, side: str) -> bool:
+    """Whether a forearm's cone is longer than the way to the wrist by a third of a hand, 6 cm."""
+    own = [joint for joint in body.joints if joint.name == f"{side}wrist"]
+    own = [joint for joint in own if joint.bone == cone.bone]
+    return any(np.linalg.norm(cone.end) > np.linalg.norm(j.position) + 0.06 for j in own)

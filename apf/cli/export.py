@@ -1,0 +1,98 @@
+"""`apf export`: files of motion that other programs open."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from apf.body import load_body
+from apf.formats.trc import CONVENTIONS
+from apf.tracking.export import EXPORTS, Export, export
+from apf.tracking.smoothing import SmoothingConfig
+from apf.tracking.track import Track, spans
+from cl import InputError
+from psfs.cli.commandline import add_command, stdout
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands,
+        "export",
+        run,
+        "Write a track as files of motion: BVH, C3D, TRC, OpenSim's MOT, angles as CSV, GLB, gait.",
+    )
+    parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
+    parser.add_argument(
+        "--to",
+        nargs="+",
+        choices=tuple(EXPORTS),
+        default=tuple(EXPORTS),
+        metavar="FORMAT",
+        help=f"{', '.join(EXPORTS)} (default: all)",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="where to (default: beside the track)"
+    )
+    parser.add_argument(
+        "--axes",
+        choices=tuple(CONVENTIONS),
+        default="y-up",
+        help="of the TRC: y-up (X Y Z) = world (x z -y), z-up = world (x y z), pose2sim = "
+        "world (y z x) (default: %(default)s)",
+    )
+    default = SmoothingConfig()
+    parser.add_argument(
+        "--cutoff",
+        type=float,
+        default=default.cutoff,
+        metavar="HZ",
+        help="smoothing: motion this fast keeps half of its amplitude (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--raw", action="store_true", help="the poses as they were tracked, without smoothing"
+    )
+    parser.add_argument(
+        "--body", type=Path, metavar="B", help="body model (default: that of the track)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    config = SmoothingConfig(args.cutoff)
+    track = Track.open(args.track)
+    folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
+    try:
+        if args.body is not None:
+            track = replace(track, body=load_body(args.body))
+        written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
+    except InputError as error:
+        raise InputError(f"{args.track}: {error}") from None
+    print_export(written, "gait" in args.to)
+
+
+def print_export(written: Export, gait_wanted: bool) -> None:
+    """Say what is in the files, what is missing from them, and where they are."""
+    track = written.track
+    if track.smoothing is None:
+        stdout.print(f"{len(track)} frames as they were tracked, not smoothed")
+    else:
+        shown = f"{len(track)} frames, smoothed at {track.smoothing['cutoff_hz']:g} Hz"
+        held = " and feet held where they stand" if track.standing.any() else ""
+        stdout.print(f"{shown}{held}; track.npz keeps the poses as they were", soft_wrap=True)
+    if track.lost.any():
+        lost = spans(track.frames[track.lost].tolist())
+        stdout.print(
+            f"the person was lost in frames {lost}: missing values there, in BVH and GLB the pose "
+            "before",
+            soft_wrap=True,
+        )
+    if written.gait is not None:
+        gait = written.gait
+        stdout.print(
+            f"gait: {gait.n_steps} steps, {gait.cadence:.0f} steps/min, {gait.step_length:.2f} m "
+            f"each, {gait.speed:.2f} m/s",
+            soft_wrap=True,
+        )
+    elif gait_wanted:
+        stdout.print("gait: nobody walks two steps here")
+    stdout.print("wrote " + ", ".join(str(path) for path in written.files), soft_wrap=True)

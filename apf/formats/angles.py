@@ -1,0 +1,80 @@
+"""Joint angles over time: CSV with clinical names, and OpenSim's MOT."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from apf.body.anatomy import anatomical_frames
+from apf.body.angles import WORLD, joint_angles, relative, zxy
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel
+from apf.formats.motion import BodyMotion
+from apf.formats.skeleton import TO_Y_UP
+from psfs.common.files import written_whole
+
+#: OpenSim's coordinates about Z, X' and Y'' from one segment to another, and their signs.
+_COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
+    ("pelvis", "thorax", ("lumbar_extension", "lumbar_bending", "lumbar_rotation"), 1),
+    ("thorax", "head", ("neck_flexion", "neck_bending", "neck_rotation"), 1),
+    ("pelvis", "thigh", ("hip_flexion", "hip_adduction", "hip_rotation"), 1),
+    ("thigh", "shank", ("knee_angle",), -1),
+    ("shank", "foot", ("ankle_angle",), 1),
+    ("thorax", "upper_arm", ("arm_flex", "arm_add", "arm_rot"), 1),
+    ("upper_arm", "forearm", ("elbow_flex",), 1),
+)
+
+
+def write_angle_csv(path: str | Path, motion: BodyMotion) -> None:
+    """Write one row per frame: frame, time_s, then a column <angle>_deg for each of
+    `joint_angles`, empty where lost. Raises InputError where the file cannot be written."""
+    angles = joint_angles(motion.body, motion.poses)
+    table = np.stack([np.where(motion.lost, np.nan, values) for values in angles.values()], -1)
+    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
+        for frame, time, row in zip(motion.points.frames, motion.times, table, strict=True):
+            cells = ("" if np.isnan(value) else f"{value:.5f}" for value in row)
+            file.write(",".join([f"{frame}", f"{time:.6f}", *cells]) + "\n")
+
+
+def write_mot(path: str | Path, motion: BodyMotion) -> None:
+    """Write OpenSim's coordinates: degrees, metres, Y up, (X, Y, Z) = world (x, z, -y); the names
+    are those of Rajagopal et al. 2016, whose knees bend to positive angles. Lost frames are NaN.
+    Raises InputError where the file cannot be written."""
+    table = coordinates(motion.body, motion.poses)
+    columns = np.stack([np.where(motion.lost, np.nan, values) for values in table.values()], -1)
+    header = [
+        Path(path).stem,
+        "version=1",
+        f"nRows={len(columns)}",
+        f"nColumns={1 + len(table)}",
+        "inDegrees=yes",
+        "",
+        *([motion.note] if motion.note else []),
+        "endheader",
+        "\t".join(["time", *table]),
+    ]
+    with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
+        file.write("\n".join(header) + "\n")
+        np.savetxt(file, np.column_stack([motion.times, columns]), fmt="%.8f", delimiter="\t")
+
+
+def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Return those of OpenSim's coordinates (N,), degrees and metres, that the body has, of poses
+    (N, D), by name."""
+    frames = anatomical_frames(body, poses)
+    table: dict[str, np.ndarray] = {}
+    if "pelvis" in frames:
+        turned = np.degrees(np.unwrap(zxy(WORLD.T @ frames["pelvis"]), axis=0))
+        table |= dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
+        place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
+        table |= dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
+    for near, far, names, sign in _COORDINATES:
+        for side in ("",) if far in frames else ("r_", "l_"):
+            start = near if near in ("pelvis", "thorax") else side + near
+            if {start, side + far} <= set(frames):
+                turned = sign * np.degrees(zxy(relative(frames, start, side + far)))
+                ending = f"_{side[0]}" if side else ""
+                table |= {name + ending: turned[:, k] for k, name in enumerate(names)}
+    return table

@@ -1,0 +1,190 @@
+"""GLB, binary glTF 2.0: the body's cones as a skinned mesh that its skeleton moves.
+
+Written: metres, Y up, (X, Y, Z) = world (x, z, -y), as the surfaces of `psfs mesh`; rotations as
+quaternions. Blender and browsers play it. Lost frames hold the pose before them; the animation's
+`extras` name them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.mesh import BodyMesh, rounded_mesh
+from apf.body.model import side_of
+from apf.formats.bvh import slides
+from apf.formats.motion import BodyMotion
+from apf.formats.skeleton import Skeleton, skeleton_of
+from psfs.common.files import written_whole
+
+#: Colours of the left side, the right one and the rest, linear RGBA.
+_COLOURS = {
+    "left": (0.10, 0.30, 0.75, 1.0),
+    "right": (0.75, 0.20, 0.10, 1.0),
+    "middle": (0.6, 0.6, 0.6, 1.0),
+}
+
+
+def write_glb(path: str | Path, motion: BodyMotion) -> None:
+    """Write the animated body. Raises InputError where the file cannot be written."""
+    import pygltflib as gltf  # takes a while to load
+
+    skeleton, mesh = skeleton_of(motion.body), rounded_mesh(motion.body)
+    file = _File(gltf)
+    bones = [index for index, node in enumerate(skeleton.nodes) if node.bone is not None]
+    _add_nodes(file, skeleton, motion)
+    file.model.skins = [
+        gltf.Skin(joints=bones, inverseBindMatrices=file.add(_unbinding(skeleton, bones), "MAT4"))
+    ]
+    _add_mesh(file, skeleton, bones, mesh)
+    if len(motion.poses):
+        _add_animation(file, skeleton, motion)
+    with written_whole(path) as temporary:
+        file.save(temporary)
+
+
+class _File:
+    """A glTF model and the bytes of its one buffer."""
+
+    def __init__(self, gltf: Any) -> None:
+        self.gltf = gltf
+        self.model = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator="psfs-apf"))
+        self._bytes = bytearray()
+
+    def add(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
+        """Return the accessor of values (N, ...), float32 or unsigned; kind: SCALAR, VEC3, ..."""
+        types = {"f4": 5126, "u4": 5125, "u1": 5121}
+        data = np.ascontiguousarray(values)
+        flat = data.reshape(len(data), -1)
+        self._bytes.extend(b"\0" * (-len(self._bytes) % 4))
+        view = self.gltf.BufferView(
+            buffer=0, byteOffset=len(self._bytes), byteLength=data.nbytes, target=target
+        )
+        self._bytes.extend(data.tobytes())
+        self.model.bufferViews.append(view)
+        self.model.accessors.append(
+            self.gltf.Accessor(
+                bufferView=len(self.model.bufferViews) - 1,
+                componentType=types[data.dtype.str[1:] if data.itemsize > 1 else "u1"],
+                count=len(data),
+                type=kind,
+                min=flat.min(0).tolist(),
+                max=flat.max(0).tolist(),
+            )
+        )
+        return len(self.model.accessors) - 1
+
+    def save(self, path: Path) -> None:
+        """Write all of it."""
+        self.model.buffers = [self.gltf.Buffer(byteLength=len(self._bytes))]
+        self.model.set_binary_blob(bytes(self._bytes))
+        self.model.save_binary(path)
+
+
+def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
+    """The nodes as they are in the first frame, and after them the one of the mesh."""
+    first = motion.poses[:1] if len(motion.poses) else motion.body.rest_pose[None]
+    rotations, positions = skeleton.motion(motion.body, first)
+    turned = _quaternions(rotations[0])
+    nodes = [
+        file.gltf.Node(
+            name=node.name,
+            translation=positions[0, index].tolist(),
+            rotation=turned[index].tolist(),
+            children=skeleton.children(index),
+        )
+        for index, node in enumerate(skeleton.nodes)
+    ]
+    roots = [index for index, node in enumerate(skeleton.nodes) if node.parent < 0]
+    nodes.append(file.gltf.Node(name=f"{motion.body.name} body", mesh=0, skin=0))
+    file.model.nodes = nodes
+    file.model.scene = 0
+    file.model.scenes = [file.gltf.Scene(nodes=[*roots, len(nodes) - 1])]
+
+
+def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh) -> None:
+    """The cones in the rest attitude, each vertex with its bone, a primitive for every side."""
+    gltf = file.gltf
+    joint_of = {skeleton.nodes[node].bone: joint for joint, node in enumerate(bones)}
+    owner = mesh.bones[:, 0]
+    joints = np.zeros((len(owner), 4), np.uint8)
+    joints[:, 0] = [joint_of[bone] for bone in owner]
+    weights = np.zeros((len(owner), 4), np.float32)
+    weights[:, 0] = 1
+    origins = skeleton.places()[[bones[joint] for joint in joints[:, 0]]]
+    points = origins + np.einsum("vab,vb->va", skeleton.rest[owner], mesh.positions[:, 0])
+    attributes = {
+        "POSITION": file.add(points.astype(np.float32), "VEC3", gltf.ARRAY_BUFFER),
+        "NORMAL": file.add(_normals(points, mesh.faces), "VEC3", gltf.ARRAY_BUFFER),
+        "JOINTS_0": file.add(joints, "VEC4", gltf.ARRAY_BUFFER),
+        "WEIGHTS_0": file.add(weights, "VEC4", gltf.ARRAY_BUFFER),
+    }
+    primitives = []
+    for side, colour in _COLOURS.items():
+        faces = mesh.faces[[side_of(mesh.names[part]) == side for part in mesh.parts]]
+        if not len(faces):
+            continue
+        indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", gltf.ELEMENT_ARRAY_BUFFER)
+        shine = gltf.PbrMetallicRoughness(
+            baseColorFactor=list(colour), metallicFactor=0.0, roughnessFactor=0.8
+        )
+        file.model.materials.append(gltf.Material(name=side, pbrMetallicRoughness=shine))
+        primitives.append(
+            gltf.Primitive(
+                attributes=gltf.Attributes(**attributes),
+                indices=indices,
+                material=len(file.model.materials) - 1,
+            )
+        )
+    file.model.meshes = [gltf.Mesh(name="body", primitives=primitives)]
+
+
+def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
+    """A channel for the rotation of every bone, and for the place of those that slide."""
+    gltf = file.gltf
+    rotations, positions = skeleton.motion(motion.body, motion.poses)
+    times = file.add((motion.times - motion.times[0]).astype(np.float32), "SCALAR")
+    lost = [int(frame) for frame in motion.points.frames[motion.lost]]
+    animation = gltf.Animation(name="motion", extras={"lost_frames": lost, "note": motion.note})
+    for index, node in enumerate(skeleton.nodes):
+        if node.bone is None:
+            continue
+        curves = {"rotation": _quaternions(rotations[:, index])}
+        if slides(motion.body, node.bone):
+            curves["translation"] = positions[:, index]
+        for path, curve in curves.items():
+            values = file.add(curve.astype(np.float32), f"VEC{curve.shape[1]}")
+            animation.samplers.append(
+                gltf.AnimationSampler(input=times, output=values, interpolation="LINEAR")
+            )
+            target = gltf.AnimationChannelTarget(node=index, path=path)
+            sampler = len(animation.samplers) - 1
+            animation.channels.append(gltf.AnimationChannel(sampler=sampler, target=target))
+    file.model.animations = [animation]
+
+
+def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return (V, 3) float32 unit normals of the vertices of a surface."""
+    import trimesh  # takes a while to load
+
+    surface = trimesh.Trimesh(points, faces, process=False)
+    return np.asarray(surface.vertex_normals, np.float32)
+
+
+def _unbinding(skeleton: Skeleton, bones: list[int]) -> np.ndarray:
+    """Return (J, 4, 4) float32, by columns: from the rest attitude to each bone's own frame."""
+    matrices = np.tile(np.eye(4, dtype=np.float32), (len(bones), 1, 1))
+    matrices[:, 3, :3] = -skeleton.places()[bones]
+    return matrices
+
+
+def _quaternions(rotations: np.ndarray) -> np.ndarray:
+    """Return unit quaternions (F, 4), x y z w, of rotations (F, 3, 3), without changes of sign."""
+    from scipy.spatial.transform import Rotation
+
+    quaternions = Rotation.from_matrix(rotations).as_quat()
+    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    quaternions[1:] *= np.where(np.cumsum(turns) % 2, -1.0, 1.0)[:, None]
+    return quaternions

@@ -1,0 +1,175 @@
+"""A body as a skeleton of named nodes, for files of animation (BVH, GLB).
+
+World: metres, Y up, (X, Y, Z) = world (x, z, -y), so that Blender, which turns Y up into Z up,
+shows the person where the tracker saw him. In the rest attitude, in which no node is turned, the
+body stands upright with its arms out to the sides and faces along Z, as MotionBuilder wants it.
+Nodes have the names that animation programs know: Hips, Spine, LeftArm, LeftForeArm, LeftHand, ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from apf.body.anatomy import standing_axes
+from apf.body.kinematics import bone_matrices, posed_joints
+from apf.body.markers import virtual_markers
+from apf.body.model import BodyModel, Joint, side_of, sideless
+
+#: From the tracker's world to the files': (x, y, z) -> (x, z, -y).
+TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_NAMES = {
+    "pelvis": "Hips", "thorax": "Spine", "head": "Head", "head_top": "HeadTop",
+    "clavicle": "Shoulder", "upper_arm": "Arm", "forearm": "ForeArm", "wrist": "Hand",
+    "hand": "HandEnd", "thigh": "UpLeg", "calf": "Leg", "ankle": "Foot", "toe": "ToeBase",
+}  # fmt: skip
+#: Markers that hang from a joint of their bone, and that joint.
+_HOLDERS = {"hand": "wrist", "toe": "ankle"}
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """parent: index, -1 for a root. offset: (3,) m from the parent in the rest attitude. bone: its
+    index, None for a point that is fixed to its parent."""
+
+    name: str
+    parent: int
+    offset: np.ndarray
+    bone: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """nodes: depth first, parents before children. rest: (B, 3, 3) rotations from the bones' frames
+    to the rest attitude. node_of: index of the node at each joint and marker, by its name."""
+
+    nodes: tuple[Node, ...]
+    rest: np.ndarray
+    node_of: Mapping[str, int]
+
+    def children(self, index: int) -> list[int]:
+        """Return the nodes that hang from a node."""
+        return [child for child, node in enumerate(self.nodes) if node.parent == index]
+
+    def places(self) -> np.ndarray:
+        """Return (N, 3) m, where the nodes are in the rest attitude."""
+        places: list[np.ndarray] = []
+        for node in self.nodes:
+            places.append(node.offset + (places[node.parent] if node.parent >= 0 else 0))
+        return np.array(places)
+
+    def motion(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return rotations (F, N, 3, 3) and positions (F, N, 3) m of the nodes against their
+        parents, roots against the world, of poses (F, D)."""
+        rotations, origins = bone_matrices(body, poses)
+        turned = TO_Y_UP @ rotations @ self.rest.transpose(0, 2, 1)
+        placed = origins @ TO_Y_UP.T
+        local = np.broadcast_to(np.eye(3), (len(turned), len(self.nodes), 3, 3)).copy()
+        shifts = np.broadcast_to([node.offset for node in self.nodes], (*local.shape[:2], 3)).copy()
+        for index, node in enumerate(self.nodes):
+            if node.bone is None:
+                continue
+            parent = body.bones[node.bone].parent
+            if parent < 0:
+                local[:, index], shifts[:, index] = turned[:, node.bone], placed[:, node.bone]
+                continue
+            back = turned[:, parent].transpose(0, 2, 1)
+            local[:, index] = back @ turned[:, node.bone]
+            away = placed[:, node.bone] - placed[:, parent]
+            shifts[:, index] = np.einsum("fab,fb->fa", back, away)
+        return local, shifts
+
+
+def skeleton_of(body: BodyModel) -> Skeleton:
+    """Return the skeleton of `body`: its bones, the joints that are not where a bone begins, toes
+    and hands."""
+    builder = _Builder(body)
+    for index, bone in enumerate(body.bones):
+        if bone.parent < 0:
+            builder.add_bone(index, -1)
+    return Skeleton(tuple(builder.nodes), builder.rest, builder.node_of)
+
+
+class _Builder:
+    """Adds the nodes of a body depth first."""
+
+    def __init__(self, body: BodyModel) -> None:
+        self.body, self.rest = body, _rest_attitude(body)
+        self.nodes: list[Node] = []
+        self.node_of: dict[str, int] = {}
+        self._markers = [m for m in virtual_markers(body) if sideless(m.name) in _HOLDERS]
+
+    def add_bone(self, index: int, parent: int) -> None:
+        """A bone, the points on it, and the bones that hang from it."""
+        bone, own = self.body.bones[index], len(self.nodes)
+        offset = np.zeros(3) if bone.parent < 0 else self.rest[bone.parent] @ bone.offset
+        self.nodes.append(Node(node_name(bone.name), parent, offset, index))
+        for joint in self.body.joints:
+            if joint.bone == index:
+                self._add_joint(joint, own)
+        for child, below in enumerate(self.body.bones):
+            if below.parent == index:
+                self.add_bone(child, own)
+
+    def _add_joint(self, joint: Joint, bone_node: int) -> None:
+        """A joint, where its bone does not begin there, and the markers that hang from it."""
+        if np.linalg.norm(joint.position) < 1e-9:
+            self.node_of[joint.name] = bone_node
+            return
+        own = self._add_point(joint, bone_node, joint.position)
+        for marker in self._markers:
+            side = marker.name.removesuffix(sideless(marker.name))
+            if marker.bone == joint.bone and side + _HOLDERS[sideless(marker.name)] == joint.name:
+                self._add_point(marker, own, marker.position - joint.position)
+
+    def _add_point(self, point: Joint, parent: int, offset: np.ndarray) -> int:
+        self.node_of[point.name] = len(self.nodes)
+        self.nodes.append(Node(node_name(point.name), parent, self.rest[point.bone] @ offset))
+        return len(self.nodes) - 1
+
+
+def _rest_attitude(body: BodyModel) -> np.ndarray:
+    """Return (B, 3, 3) rotations from the bones' frames to the rest attitude: the body with all its
+    angles at 0, its arms turned outwards, facing along Z with Y up."""
+    upright = np.zeros((1, body.n_dof))
+    rotations = bone_matrices(body, upright)[0][0].copy()
+    forward, up, right = standing_axes(body).T
+    places = dict(zip(body.joint_names, posed_joints(body, upright)[0], strict=True))
+    for side, outwards in (("l", -right), ("r", right)):
+        shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
+        if {shoulder, elbow} <= set(places):
+            turn = _between(places[elbow] - places[shoulder], outwards)
+            arm = body.joints[body.joint_names.index(shoulder)].bone
+            for bone in _and_below(body, arm):
+                rotations[bone] = turn @ rotations[bone]
+    return np.stack([-right, up, forward]) @ rotations
+
+
+def _between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the least rotation (3, 3) that turns the direction of `start` to that of `end`."""
+    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    cross, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-9:  # any axis across
+        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+        across /= np.linalg.norm(across)
+        return 2 * np.outer(across, across) - np.eye(3)
+    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
+
+
+def _and_below(body: BodyModel, bone: int) -> list[int]:
+    """Return a bone and all that hang from it."""
+    found = {bone}
+    for index, own in enumerate(body.bones):  # parents come first
+        if own.parent in found:
+            found.add(index)
+    return sorted(found)
+
+
+def node_name(name: str) -> str:
+    """Return how files of animation call a bone, joint or marker of a body."""
+    plain = sideless(name)
+    side = "" if plain == name else side_of(name).capitalize()
+    return side + _NAMES.get(plain, "".join(word.capitalize() for word in plain.split("_")))

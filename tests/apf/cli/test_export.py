@@ -1,0 +1,95 @@
+"""`apf export` and `apf.export`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.striders import SONG, strider
+from helpers.tracks import walker
+
+import apf
+from apf.body import save_body
+from apf.cli import main
+from apf.formats.trc import read_trc
+from apf.tracking.export import EXPORTS
+from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.track import Track
+from cl import InputError
+
+
+def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    track = strider(150, noise=0.01)
+    track.save(tmp_path / "track.npz")
+    before = (tmp_path / "track.npz").read_bytes()
+    assert main(["export", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"track.npz", *EXPORTS.values()}
+    assert (tmp_path / "track.npz").read_bytes() == before  # the raw poses
+    said = capfd.readouterr().out
+    assert "smoothed at 6 Hz and feet held" in said and "steps/min" in said
+    assert all(name in said for name in EXPORTS.values())
+    smooth = smoothed(track)
+    np.testing.assert_allclose(
+        read_trc(tmp_path / "motion.trc").joints, smooth.points.joints, atol=1e-6
+    )
+    gait = json.loads((tmp_path / "gait.json").read_text())
+    assert gait["cadence_steps_per_min"] == pytest.approx(120, rel=0.03)
+
+
+def test_choices(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    track = replace(strider(60, noise=0.01), diagnostics={"lost": np.arange(60) // 10 == 2})
+    track.save(tmp_path / "track.npz")
+    out = tmp_path / "out"
+    wanted = ["--to", "trc", "bvh", "-o", str(out), "--axes", "z-up", "--raw"]
+    assert main(["export", str(tmp_path / "track.npz"), *wanted]) == 0
+    assert {path.name for path in out.iterdir()} == {"motion.trc", "motion.bvh"}
+    said = " ".join(capfd.readouterr().out.split())
+    assert "not smoothed" in said and "lost in frames 20-29" in said and "gait" not in said
+    found = read_trc(out / "motion.trc", "z-up").joints
+    np.testing.assert_allclose(found, track.points.joints, atol=1e-6)
+
+
+def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
+    track = smoothed(strider(60, noise=0.01), SmoothingConfig(cutoff=3))
+    written = apf.export(track, tmp_path, ["c3d", "gait", "c3d"])
+    assert written.track is track and written.files == (tmp_path / "motion.c3d",)
+    assert written.gait is None  # one step only
+
+
+def test_who_does_not_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    walker(10).save(tmp_path / "track.npz")
+    assert main(["export", str(tmp_path), "--to", "gait", "csv"]) == 0
+    assert "nobody walks" in capfd.readouterr().out
+    assert not (tmp_path / "gait.json").exists() and (tmp_path / "angles.csv").exists()
+
+
+def test_tracks_of_before_hold_no_body_but_have_it_beside_them(tmp_path: Path) -> None:
+    replace(strider(20), body=None).save(tmp_path / "track.npz")
+    assert main(["export", str(tmp_path), "--to", "bvh"]) == 2
+    save_body(tmp_path / "body.toml", SONG)
+    assert Track.open(tmp_path).its_body.name == "song31"
+    assert main(["export", str(tmp_path), "--to", "bvh"]) == 0
+    (tmp_path / "body.toml").rename(tmp_path / "other.toml")
+    flag = ["--body", str(tmp_path / "other.toml")]
+    assert main(["export", str(tmp_path), "--to", "glb", *flag]) == 0
+
+
+def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    replace(strider(20), body=None).save(tmp_path / "track.npz")
+    (tmp_path / "file").write_text("")
+    for wrong, said in (
+        ([str(tmp_path)], "expected body.toml"),
+        ([str(tmp_path / "nowhere")], "no such file"),
+        ([str(tmp_path), "--body", "rymut31_upper"], "not the one that was tracked"),
+        ([str(tmp_path), "--cutoff", "0"], "expected"),
+        ([str(tmp_path), "--body", "song31", "-o", str(tmp_path / "file")], "cannot be written"),
+    ):
+        assert main(["export", *wrong]) == 2
+        lines = capfd.readouterr().err.strip().splitlines()
+        assert len(lines) == 1 and said in lines[0], lines
+    with pytest.raises(InputError, match="not exported as 'fbx'; expected bvh"):
+        apf.export(strider(5), tmp_path, ["fbx"])

@@ -1,0 +1,167 @@
+"""C3D, TRC, MOT and CSV as other readers see them."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+from helpers import bodies
+from helpers.striders import strider, track_of_poses
+from scipy.spatial.transform import Rotation
+
+from apf.body import load_body
+from apf.body.anatomy import anatomical_frames
+from apf.formats import write_angle_csv
+from apf.formats.angles import coordinates
+from apf.formats.trc import read_trc
+from apf.tracking.smoothing import smoothed
+from apf.tracking.track import Track
+from cl import InputError
+
+
+def walk() -> Track:
+    """With a covariance, and lost in frames 3 and 4."""
+    track = strider(10)
+    lost = np.zeros(10, bool)
+    lost[3:5] = True
+    covariance = np.zeros((10, len(track.joint_names), 3, 3))
+    covariance[:] = np.diag([0.01, 0.02, 0.03]) ** 2
+    covariance[:, track.joint_names.index("l_ankle")] *= 4
+    covariance[lost] = np.nan
+    return replace(track, diagnostics={"lost": lost, "covariance": covariance})
+
+
+def test_ezc3d_reads_points_units_rate_and_residuals(tmp_path: Path) -> None:
+    track = replace(walk(), frames=np.arange(20, 30))
+    track.save(tmp_path / "a.c3d")
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    point = file["parameters"]["POINT"]
+    assert point["UNITS"]["value"] == ["mm"] and point["RATE"]["value"][0] == 60
+    assert point["X_SCREEN"]["value"] == ["+X"] and point["Y_SCREEN"]["value"] == ["+Z"]
+    labels = point["LABELS"]["value"]
+    assert labels == list(track.points.joint_names)
+    assert {"l_heel", "l_toe", "r_hand"} <= set(labels)
+    assert file["header"]["points"]["first_frame"] == 20
+    points = file["data"]["points"][:3].transpose(2, 1, 0) / 1000
+    np.testing.assert_allclose(points, track.points.joints, atol=1e-6)
+    assert np.isnan(points[3:5]).all() and np.isfinite(np.delete(points, [3, 4], 0)).all()
+    residuals = dict(zip(labels, file["data"]["meta_points"]["residuals"][0], strict=True))
+    away = 1000 * np.sqrt(0.01**2 + 0.02**2 + 0.03**2)
+    assert residuals["neck"][0] == pytest.approx(away, abs=1)  # the format rounds them
+    assert residuals["l_ankle"][0] == pytest.approx(2 * away, abs=1)
+    assert residuals["l_heel"][0] == residuals["l_ankle"][0] > residuals["r_heel"][0]
+    assert (residuals["neck"][3:5] == -1).all()
+
+
+def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
+    track = replace(strider(3), frames=np.array([4, 6, 10]))
+    track.save(tmp_path / "a.c3d")
+    file = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    points = file["data"]["points"][:3].transpose(2, 1, 0) / 1000
+    assert file["parameters"]["POINT"]["RATE"]["value"][0] == 30 and len(points) == 4
+    np.testing.assert_allclose(points[[0, 1, 3]], track.points.joints, atol=1e-6)
+    assert np.isnan(points[2]).all()
+
+
+@pytest.mark.parametrize("axes", ["y-up", "z-up", "pose2sim"])
+def test_trc_has_markers_and_named_axes(tmp_path: Path, axes: str) -> None:
+    track = walk()
+    track.save(tmp_path / "a.trc", axes=axes)
+    again = read_trc(tmp_path / "a.trc", axes)
+    assert again.joint_names == track.points.joint_names
+    assert {"l_heel", "r_toe", "l_hand"} <= set(again.joint_names)
+    np.testing.assert_allclose(again.joints, track.points.joints, atol=1e-6)
+    assert np.isnan(again.joints[3]).all()
+    row = (tmp_path / "a.trc").read_text().split("\n")[6].split("\t")
+    x, y, z = 1000 * track.joints[0, track.joint_names.index("pelvis")]
+    shown = {"y-up": (x, z, -y), "z-up": (x, y, z), "pose2sim": (y, z, x)}[axes]
+    np.testing.assert_allclose([float(cell) for cell in row[2:5]], shown, atol=1e-3)
+    with pytest.raises(InputError, match="axes are 'up'; expected one of y-up"):
+        track.save(tmp_path / "b.trc", axes="up")
+
+
+def read_mot(path: Path) -> dict[str, np.ndarray]:
+    header, body = path.read_text().split("endheader\n")
+    assert "inDegrees=yes" in header and header.startswith("a\nversion=1\n")
+    lines = body.strip().split("\n")
+    table = np.array([line.split("\t") for line in lines[1:]], float)
+    assert f"nRows={len(table)}" in header and f"nColumns={table.shape[1]}" in header
+    return dict(zip(lines[0].split("\t"), table.T, strict=True))
+
+
+def test_mot_turns_segments_as_opensim_does(tmp_path: Path) -> None:
+    """Its joints turn about Z, X' and Y'' (Rajagopal et al. 2016); knees to positive angles."""
+    body = load_body("song31")
+    track = track_of_poses(body, bodies.random_poses(body, 15, wild=True))
+    track.save(tmp_path / "a.mot")
+    table, frames = read_mot(tmp_path / "a.mot"), anatomical_frames(body, track.poses)
+    to_y_up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+    def turned(*names: str) -> np.ndarray:
+        degrees = np.stack([table[name] for name in names], -1)
+        return Rotation.from_euler("ZXY", degrees, degrees=True).as_matrix()
+
+    pelvis = turned("pelvis_tilt", "pelvis_list", "pelvis_rotation")
+    np.testing.assert_allclose(pelvis, to_y_up @ frames["pelvis"], atol=1e-6)
+    thigh = pelvis @ turned("hip_flexion_r", "hip_adduction_r", "hip_rotation_r")
+    np.testing.assert_allclose(thigh, to_y_up @ frames["r_thigh"], atol=1e-6)
+    torso = pelvis @ turned("lumbar_extension", "lumbar_bending", "lumbar_rotation")
+    arm = torso @ turned("arm_flex_r", "arm_add_r", "arm_rot_r")
+    np.testing.assert_allclose(arm, to_y_up @ frames["r_upper_arm"], atol=1e-6)
+    knee = Rotation.from_euler("z", -table["knee_angle_r"][:, None], degrees=True).as_matrix()
+    np.testing.assert_allclose(thigh @ knee, to_y_up @ frames["r_shank"], atol=1e-6)
+    place = np.stack([table[f"pelvis_t{axis}"] for axis in "xyz"], -1) @ to_y_up
+    np.testing.assert_allclose(place, track.joints[:, 0], atol=1e-7)
+    own = np.degrees(track.poses[:, body.dof_names.index("l_thigh.ry")])
+    np.testing.assert_allclose(table["hip_flexion_l"], own, atol=1e-6)
+    np.testing.assert_allclose(table["time"], track.times, atol=1e-8)
+
+
+def test_mot_of_lost_frames_and_of_parts_of_bodies(tmp_path: Path) -> None:
+    walk().save(tmp_path / "a.mot")
+    table = read_mot(tmp_path / "a.mot")
+    assert all(np.isnan(v[3:5]).all() for name, v in table.items() if name != "time")
+    assert np.isfinite(np.delete(table["knee_angle_l"], [3, 4])).all()
+    upper = load_body("rymut31_upper")
+    assert "knee_angle_r" not in coordinates(upper, upper.rest_pose[None])
+
+
+def test_angle_csv(tmp_path: Path) -> None:
+    track = replace(walk(), frames=np.arange(50, 60))
+    write_angle_csv(tmp_path / "angles.csv", track.motion)
+    with (tmp_path / "angles.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:3] == ["frame", "time_s", "pelvis_rotation_deg"]
+    assert rows[2]["frame"] == "52" and float(rows[2]["time_s"]) == pytest.approx(52 / 60, abs=1e-6)
+    for name, values in track.angles.items():
+        cells = [row[f"{name}_deg"] for row in rows]
+        assert cells[3] == cells[4] == ""
+        for cell, value in zip(cells, values, strict=True):
+            assert cell == "" if np.isnan(value) else abs(float(cell) - value) < 1e-4
+    knee = np.degrees(track.poses[:, track.dof_names.index("l_calf.ry")])
+    assert np.nanmax(np.abs(track.angles["l_knee_flexion"] - knee)) < 1e-9
+
+
+def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
+    track = replace(walk(), body=None)
+    track.save(tmp_path / "a.trc")
+    assert read_trc(tmp_path / "a.trc").joint_names == track.joint_names
+    for ending in ("bvh", "c3d", "mot", "glb"):
+        with pytest.raises(InputError, match="does not hold its body"):
+            track.save(tmp_path / f"a.{ending}")
+    with pytest.raises(InputError, match="does not hold its body"):
+        _ = track.angles
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.trc"]
+
+
+def test_what_the_files_say_of_themselves(tmp_path: Path) -> None:
+    for track, said in ((strider(10), "not smoothed"), (smoothed(strider(10)), "smoothed")):
+        track.save(tmp_path / "a.c3d")
+        remark = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["MANUFACTURER"]["REMARK"]
+        assert remark["value"][0].endswith(said) and "song31" in remark["value"][0]
+        track.save(tmp_path / "a.mot")
+        assert said in (tmp_path / "a.mot").read_text().split("endheader")[0]

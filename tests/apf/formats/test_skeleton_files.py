@@ -1,0 +1,260 @@
+"""BVH and GLB as other readers see them: bvhio, pygltflib, trimesh, and Blender where it is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import bvhio
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+from helpers import bodies
+from helpers.striders import strider, track_of_poses
+from scipy.spatial.transform import Rotation
+
+from apf.body import bone_matrices, distances, load_body, posed_cones
+from apf.formats.bvh import continuous
+from apf.formats.skeleton import TO_Y_UP, node_name, skeleton_of
+from apf.tracking.track import Track
+
+#: Where programs of animation have the joints.
+NODES = {
+    "pelvis": "Hips", "neck": "Head", "l_shoulder": "LeftArm", "l_elbow": "LeftForeArm",
+    "l_wrist": "LeftHand", "l_hip": "LeftUpLeg", "l_knee": "LeftLeg", "l_ankle": "LeftFoot",
+    "r_shoulder": "RightArm", "r_elbow": "RightForeArm", "r_wrist": "RightHand",
+    "r_hip": "RightUpLeg", "r_knee": "RightLeg", "r_ankle": "RightFoot",
+}  # fmt: skip
+
+
+def wild(name: str, frames: int = 12) -> Track:
+    body = load_body(name)
+    return track_of_poses(body, bodies.random_poses(body, frames, wild=True))
+
+
+def in_world(point: object) -> np.ndarray:
+    """A place of a file with Y up, in the tracker's world."""
+    return TO_Y_UP.T @ np.array(list(point))  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize("name", ["song31", "rymut31"])
+def test_bvhio_rebuilds_joints_and_rotations(tmp_path: Path, name: str) -> None:
+    track = wild(name)
+    track.save(tmp_path / "a.bvh")
+    root = bvhio.readAsHierarchy(str(tmp_path / "a.bvh"))
+    assert root.Name == "Hips" and root.getKeyframeRange() == (0, 11)
+    turned = TO_Y_UP @ bone_matrices(track.its_body, track.poses)[0]
+    first = {}
+    for frame in range(12):
+        root.loadPose(frame)
+        for joint, node in NODES.items():
+            (found,) = root.filter(node, isEqual=True)
+            place = in_world(found.PositionWorld) / 100
+            true = track.joints[frame, track.joint_names.index(joint)]
+            assert np.linalg.norm(place - true) < 1e-5, (frame, joint)
+            if joint.endswith(("wrist", "ankle")):
+                continue  # points of the bone before them
+            q = found.RotationWorld
+            rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+            bone = next(j.bone for j in track.its_body.joints if j.name == joint)
+            rest = first.setdefault(joint, rotation.T @ turned[frame, bone])
+            away = Rotation.from_matrix(rotation @ rest @ turned[frame, bone].T).magnitude()
+            assert np.degrees(away) < 0.01, (frame, joint)
+
+
+def test_the_rest_attitude_stands_with_its_arms_out(tmp_path: Path) -> None:
+    for name in ("song31", "rymut31"):
+        skeleton = skeleton_of(load_body(name))
+        place = {node.name: at for node, at in zip(skeleton.nodes, skeleton.places(), strict=True)}
+        assert place["Head"][1] > 0.5 and place["LeftFoot"][1] < -0.8  # Y up
+        assert place["LeftToeBase"][2] > 0.1  # faces along Z
+        for side, sign in (("Left", 1), ("Right", -1)):
+            along = place[f"{side}Hand"] - place[f"{side}Arm"]
+            np.testing.assert_allclose(along[1:], 0, atol=1e-9)
+            assert sign * along[0] > 0.4
+    assert node_name("l_wrist") == "LeftHand" and node_name("tip") == "Tip"
+
+
+def test_the_text_of_a_bvh(tmp_path: Path) -> None:
+    track = replace(strider(4), frames=np.array([8, 10, 12, 16]))
+    track.save(tmp_path / "a.bvh")
+    lines = (tmp_path / "a.bvh").read_text().splitlines()
+    assert lines[:4] == ["HIERARCHY", "ROOT Hips", "{", "\tOFFSET 0.000000 0.000000 0.000000"]
+    channels = [line.split() for line in lines if "CHANNELS" in line]
+    assert channels[0][2:] == [
+        "Xposition", "Yposition", "Zposition", "Zrotation", "Xrotation", "Yrotation"
+    ]  # fmt: skip
+    assert {tuple(line[1:]) for line in channels[1:]} == {
+        ("3", "Zrotation", "Xrotation", "Yrotation")
+    }
+    at = lines.index("MOTION")
+    # Every second frame of 60; the one that is missing holds the pose before it.
+    assert lines[at + 1] == "Frames: 5" and lines[at + 2] == f"Frame Time: {1 / 30:.8f}"
+    rows = np.array([line.split() for line in lines[at + 3 :]], float)
+    assert rows.shape == (5, 6 + 3 * (len(channels) - 1))
+    np.testing.assert_array_equal(rows[3], rows[2])
+    np.testing.assert_allclose(rows[0, :3], [100 * v for v in (0, 0.86, 0)], atol=1e-4)
+
+
+def test_bodies_of_any_structure(tmp_path: Path) -> None:
+    """A slider after a hinge, a turned bone, two roots, one of them without anything below it."""
+    body = bodies.named("stick")
+    track = track_of_poses(body, bodies.random_poses(body, 6, wild=True))
+    track.save(tmp_path / "a.bvh")
+    text = (tmp_path / "a.bvh").read_text()
+    assert text.count("ROOT") == 2 and text.count("{") == text.count("}")
+    skeleton = skeleton_of(body)
+    local, shifts = skeleton.motion(body, track.poses)
+    turned, placed = np.empty_like(local), np.empty_like(shifts)
+    for index, node in enumerate(skeleton.nodes):
+        turned[:, index], placed[:, index] = local[:, index], shifts[:, index]
+        if node.parent >= 0:
+            turned[:, index] = turned[:, node.parent] @ local[:, index]
+            moved = np.einsum("fab,fb->fa", turned[:, node.parent], shifts[:, index])
+            placed[:, index] = placed[:, node.parent] + moved
+    for joint, name in enumerate(track.joint_names):
+        found = placed[:, skeleton.node_of[name]] @ TO_Y_UP
+        np.testing.assert_allclose(found, track.joints[:, joint], atol=1e-9)
+
+
+def test_angles_do_not_jump() -> None:
+    turning = np.linspace(0, 9, 200)
+    rotations = Rotation.from_euler("ZXY", np.stack([turning, 0.9 * turning, -turning], -1))
+    wrapped = rotations.as_euler("ZXY")
+    assert np.abs(np.diff(wrapped, axis=0)).max() > 3
+    found = continuous(wrapped)
+    assert np.abs(np.diff(found, axis=0)).max() < 0.1
+    again = Rotation.from_euler("ZXY", found)
+    assert (again.inv() * rotations).magnitude().max() < 1e-9
+
+
+def gltf_values(file: pygltflib.GLTF2, accessor: int) -> np.ndarray:
+    entry = file.accessors[accessor]
+    view = file.bufferViews[entry.bufferView]
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[entry.type]
+    kind = {5126: np.float32, 5121: np.uint8, 5125: np.uint32}[entry.componentType]
+    blob = file.binary_blob()
+    values = np.frombuffer(blob, kind, entry.count * width, view.byteOffset)
+    return values.reshape(entry.count, width)
+
+
+def gltf_nodes(file: pygltflib.GLTF2, frame: int) -> np.ndarray:
+    """(N, 4, 4) where the animation puts the nodes in the world in a frame."""
+    parents = {child: index for index, node in enumerate(file.nodes) for child in node.children}
+    moves = [(n.translation or [0, 0, 0], n.rotation or [0, 0, 0, 1]) for n in file.nodes]
+    for channel in file.animations[0].channels:
+        output = file.animations[0].samplers[channel.sampler].output
+        value, node = gltf_values(file, output)[frame], channel.target.node
+        place, turn = moves[node]
+        moves[node] = (value, turn) if channel.target.path == "translation" else (place, value)
+
+    def world(index: int) -> np.ndarray:
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(moves[index][1]).as_matrix()
+        matrix[:3, 3] = moves[index][0]
+        return world(parents[index]) @ matrix if index in parents else matrix
+
+    return np.array([world(index) for index in range(len(file.nodes))])
+
+
+@pytest.mark.parametrize("name", ["song31", "rymut31"])
+def test_gltf_rebuilds_joints_and_skin(tmp_path: Path, name: str) -> None:
+    track = replace(wild(name), frames=np.arange(30, 42))
+    track.save(tmp_path / "a.glb")
+    file = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    names = [node.name for node in file.nodes]
+    assert len(set(names)) == len(names)
+    times = gltf_values(file, file.animations[0].samplers[0].input)[:, 0]
+    np.testing.assert_allclose(times, np.arange(12) / 60, atol=1e-6)
+    unbind = gltf_values(file, file.skins[0].inverseBindMatrices).reshape(-1, 4, 4)
+    attributes = file.meshes[0].primitives[0].attributes
+    points, owners, normals = (
+        gltf_values(file, getattr(attributes, kind)) for kind in ("POSITION", "JOINTS_0", "NORMAL")
+    )
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+    for frame in (0, 5, 11):
+        matrices = gltf_nodes(file, frame)
+        for joint, node in NODES.items():
+            place = in_world(matrices[names.index(node), :3, 3])
+            true = track.joints[frame, track.joint_names.index(joint)]
+            assert np.linalg.norm(place - true) < 1e-5
+        bound = matrices[file.skins[0].joints] @ unbind.transpose(0, 2, 1)
+        ones = np.column_stack([points, np.ones(len(points))])
+        skin = np.einsum("vab,vb->va", bound[owners[:, 0]], ones)[:, :3] @ TO_Y_UP
+        # The skin is the body's: its vertices lie on the surface of the posed cones.
+        cones = posed_cones(track.its_body, track.poses[frame : frame + 1])[0]
+        assert np.abs(distances(skin, cones)).min(1).max() < 0.02
+
+
+def test_trimesh_opens_a_glb(tmp_path: Path) -> None:
+    track = strider(20)
+    lost = np.zeros(20, bool)
+    lost[3:5] = True
+    replace(track, diagnostics={"lost": lost}).save(tmp_path / "a.glb")
+    scene = trimesh.load(tmp_path / "a.glb")
+    assert len(scene.geometry) == 3 and {"Hips", "LeftFoot"} <= set(scene.graph.nodes)
+    place = in_world(scene.graph.get("LeftFoot")[0][:3, 3])
+    np.testing.assert_allclose(
+        place, track.joints[0, track.joint_names.index("l_ankle")], atol=1e-5
+    )
+    file = pygltflib.GLTF2().load(tmp_path / "a.glb")
+    assert file.animations[0].extras["lost_frames"] == [3, 4]
+    assert "not smoothed" in file.animations[0].extras["note"]
+
+
+@pytest.mark.parametrize("frames", [0, 1])
+def test_short_tracks(tmp_path: Path, frames: int) -> None:
+    for ending in ("bvh", "glb"):
+        strider(frames).save(tmp_path / f"a.{ending}")
+        assert (tmp_path / f"a.{ending}").stat().st_size > 500
+
+
+BLENDER = """
+import bpy, json, sys
+folder, out = sys.argv[-2:]
+found = {}
+for kind in ("bvh", "glb"):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.scene.render.fps = 60
+    if kind == "bvh":
+        bpy.ops.import_anim.bvh(filepath=folder + "/a.bvh", global_scale=0.01)
+    else:
+        bpy.ops.import_scene.gltf(filepath=folder + "/a.glb")
+    armature = next(o for o in bpy.data.objects if o.type == "ARMATURE")
+    found[kind] = []
+    for frame in range(12):
+        bpy.context.scene.frame_set(frame + (kind == "bvh"))
+        found[kind].append({
+            bone.name: list(armature.matrix_world @ bone.head) for bone in armature.pose.bones
+        })
+json.dump(found, open(out, "w"))
+"""
+
+
+def test_blender_shows_the_person_where_the_tracker_saw_him(tmp_path: Path) -> None:
+    """With its own importers and their defaults, but for the BVH's centimetres."""
+    if find_spec("bpy"):
+        program = [sys.executable]
+    elif shutil.which("blender"):
+        program = ["blender", "--background", "--python"]
+    else:
+        pytest.skip("neither bpy nor blender is installed")
+    track = wild("song31")
+    for ending in ("bvh", "glb"):
+        track.save(tmp_path / f"a.{ending}")
+    (tmp_path / "look.py").write_text(BLENDER)
+    files = [str(tmp_path / name) for name in ("look.py", "", "found.json")]
+    separator = ["--"] if len(program) > 1 else []
+    subprocess.run([*program, files[0], *separator, *files[1:]], check=True, capture_output=True)
+    for frames in json.loads((tmp_path / "found.json").read_text()).values():
+        for frame, bones in enumerate(frames):
+            for joint, node in NODES.items():
+                if node in bones:  # of a GLB points are no bones
+                    true = track.joints[frame, track.joint_names.index(joint)]
+                    assert np.linalg.norm(bones[node] - true) < 1e-4, (frame, joint)
