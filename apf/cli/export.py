@@ -13,6 +13,7 @@ from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, stdout
+from psfs.common.outputs import output_folder
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -64,9 +65,11 @@ def run(args: argparse.Namespace) -> None:
     try:
         if args.body is not None:
             track = replace(track, body=load_body(args.body))
-        written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
+        _ = track.its_body  # before anything is written
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
+    with output_folder(folder, args.parser.prog, addition=True):
+        written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
     print_export(written, "gait" in args.to)
 
 

@@ -27,7 +27,7 @@ def test_all_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     before = (tmp_path / "track.npz").read_bytes()
     assert main(["export", str(tmp_path)]) == 0
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"track.npz", *EXPORTS.values()}
+    assert names == {"track.npz", "manifest.txt", *EXPORTS.values()}
     assert (tmp_path / "track.npz").read_bytes() == before  # the raw poses
     said = capfd.readouterr().out
     assert "smoothed at 6 Hz and feet held" in said and "steps/min" in said
@@ -46,11 +46,24 @@ def test_choices(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     wanted = ["--to", "trc", "bvh", "-o", str(out), "--axes", "z-up", "--raw"]
     assert main(["export", str(tmp_path / "track.npz"), *wanted]) == 0
-    assert {path.name for path in out.iterdir()} == {"motion.trc", "motion.bvh"}
+    assert {path.name for path in out.iterdir()} == {"motion.trc", "motion.bvh", "manifest.txt"}
     said = " ".join(capfd.readouterr().out.split())
     assert "not smoothed" in said and "lost in frames 20-29" in said and "gait" not in said
     found = read_trc(out / "motion.trc", "z-up").joints
     np.testing.assert_allclose(found, track.points.joints, atol=1e-6)
+
+
+def test_exports_join_those_before_and_spare_what_is_not_theirs(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    strider(20).save(tmp_path / "track.npz")
+    for kind in ("bvh", "csv", "bvh"):
+        assert main(["export", str(tmp_path), "--to", kind]) == 0
+    assert (tmp_path / "motion.bvh").exists() and (tmp_path / "angles.csv").exists()
+    (tmp_path / "motion.c3d").write_text("mine")
+    assert main(["export", str(tmp_path), "--to", "c3d"]) == 2
+    assert "not of an earlier run" in capfd.readouterr().err
+    assert (tmp_path / "motion.c3d").read_text() == "mine"
 
 
 def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
@@ -86,7 +99,7 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, capfd: pytest.CaptureFi
         ([str(tmp_path / "nowhere")], "no such file"),
         ([str(tmp_path), "--body", "rymut31_upper"], "not the one that was tracked"),
         ([str(tmp_path), "--cutoff", "0"], "expected"),
-        ([str(tmp_path), "--body", "song31", "-o", str(tmp_path / "file")], "cannot be written"),
+        ([str(tmp_path), "--body", "song31", "-o", str(tmp_path / "file")], "is a file"),
     ):
         assert main(["export", *wrong]) == 2
         lines = capfd.readouterr().err.strip().splitlines()

@@ -114,7 +114,14 @@ def test_the_command(tmp_path: Path) -> None:
     save_body(tmp_path / "a" / "body.toml", BODY)
     assert main(["smooth", str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--lag", "4"]) == 0
     names = {path.name for path in (tmp_path / "b").iterdir()}
-    assert names == {"track.npz", "joints.trc", "joints.csv", "body.toml"}
+    assert names == {
+        "track.npz",
+        "joints.trc",
+        "joints.csv",
+        "body.toml",
+        "settings.toml",
+        "manifest.txt",
+    }
     found = Track.open(tmp_path / "b")
     assert found.smoothing == {
         "mode": "fixed lag",
