@@ -11,7 +11,7 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
 from apf.filters.method import Method
-from apf.initialisation.from_joints import fit_to_joints, read_pose
+from apf.initialisation.from_joints import check_pose, fit_to_joints, read_pose
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from apf.tracking.batch import track_take
@@ -105,6 +105,9 @@ def given_start(
     if init is None:
         return (model, model.rest_pose) if own else None
     if isinstance(init, np.ndarray):
+        if init.shape != (model.n_dof,):
+            raise InputError(f"init has the shape {init.shape}; expected ({model.n_dof},)")
+        check_pose(init, model, "init")
         return model, init
     path = Path(init)
     if path.suffix.lower() not in (".npz", ".trc"):
@@ -117,5 +120,8 @@ def given_start(
         name: truth.joints[rows[0], column]
         for name, column in match_joints(truth.joint_names).items()
     }
-    model, pose, _ = fit_to_joints(model, joints)
+    try:
+        model, pose, _ = fit_to_joints(model, joints)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     return model, pose

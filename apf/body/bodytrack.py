@@ -58,9 +58,16 @@ def read_poses(path: Path) -> np.ndarray:
     values = read_numbers(path)
     if values.size == 0 or values.size % _N_DOF:
         raise InputError(f"{path}: {values.size} numbers; expected a multiple of {_N_DOF}")
+    _check(values, path, 1e5)
     poses = values.reshape(-1, _N_DOF)
     poses[:, TRANSLATIONS] *= 1e-3
     return poses
+
+
+def _check(values: np.ndarray, path: Path, most: float) -> None:
+    wrong = values[~(np.abs(values) <= most)]  # NaN, too
+    if wrong.size:
+        raise InputError(f"{path}: holds {wrong[0]:g}; expected numbers up to {most:g}")
 
 
 def read_body(folder: Path) -> BodyModel:
@@ -76,12 +83,22 @@ def read_body(folder: Path) -> BodyModel:
             f"{folder / 'BodyShapeParameters.txt'}: {shape.size} numbers; expected 58 "
             "(10 parts x 4 and 18 lengths)"
         )
+    _check(shape, folder / "BodyShapeParameters.txt", 3000)
+    if not np.all(shape >= 0):
+        raise InputError(
+            f"{folder / 'BodyShapeParameters.txt'}: holds {shape.min():g}; expected lengths from 0 on"
+        )
     ranges = read_numbers(folder / "PoseParameters.txt")
     if ranges.size != 3 * _N_DOF:
         raise InputError(
             f"{folder / 'PoseParameters.txt'}: {ranges.size} numbers; expected {3 * _N_DOF}"
         )
+    _check(ranges, folder / "PoseParameters.txt", 1e5)
     sigma = ranges[:_N_DOF].copy()
+    if not np.all(sigma >= 0):
+        raise InputError(
+            f"{folder / 'PoseParameters.txt'}: a deviation is {sigma.min():g}; expected 0 or more"
+        )
     sigma[TRANSLATIONS] *= 1e-3
     bones = _bones(shape[40:] * 1e-3)
     index = {bone.name: i for i, bone in enumerate(bones)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from apf.body.model import AXES, BodyModel, Bone, Cone, FreeAxis, Joint
+from apf.body.kinematics import posed_cones, posed_joints
+from apf.body.model import BodyModel, Bone, Cone, FreeAxis, Joint
+from apf.body.schema import MOST, AxisEntry, BodyEntry, BoneEntry, ConeEntry
 from cl import InputError, MissingFileError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
+from psfs.common.schema import checked
 from psfs.common.toml import parse_toml, read_toml
 
+#: No person is taller, m, arms raised.
+TALLEST = 3.0
 #: The bodies that are shipped.
 _BODIES = Path(str(resources.files("apf"))) / "body" / "models"
 
@@ -41,80 +46,85 @@ def body_from_text(text: str, source: str | Path) -> BodyModel:
 
 
 def _checked(data: dict[str, Any], source: str | Path) -> BodyModel:
+    entry = checked(BodyEntry, data, source)
     try:
-        return _parse(data)
-    except KeyError as error:
-        raise InputError(f"{source}: an entry lacks the key {error}") from None
-    except (TypeError, ValueError) as error:
+        body = _parse(entry)
+        _check_extent(body)
+    except ValueError as error:
         raise InputError(f"{source}: {error}") from None
+    return body
 
 
-def _parse(data: dict[str, Any]) -> BodyModel:
-    """Make a BodyModel of TOML tables; ValueError, KeyError or TypeError say what is wrong."""
-    names = [entry["name"] for entry in data["bone"]]
-    if len(set(names)) < len(names):
-        raise ValueError("two bones have the same name")
-    bones, dofs = _parse_bones(data["bone"], names)
-    cones = tuple(_parse_cone(entry, names) for entry in data.get("cone", []))
-    joints = tuple(
-        Joint(e["name"], _index(names, e["bone"], "bone"), _vector(e.get("position", (0, 0, 0))))
-        for e in data["joint"]
-    )
-    joint_names = [joint.name for joint in joints]
-    cone_names = [cone.name for cone in cones]
-    if not (dofs and cones and joints):
-        raise ValueError("a body needs at least one free axis, one cone and one joint")
-    limits = np.array([dof.get("limits", (-np.inf, np.inf)) for dof in dofs], float)
+def _parse(entry: BodyEntry) -> BodyModel:
+    """Make a BodyModel of TOML tables; ValueError says what is wrong."""
+    names = _different("bone", [bone.name for bone in entry.bone])
+    cone_names = _different("cone", [cone.name for cone in entry.cone])
+    joint_names = _different("joint", [joint.name for joint in entry.joint])
+    bones, dofs = _parse_bones(entry.bone, names)
+    if not 1 <= len(dofs) <= MOST:
+        raise ValueError(f"{len(dofs)} free axes; expected 1 to {MOST}")
+    limits = np.array([axis.limits for _, axis in dofs], float)
     ordered = limits[:, 0] < limits[:, 1]
     if not ordered.all():
-        wrong = dofs[int(np.argmin(ordered))]["name"]
+        wrong = dofs[int(np.argmin(ordered))][0]
         raise ValueError(f"{wrong}: the lower limit is not below the upper one")
-    sigma = np.array([dof["sigma"] for dof in dofs], float)
-    if not np.all(sigma >= 0):
-        raise ValueError("a sigma is not a number from 0 on")
-    posture_sigma = np.array([dof.get("posture_sigma", np.inf) for dof in dofs], float)
-    if not np.all(posture_sigma > 0):
-        raise ValueError("a posture_sigma is not a positive number")
     return BodyModel(
-        name=data["name"],
+        name=entry.name,
         bones=bones,
-        cones=cones,
-        joints=joints,
-        dof_names=tuple(dof["name"] for dof in dofs),
+        cones=tuple(_parse_cone(cone, names) for cone in entry.cone),
+        joints=tuple(
+            Joint(j.name, _index(names, j.bone, "bone"), np.array(j.position, float))
+            for j in entry.joint
+        ),
+        dof_names=tuple(_different("degree of freedom", [name for name, _ in dofs])),
         lower=limits[:, 0],
         upper=limits[:, 1],
-        sigma=sigma,
-        rest_pose=np.array([dof.get("rest", 0.0) for dof in dofs], float),
-        posture_sigma=posture_sigma,
-        edges=_pairs(data["edges"], joint_names, "joint"),
-        apart=_pairs(data.get("apart", []), cone_names, "cone"),
+        sigma=np.array([axis.sigma for _, axis in dofs], float),
+        rest_pose=np.array([axis.rest for _, axis in dofs], float),
+        posture_sigma=np.array([axis.posture_sigma for _, axis in dofs], float),
+        edges=_pairs(entry.edges, joint_names, "joint"),
+        apart=_pairs(entry.apart, cone_names, "cone"),
     )
+
+
+def _check_extent(body: BodyModel) -> None:
+    """Raise ValueError for a body that is no person's: larger than `TALLEST` where it rests."""
+    rest = np.clip(body.rest_pose, body.lower, body.upper)[None]
+    points = np.concatenate([posed_joints(body, rest)[0], posed_cones(body, rest)[0, :, :3]])
+    extent = float(np.ptp(points, axis=0).max())
+    if not extent <= TALLEST:
+        raise ValueError(f"the body measures {extent:.3g} m; expected at most {TALLEST:g} m")
+
+
+def _different(what: str, names: list[str]) -> list[str]:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ValueError(f"two {what}s have the same name, {twice[0]}")
+    return names
 
 
 def _parse_bones(
-    entries: Sequence[Mapping[str, Any]], names: Sequence[str]
-) -> tuple[tuple[Bone, ...], list[dict[str, Any]]]:
-    """Return the bones, and the entries of their axes ordered by index in the pose.
+    entries: Sequence[BoneEntry], names: Sequence[str]
+) -> tuple[tuple[Bone, ...], list[tuple[str, AxisEntry]]]:
+    """Return the bones, and their axes with names, ordered by index in the pose.
 
     That is the order of the file unless an entry's `dof` says otherwise.
     """
-    dofs: list[dict[str, Any]] = []
+    dofs: list[tuple[str, AxisEntry]] = []
     bones = []
     for index, entry in enumerate(entries):
         axes = []
-        for axis in entry.get("axes", []):
-            kind = axis["axis"].removeprefix("-")
-            sign = 1 if kind == axis["axis"] else -1
-            if kind not in AXES:
-                raise ValueError(f"bone {entry['name']}: axis {kind!r}; expected one of {AXES}")
-            axes.append(FreeAxis(kind, sign, int(axis.get("dof", len(dofs)))))
-            dofs.append({"name": f"{entry['name']}.{kind}", **axis})
+        for axis in entry.axes:
+            kind = axis.axis.removeprefix("-")
+            sign = 1 if kind == axis.axis else -1
+            axes.append(FreeAxis(kind, sign, len(dofs) if axis.dof is None else axis.dof))
+            dofs.append((axis.name or f"{entry.name}.{kind}", axis))
         bones.append(
             Bone(
-                entry["name"],
-                _index(names[:index], entry["parent"], "bone") if entry.get("parent") else -1,
-                _vector(entry.get("offset", (0, 0, 0))),
-                _rotation(entry.get("rest", np.eye(3))),
+                entry.name,
+                _index(names[:index], entry.parent, "bone") if entry.parent else -1,
+                np.array(entry.offset, float),
+                _rotation(entry.rest),
                 tuple(axes),
             )
         )
@@ -124,38 +134,33 @@ def _parse_bones(
     return tuple(bones), [dofs[index] for index in np.argsort(indices)]
 
 
-def _parse_cone(entry: dict[str, Any], bones: Sequence[str]) -> Cone:
-    start, end = _vector(entry["start"]), _vector(entry["end"])
+def _parse_cone(entry: ConeEntry, bones: Sequence[str]) -> Cone:
+    start, end = np.array(entry.start, float), np.array(entry.end, float)
     length = float(np.linalg.norm(end - start))
-    radius_a, radius_b = (float(radius) for radius in entry["radii"])
-    scale_x, scale_y = (float(factor) for factor in entry.get("scale", (1.0, 1.0)))
-    if not min(length, radius_a, radius_b, scale_x, scale_y) > 0:
-        raise ValueError(f"cone {entry['name']}: its length, radii and scale must be positive")
+    if length < 1e-6:
+        raise ValueError(f"cone {entry.name}: its length is {length:g} m; expected a positive one")
     axis = (end - start) / length
-    side = _vector(entry.get("side", (0, 1, 0)))
+    side = np.array(entry.side, float)
     side = side - axis * (side @ axis)
     if np.linalg.norm(side) < 1e-6:
-        raise ValueError(f"cone {entry['name']}: its side lies along its axis")
+        raise ValueError(f"cone {entry.name}: its side lies along its axis")
+    (radius_a, radius_b), (scale_x, scale_y) = entry.radii, entry.scale
     return Cone(
-        entry["name"],
-        _index(bones, entry["bone"], "bone"),
+        entry.name,
+        _index(bones, entry.bone, "bone"),
         start,
         end,
-        (radius_a, radius_b),
+        (float(radius_a), float(radius_b)),
         side / np.linalg.norm(side),
-        (scale_x, scale_y),
-        bool(entry.get("in_images", True)),
+        (float(scale_x), float(scale_y)),
+        entry.in_images,
     )
 
 
-def _rotation(values: Any) -> np.ndarray:
-    rotation = np.asarray(values, np.float64)
-    if (
-        rotation.shape != (3, 3)
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
-        or np.linalg.det(rotation) < 0
-    ):
-        raise ValueError(f"{values!r} is not a rotation matrix")
+def _rotation(values: Sequence[float]) -> np.ndarray:
+    rotation = np.array(values, np.float64).reshape(3, 3)
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise ValueError(f"{rotation.tolist()} is not a rotation matrix")
     return rotation
 
 
@@ -163,13 +168,6 @@ def _pairs(
     entries: Sequence[Sequence[str]], names: Sequence[str], what: str
 ) -> tuple[tuple[int, int], ...]:
     return tuple((_index(names, a, what), _index(names, b, what)) for a, b in entries)
-
-
-def _vector(values: Any) -> np.ndarray:
-    vector = np.asarray(values, np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{values!r} is not three finite numbers")
-    return vector
 
 
 def _index(names: Sequence[str], name: str, what: str) -> int:

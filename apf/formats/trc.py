@@ -6,13 +6,14 @@ of `CONVENTIONS`, when nothing else is said Y up: TRC (X, Y, Z) = world (x, z, -
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from cl import InputError
-from psfs.common.files import unreadable, written_whole
+from psfs.common.files import read_text, written_whole
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
 CONVENTIONS: dict[str, np.ndarray] = {
@@ -20,6 +21,8 @@ CONVENTIONS: dict[str, np.ndarray] = {
     "pose2sim": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
     "z-up": np.eye(3),  # world = (X, Y, Z)
 }
+#: m from the origin that a marker may be, frames, and bytes of a file.
+FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
          "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")  # fmt: skip
@@ -75,17 +78,12 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     or from 0 where the first is 0. Raises InputError naming the line that is wrong.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise unreadable(path, error) from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: cannot be read as a TRC file: not text") from None
+    lines = read_text(path, "a TRC file", _MOST_BYTES).splitlines()
     if len(lines) < 5 or not lines[0].startswith("PathFileType"):
         raise InputError(
             f"{path}: not a TRC file; expected its first line to be PathFileType 4 ..."
         )
-    fps, scale = _header(path, lines)
+    fps, scale, promised = _header(path, lines)
     labels = lines[3].split("\t")
     names = tuple(label.strip() for label in labels[2:] if label.strip())
     if not names:
@@ -98,16 +96,28 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     if not rows:
         raise InputError(f"{path}: holds no frame after the header")
     table = np.array(rows)
-    if not np.isfinite(table[:, 0]).all():
-        raise InputError(f"{path}: a Frame# is no finite number")
+    if not (np.abs(table[:, 0]) <= _MOST_FRAMES).all():
+        raise InputError(f"{path}: a Frame# is no number from 0 to {_MOST_FRAMES:g}")
+    if promised is not None and promised > len(rows):
+        raise InputError(
+            f"{path}: {len(rows)} frames; its NumFrames promises {promised}; it is cut or damaged"
+        )
     frames = np.rint(table[:, 0]).astype(np.int64)
     frames -= 0 if frames[0] == 0 else 1
+    if np.any(np.diff(frames) <= 0):
+        raise InputError(f"{path}: its Frame# do not ascend; expected each frame once, in order")
     points = table[:, 2:].reshape(len(rows), len(names), 3) * scale
+    if np.nanmax(np.abs(points), initial=0) > FARTHEST:
+        raise InputError(
+            f"{path}: a marker lies {np.nanmax(np.abs(points)):g} m from the origin; expected up "
+            f"to {FARTHEST:g} m: are its Units right?"
+        )
     return JointSeries(names, points @ CONVENTIONS[convention].T, fps, frames)
 
 
-def _header(path: Path, lines: list[str]) -> tuple[float, float]:
-    """fps and metres per unit; keys and values stand below each other on lines 2 and 3."""
+def _header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
+    """fps, metres per unit and the number of frames, if it is there; keys and values stand
+    below each other on lines 2 and 3."""
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = header.get("CameraRate", header.get("DataRate", ""))
     unit = header.get("Units", "")
@@ -117,9 +127,10 @@ def _header(path: Path, lines: list[str]) -> tuple[float, float]:
         fps = float(rate)
     except ValueError:
         fps = 0.0
-    if not 0 < fps < np.inf:
-        raise InputError(f"{path}: CameraRate is {rate!r}; expected a positive number")
-    return fps, _METRES[unit]
+    if not 1e-3 <= fps <= 1e5:
+        raise InputError(f"{path}: CameraRate is {rate!r}; expected a number from 0.001 to 100000")
+    n_frames = header.get("NumFrames", "")
+    return fps, _METRES[unit], int(n_frames) if re.fullmatch(r"\d{1,9}", n_frames) else None
 
 
 def _row(path: Path, number: int, line: str, n_markers: int) -> list[float]:

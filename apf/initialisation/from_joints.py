@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
+from apf.body.toml import TALLEST
 from apf.initialisation.config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import listed
@@ -19,6 +20,10 @@ from psfs.common.files import read_numbers, written_whole
 #: Of the differences that give derivatives, rad, m or log of a scale: about the root of float64's
 #: resolution.
 _STEP = 1e-7
+#: m from the origin that a person may be, and rad of an angle.
+FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
+#: m that the joints of a person to start from span at least.
+LEAST_EXTENT = 0.1
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:
@@ -27,12 +32,26 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
     Raises InputError naming the file if it is missing, not numbers, or of another body.
     """
     values = read_numbers(path)
-    if values.size < body.n_dof or not np.isfinite(values).all():
+    if not values.size or values.size % body.n_dof or not np.isfinite(values).all():
         raise InputError(
             f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
             f"one per degree of freedom of {body.name}"
         )
-    return values[: body.n_dof]
+    pose = values[: body.n_dof]  # of several frames, the first
+    check_pose(pose, body, path)
+    return pose
+
+
+def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
+    """Raise InputError that names `where` for a `pose` (D,) far from any room."""
+    limits = np.full(body.n_dof, FARTHEST)
+    limits[body.angles] = _MOST_TURNS
+    wrong = np.flatnonzero(~(np.abs(pose) <= limits))
+    if wrong.size:
+        name, value = body.dof_names[wrong[0]], pose[wrong[0]]
+        raise InputError(
+            f"{where}: {name} is {value:g}; expected rad and m, up to {limits[wrong[0]]:g}"
+        )
 
 
 def write_pose(path: Path, pose: np.ndarray) -> None:
@@ -54,6 +73,12 @@ def fit_to_joints(
     config = config or JointFitConfig()
     names = _known(body, joints, config)
     target = np.stack([joints[name] for name in names])
+    extent = float(np.ptp(target, axis=0).max())
+    if not LEAST_EXTENT <= extent <= TALLEST or np.abs(target).max() > FARTHEST:
+        raise InputError(
+            f"the joints to start from span {extent:.3g} m, {np.abs(target).max():.3g} m from the "
+            f"origin; expected a person in metres, {LEAST_EXTENT:g} to {TALLEST:g} m"
+        )
     fit = _JointFit(body, [body.joint_names.index(name) for name in names], target, config)
     best = fit.solved()
     scales, pose = fit.split(best)

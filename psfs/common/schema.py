@@ -82,14 +82,31 @@ def checked(kind: type[T], values: Any, where: Path | str = "") -> T:
         found: T = _adapter(cast(Any, kind)).validate_python(values)
     except ValidationError as error:
         before = f"{where}: " if where else ""
-        raise InputError(before + described(error)) from None
+        raise InputError(before + described(error, values)) from None
     return found
 
 
-def described(error: ValidationError) -> str:
-    """Return the first of the errors as a line, and how many more there are."""
+def _key(place: tuple[int | str, ...], values: Any) -> str:
+    """Return how to call the value at `place`: entries of lists by their names, if they have some,
+    as in `cone head, radii.1`."""
+    parts: list[str] = []
+    for step in place:
+        try:
+            values = values[step]
+        except (KeyError, IndexError, TypeError):  # one that is missing, or a kind of a union
+            values = None
+        name = values.get("name") if isinstance(values, dict) else None
+        if isinstance(step, int) and isinstance(name, str) and parts:
+            parts = [f"{' '.join(parts)} {name[:_SHOWN]},"]
+        else:
+            parts.append(str(step))
+    return ".".join(parts).replace(",.", ", ").rstrip(",")
+
+
+def described(error: ValidationError, values: Any) -> str:
+    """Return the first of the errors in `values` as a line, and how many more there are."""
     first, *more = error.errors(include_url=False)
-    key = ".".join(str(part) for part in first["loc"] if not str(part).startswith("function-"))
+    key = _key(first["loc"], values)
     if first["type"] == "missing":
         text = f"lacks the key {printable(key)}"
     else:

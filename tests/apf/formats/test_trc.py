@@ -106,7 +106,7 @@ def test_missing_and_binary_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_trc(tmp_path / "none.trc")
     (tmp_path / "a.trc").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match="not text"):
+    with pytest.raises(InputError, match="not a text file"):
         read_trc(tmp_path / "a.trc")
 
 

@@ -100,7 +100,7 @@ def test_pose_files(tmp_path: Path) -> None:
     pose = bodies.random_poses(SONG, 1, wild=True)[0]
     path.write_text("\n".join(str(value) for value in pose))
     np.testing.assert_array_equal(read_pose(path, SONG), pose)
-    path.write_text(" ".join(str(value) for value in [*pose, 8.0, 9.0]))
+    path.write_text(" ".join(str(value) for value in [*pose, *pose[::-1]]))
     np.testing.assert_array_equal(read_pose(path, SONG), pose)  # of several frames, the first
 
 
@@ -108,6 +108,8 @@ def test_pose_files(tmp_path: Path) -> None:
     ("text", "said"),
     [
         (" ".join(["0.5"] * 30), "30 values; expected 31"),
+        (" ".join(["0.5"] * 60), "60 values; expected 31"),
+        (" ".join(["0.5"] * 30 + ["1e9"]), "up to 1000"),
         (" ".join(["nan"] * 31), "finite"),
         (" ".join(["1.0"] * 30 + ["inf"]), "finite"),
         ("0.1, 0.2", "numbers only"),
@@ -126,5 +128,5 @@ def test_pose_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.txt: cannot be read"):
         read_pose(tmp_path / "nowhere.txt", SONG)
     (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(InputError, match=r"binary\.txt: expected numbers only"):
+    with pytest.raises(InputError, match=r"binary\.txt: not a text file"):
         read_pose(tmp_path / "binary.txt", SONG)
