@@ -86,7 +86,7 @@ def read_body(folder: Path) -> BodyModel:
     _check(shape, folder / "BodyShapeParameters.txt", 3000)
     if not np.all(shape >= 0):
         raise InputError(
-            f"{folder / 'BodyShapeParameters.txt'}: holds {shape.min():g}; expected lengths from 0 on"
+            f"{folder / 'BodyShapeParameters.txt'}: holds {shape.min():g}; expected 0 or more"
         )
     ranges = read_numbers(folder / "PoseParameters.txt")
     if ranges.size != 3 * _N_DOF:
