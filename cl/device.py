@@ -51,16 +51,18 @@ class Transfers:
 
 
 def select_device(choice: str = "auto", profile: bool = False) -> Device | NumpyDevice:
-    """Return the device for `auto`, `gpu`, `cpu`, `numpy` or a NAME.
+    """Return the device for `auto`, `gpu`, `cpu`, `gpu:N`, `cpu:N`, `numpy` or a NAME.
 
-    `auto` takes the GPU with the most compute units, else a CPU. NAME is any part of a device's
-    name or its platform's, in upper or lower case. Raises DeviceError when there is none such.
+    `auto` takes the GPU with the most compute units, else a CPU. N counts those of a kind from 0,
+    in the order of `list_devices`. NAME is any part of a device's name or its platform's, in upper
+    or lower case. Raises DeviceError when there is none such.
     """
     if choice == "numpy":
         return NumpyDevice()
     devices = ranked_devices()
-    if choice in ("gpu", "cpu"):
-        chosen = [d for d in devices if device_info(d).kind == choice]
+    kind, _, number = choice.partition(":")
+    if kind in ("gpu", "cpu") and (number.isdecimal() or choice == kind):
+        chosen = [d for d in devices if device_info(d).kind == kind][int(number or 0) :]
     elif choice == "auto":
         chosen = devices
     else:

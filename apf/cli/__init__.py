@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from apf.cli import demo, evaluate, export, live, render, smooth, synth, track, view
+from apf.cli import batch, demo, evaluate, export, live, render, smooth, synth, track, view
 from apf.cli.program import run_program
 
-COMMANDS = (synth, track, live, smooth, export, evaluate, render, view, demo)
+COMMANDS = (synth, track, batch, live, smooth, export, evaluate, render, view, demo)
 
 
 def main(argv: list[str] | None = None) -> int:

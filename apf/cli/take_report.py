@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from rich.progress import Progress
 from rich.table import Table
@@ -14,6 +15,18 @@ from psfs.cli.commandline import stdout
 
 #: Stages that report after every frame; the others once.
 _BY_FRAMES = ("tracking", "overlay")
+
+
+class Line(Protocol):
+    """Whom a take tells how far it is: called with the name of the stage in work, see
+    `track_take`."""
+
+    n_frames: int
+
+    def __call__(self, stage: str) -> None: ...
+
+    def begin(self, stage: str) -> None:
+        """Say that a stage has no frame yet."""
 
 
 class TakeLine:

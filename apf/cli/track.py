@@ -14,7 +14,7 @@ from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
 from apf.cli.keypoint_flags import add_keypoint_flags
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
-from apf.cli.take_report import TakeLine, TakeReport
+from apf.cli.take_report import Line, TakeLine, TakeReport
 from apf.cli.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
@@ -43,7 +43,19 @@ RESULTS = ("track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "o
 
 def register(commands: argparse._SubParsersAction) -> None:
     parser = add_command(commands, "track", run, "Reconstruct and track a person, frame by frame.")
-    add_sequence_flags(parser, several=True)
+    add_output_flag(parser)
+    add_track_flags(parser)
+    parser.add_argument(
+        "--at-once",
+        type=int,
+        metavar="N",
+        help="of several takes, work on N at a time "
+        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
+    )
+
+
+def add_output_flag(parser: argparse.ArgumentParser) -> None:
+    """Add -o of one take or of several."""
     parser.add_argument(
         "-o",
         "--output",
@@ -52,6 +64,11 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar="OUT",
         help="folder for the results; of several takes each has its own in it, by its name",
     )
+
+
+def add_track_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the takes' folders and all flags that say how each is tracked."""
+    add_sequence_flags(parser, several=True)
     add_start_flags(parser)
     add_all_cameras_flag(parser)
     add_method_flags(
@@ -64,13 +81,6 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar="N",
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
-    )
-    parser.add_argument(
-        "--at-once",
-        type=int,
-        metavar="N",
-        help="of several takes, work on N at a time "
-        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
     )
     add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
@@ -86,34 +96,47 @@ def run(args: argparse.Namespace) -> None:
     check_height(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
-    if len(args.folders) == 1:
-        _run_one(args, method, seeds)
-    else:
+    if len(args.folders) > 1:
         _run_many(args, method, seeds)
-
-
-def _run_one(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
-    job = argparse.Namespace(**vars(args), folder=args.folders[0])
-    with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
-        _run_into(out, job, method, seeds)
-
-
-def _run_into(out: OutputFolder, job: argparse.Namespace, method: Method, seeds: list[int]) -> None:
-    device = select_device(job.device)
+        return
+    device = select_device(args.device)
     bar = progress_bar()  # which the first frame starts
-    line = TakeLine(bar)
-    try:
-        take = _tracked(out, job, device, method, seeds, line)
-        _draw_overlays(job, take, seeds, line)
-    finally:
+
+    def stop() -> None:
         if bar.live.is_started:  # stopping prints a line
             bar.stop()
-    for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
-        print_outcome(track, line.n_frames, folder)
-    if len(take.tracks[0]) < line.n_frames:
-        raise KeyboardInterrupt
-    for line_of_spread in spread_of(take):
-        stdout.print(line_of_spread)
+
+    track_one(args, device, TakeLine(bar), stop)
+
+
+def track_one(
+    args: argparse.Namespace,
+    device: Device | NumpyDevice,
+    line: Line,
+    before_words: Callable[[], object] = lambda: None,
+) -> Take:
+    """Track the one take that the flags name on `device`, write its files and print what was found.
+
+    before_words: called when the line has ended and nothing is printed yet. Raises UserError, and
+    KeyboardInterrupt after writing what is tracked where `line` raised one.
+    """
+    method = chosen_method(args)
+    seeds = chosen_seeds(args, method)
+    check_height(args)
+    job = argparse.Namespace(**{**vars(args), "folder": args.folders[0]})
+    with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
+        try:
+            take = _tracked(out, job, device, method, seeds, line)
+            draw_overlays(job, take, seeds, line)
+        finally:
+            before_words()
+        for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
+            print_outcome(track, line.n_frames, folder)
+        if len(take.tracks[0]) < line.n_frames:
+            raise KeyboardInterrupt
+        for line_of_spread in spread_of(take):
+            stdout.print(line_of_spread)
+    return take
 
 
 def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> None:
@@ -138,7 +161,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
             report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
             if len(take.tracks[0]) < line.n_frames:
                 raise KeyboardInterrupt
-            _draw_overlays(job, take, seeds, line)
+            draw_overlays(job, take, seeds, line)
 
     folders = [Path(folder) for folder in args.folders]
     try:
@@ -172,7 +195,7 @@ def _tracked(
     device: Device | NumpyDevice,
     method: Method,
     seeds: list[int],
-    line: TakeLine,
+    line: Line,
 ) -> Take:
     """The take in `args.folder`, its files written but for the overlays."""
     sequence, _ = open_trusted(args, device)
@@ -189,12 +212,7 @@ def _tracked(
             selection=slice(frames.start, frames.stop, frames.step),
             reconstruction=args.configs.get("reconstruction"), progress=line,
         )  # fmt: skip
-    write_settings(
-        args.output,
-        args,
-        {"method": method, "reconstruction": args.configs.get("reconstruction", _RECONSTRUCTION)},
-        METHOD_FLAGS,
-    )
+    write_track_settings(args, method)
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
@@ -203,7 +221,14 @@ def _tracked(
     return take
 
 
-def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: TakeLine) -> None:
+def write_track_settings(args: argparse.Namespace, method: Method) -> None:
+    """Write the settings of all tracks beside them."""
+    reconstruction = args.configs.get("reconstruction", _RECONSTRUCTION)
+    configs = {"method": method, "reconstruction": reconstruction}
+    write_settings(args.output, args, configs, METHOD_FLAGS)
+
+
+def draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: Line) -> None:
     """overlay.mp4 beside the other files of every seed, unless the flags say none."""
     if args.no_overlay:
         return

@@ -168,8 +168,8 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
         "--device",
         default="auto",
         metavar="auto|gpu|cpu|numpy|NAME",
-        help="where to compute: any part of a name that `psfs devices` lists, "
-        "or numpy for the reference implementation (default: auto)",
+        help="where to compute: any part of a name that `psfs devices` lists, gpu:1 for the second "
+        "GPU, or numpy for the reference implementation (default: auto)",
     )
 
 

@@ -29,7 +29,18 @@ def run_program(
 ) -> int:
     """Run the one of these subcommands, modules with `register`, that `argv` names; return the exit
     code. argv: the process's own by default."""
-    parser = CommandParser(prog=prog, description=description, allow_abbrev=False)
+    parser = program_parser(prog, description, commands)
+    return run_command(parser, sys.argv[1:] if argv is None else list(argv))
+
+
+def program_parser(
+    prog: str,
+    description: str,
+    commands: Sequence[ModuleType],
+    kind: type[CommandParser] = CommandParser,
+) -> CommandParser:
+    """Return the parser of a program with these subcommands, modules with `register`."""
+    parser = kind(prog=prog, description=description, allow_abbrev=False)
     parser.add_argument("--version", action=_Version, help="print the versions, and exit")
     shtab.add_argument_to(
         parser,
@@ -46,7 +57,7 @@ def run_program(
         for action in subparser._actions:
             if action.type in (Path, path_or_name) or action.dest in ("folder", "folders"):
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
-    return run_command(parser, sys.argv[1:] if argv is None else list(argv))
+    return parser
 
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:

@@ -97,6 +97,34 @@ def write_settings(
     return path
 
 
+def settings_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the values of all settings that `args` hold, by destination, and the configs."""
+    flags = {a.dest: getattr(args, a.dest) for a in args.parser._actions if _is_setting(a)}
+    return {**flags, **{name: asdict(config) for name, config in args.configs.items()}}
+
+
+def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[str]:
+    """Return the flags that were stated, on the command line or in its --config, as words of a
+    command line that is given in another folder; not those with a destination in `without`."""
+    words: list[str] = []
+    for action in args.parser._actions:
+        if action.dest not in args.stated_settings or action.dest in without:
+            continue
+        value, flag = args.stated_settings[action.dest], f"--{_name(action)}"
+        if action.nargs == 0:
+            words += [flag] * (value == action.const)
+        elif isinstance(value, list):
+            words += [flag, *(_in_full(action, entry) for entry in value)]
+        else:
+            words.append(f"{flag}={_in_full(action, value)}")
+    return words
+
+
+def _in_full(action: argparse.Action, value: Any) -> str:
+    is_path = action.type is Path or action.type is path_or_name
+    return path_or_name(str(value)) if is_path else str(value)
+
+
 def _is_setting(action: argparse.Action) -> bool:
     return bool(action.option_strings) and action.dest not in _NONE
 

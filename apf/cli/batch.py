@@ -1,0 +1,144 @@
+"""`apf batch`: many takes on many workers."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from apf.cli.batch_list import listed_takes
+from apf.cli.batch_parts import PARTS, course_of
+from apf.cli.batch_report import BatchReport
+from apf.cli.batch_take import TakeJob, finished
+from apf.cli.track import add_output_flag, add_track_flags, take_names
+from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
+from apf.cluster.courses import done_courses
+from apf.cluster.page import LOGS
+from apf.cluster.pool import Pool
+from apf.cluster.whole_folder import clear_partial
+from apf.cluster.workers import WorkerConfig, shares_of_machine
+from cl import InputError
+from psfs.cli.commandline import add_command
+from psfs.cli.settings import stated_words
+
+#: Flags of this command that are not track's.
+_OWN = ("workers", "scheduler", "part_frames")
+#: Names in OUT that no take has.
+_TAKEN = (LOGS, PARTS)
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands,
+        "batch",
+        run,
+        "Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
+        "cluster; a second call does what the first left.",
+    )
+    add_output_flag(parser)
+    group = parser.add_argument_group("workers", "a process each, which does one take at a time")
+    group = group.add_mutually_exclusive_group()
+    config = WorkerConfig()
+    group.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help=f"on this machine (default: {config.per_gpu} for each GPU, or one for each core)",
+    )
+    group.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="those of a running Dask cluster: tcp://HOST:PORT, or its scheduler file",
+    )
+    parser.add_argument(
+        "--part-frames",
+        type=int,
+        metavar="N",
+        help="cut longer takes into overlapping parts of about so many frames, which are tracked "
+        "at the same time and joined where they agree best (default: not cut)",
+    )
+    add_track_flags(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    dask_distributed()  # before anything that takes time
+    jobs = jobs_of(args)
+    args.output.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        stack.enter_context(_alone_in(args.output))
+        report = stack.enter_context(BatchReport(args.output, [job.name for job in jobs]))
+        left = []
+        for job in jobs:
+            done = finished(job)
+            left += [job] if done is None else []
+            if done is not None:
+                report.add(job.name, done)
+        if left:
+            _do(args, left, report)
+    report.raise_failures()
+
+
+def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> None:
+    with _cluster(args, len(jobs)) as client:
+        courses = {job.name: course_of(job) for job in jobs}
+        pool = Pool(client, report.progress)
+        with closing(done_courses(pool, courses)) as outcomes:
+            for name, outcome in outcomes:
+                report.add(name, outcome)
+    for job in jobs:  # nobody works on them any more, here or elsewhere
+        clear_partial(job.out, of_all=True)
+
+
+def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
+    """Return a job for each take, by its name. Raises InputError where two have the same, OUT lies
+    in a take or is one, or a take has a flag that `apf track` has not."""
+    out, takes = args.output.resolve(), listed_takes(args.folders)
+    found = iter(take_names([take.source for take in takes if take.name is None]))
+    words = stated_words(args, without=_OWN)
+    jobs: dict[str, TakeJob] = {}
+    for take in takes:
+        name = next(found) if take.name is None else take.name
+        folder = Path(name).name == name and not name.startswith(".") and name not in _TAKEN
+        if not folder or name in jobs:
+            wanted = f"names of folders that differ, and not {' or '.join(_TAKEN)}"
+            raise InputError(f"a take is called {name!r}; expected {wanted}")
+        if take.source in (out / name, out, *out.parents):
+            raise InputError(f"{out}: lies in the take {take.source}; expected a folder elsewhere")
+        log = out / LOGS / f"{name}.log"
+        own = (*words, *take.words)
+        jobs[name] = TakeJob(
+            name, take.source, out / name, log, own, args.configs, take.where, args.part_frames
+        )
+        jobs[name].arguments()
+    return list(jobs.values())
+
+
+@contextmanager
+def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
+    if args.scheduler is not None:
+        with joined_cluster(args.scheduler, args.output.resolve()) as client:
+            yield client
+        return
+    shares = shares_of_machine(args.device, args.workers)
+    with embedded_cluster(shares[:n_takes] if args.workers is None else shares) as client:
+        yield client
+
+
+@contextmanager
+def _alone_in(out: Path) -> Iterator[None]:
+    """Raise InputError if another batch writes into the folder; it is free when that ends."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        yield
+        return
+    with (out / ".batch.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"{out}: another apf batch is writing into it; expected none"
+            ) from None
+        yield

@@ -1,0 +1,86 @@
+"""The takes of a batch: folders, and TOML lists of folders with settings of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cl import InputError
+from psfs.cli.commandline import warn
+from psfs.common.toml import read_toml
+
+
+@dataclass(frozen=True)
+class ListedTake:
+    """A take as it was asked for: its folder, its name if one was stated, its own settings, as
+    words of a command line, and where they stand, for errors."""
+
+    source: Path
+    name: str | None = None
+    words: tuple[str, ...] = ()
+    where: str = "apf batch"
+
+
+def listed_takes(folders: list[str]) -> list[ListedTake]:
+    """Return the takes that the command names. Raises InputError."""
+    takes: list[ListedTake] = []
+    for given in map(Path, folders):
+        if given.suffix == ".toml" and given.is_file():
+            takes += _of_list(given)
+        elif given.is_file():
+            warn(f"{given}: no folder; left out")  # `takes/*` finds notes, too
+        else:
+            takes.append(ListedTake(given.resolve()))
+    if not takes:
+        raise InputError("no take is named; expected folders, or a TOML list of them")
+    return takes
+
+
+def _of_list(path: Path) -> list[ListedTake]:
+    """The takes of a list: [[take]] with folder, perhaps name, and track's flags by their names;
+    those of [defaults] hold for takes that do not state them."""
+    content = read_toml(path)
+    defaults, takes = content.pop("defaults", {}), content.pop("take", None)
+    if content or not isinstance(defaults, dict) or not _tables(takes):
+        found = ", ".join(content) or "no list of takes"
+        raise InputError(f"{path}: found {found}; expected [[take]] tables, and perhaps [defaults]")
+    listed = []
+    for number, stated in enumerate(takes, 1):
+        where = f"{path}: take {number}"
+        settings = {_flag(k): v for part in (defaults, stated) for k, v in part.items()}
+        folder, name = settings.pop("folder", None), settings.pop("name", None)
+        if not isinstance(folder, str) or not isinstance(name, str | None):
+            raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
+        source = (path.parent / folder).resolve()
+        words = _words(settings, path.parent, where)
+        listed.append(ListedTake(source, name, words, where))
+    return listed
+
+
+def _tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
+
+
+def _flag(name: str) -> str:
+    return name.replace("_", "-")
+
+
+def _words(settings: Mapping[str, Any], folder: Path, where: str) -> tuple[str, ...]:
+    """`{"height": 1.8}` is `--height=1.8`, `{"all-cameras": true}` is `--all-cameras`; files are
+    looked for in the list's `folder`."""
+    words: list[str] = []
+    for name, value in settings.items():
+        if isinstance(value, list):
+            value = ",".join(map(str, value))
+        if isinstance(value, bool):
+            words += [f"--{name}"] * value
+        elif isinstance(value, str) and ("/" in value or "." in value):
+            named = (folder / value).resolve()
+            words.append(f"--{name}={named if named.exists() else value}")
+        elif isinstance(value, str | int | float):
+            words.append(f"--{name}={value}")
+        else:
+            raise InputError(f"{where}: {name} = {value!r}; expected text, a number or true")
+    return tuple(words)

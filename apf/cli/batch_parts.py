@@ -1,0 +1,156 @@
+"""A long take on several workers: its start, its parts, and their tracks joined to one."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from apf.api import given_start, template_of
+from apf.body import load_body, save_body
+from apf.cli.batch_take import TakeDone, TakeJob, do_take, finished, written_take
+from apf.cli.first_pose import naming_init, warn_of_doubts
+from apf.cli.method_flags import chosen_method
+from apf.cli.track import draw_overlays, write_files, write_track_settings
+from apf.cluster.courses import Course
+from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
+from apf.cluster.pool import Task
+from apf.cluster.task_side import TaskProgress, logged_to
+from apf.cluster.workers import worker_device
+from apf.initialisation import start_of
+from apf.initialisation.from_joints import read_pose, write_pose
+from apf.tracking.batch import Take
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cli.sequence_flags import open_trusted, selected_frames
+from psfs.volume import automatic_grid, foreground_box
+
+#: Folder in OUT of takes that are being tracked in parts.
+PARTS = "parts"
+#: The first pose of a take, in its folder there.
+START = "start.txt"
+
+
+def course_of(job: TakeJob) -> Course:
+    """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
+    enough, its start, its parts, and how they are joined."""
+    if job.part_frames is not None:
+        (parts,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
+        if parts:
+            yield [Task(part.name, do_part, (part,)) for part in parts]
+            (done,) = yield [Task(f"{job.name}/joining", join_parts, (job, parts))]
+            return done
+    (done,) = yield [Task(job.name, do_take, (job,))]
+    return done
+
+
+def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
+    """Find the person in a take and return the jobs of its parts, which share body, volume and
+    cameras; none of a take too short to be cut."""
+    with logged_to(job.log, f"{job.name}: cutting {job.source}"):
+        progress.begin("opening")
+        args = job.arguments()
+        args.folder = str(job.source)
+        if args.seeds is not None:
+            raise InputError("--seeds and --part-frames; expected one of them")
+        device = worker_device(args.device)
+        sequence, _ = open_trusted(args, device)
+        frames = selected_frames(args, sequence)
+        parts = cut(frames, part_frames, round(PartsConfig().overlap * sequence.fps))
+        if len(parts) < 2:
+            return ()
+        selection = slice(frames.start, frames.stop, frames.step)
+        config = args.configs.get("reconstruction")
+        volume = sequence.volume or foreground_box(sequence, selection, config, device)
+        grid = automatic_grid(sequence, selection, args.voxel_size, config, device)
+        given = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
+        if given is None:
+            template, own_shape = template_of(args.body)
+            seed = chosen_method(args).filter.search.seed
+            with naming_init():
+                start = start_of(
+                    device, sequence, grid, template, selection, config, height=args.height,
+                    keep_shape=own_shape, seed=seed, progress=lambda: progress("start"),
+                )  # fmt: skip
+            warn_of_doubts(sequence, start)
+            given = start.body, start.pose
+        folder = job.out.parent / PARTS / job.name
+        save_body(folder / "body.toml", given[0])
+        write_pose(folder / START, given[1])
+        box = ",".join(repr(float(x)) for x in np.ravel(np.transpose(volume)))
+        shared = (
+            *(word for word in job.words if not word.startswith("--init=")),
+            f"--body={folder / 'body.toml'}",
+            f"--volume={box}",
+            f"--voxel-size={grid.voxel_size!r}",
+            f"--cameras={','.join(sequence.rig.names)}",
+            "--no-overlay",
+        )
+        return tuple(
+            replace(
+                job,
+                name=f"{job.name}/part{number}",
+                out=folder / f"part{number}",
+                words=(*shared, *([f"--init={folder / START}"] * (number == 0)), _frames(part)),
+                part_frames=None,
+            )
+            for number, part in enumerate(parts)
+        )
+
+
+def _frames(frames: range) -> str:
+    return f"--frames={frames.start}:{frames.stop}:{frames.step}"
+
+
+def do_part(progress: TaskProgress, job: TakeJob) -> TakeDone:
+    """Track a part, unless it is finished."""
+    return finished(job) or do_take(progress, job)
+
+
+def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -> TakeDone:
+    """Write the take out of its parts. One that does not agree with the part before it anywhere is
+    tracked again, from that one's last pose that both have."""
+    with logged_to(job.log, f"{job.name}: joining {len(parts)} parts"):
+        tracks = [Track.open(parts[0].out)]
+        for part in parts[1:]:
+            track = Track.open(part.out)
+            if seam(tracks[-1], track).distance > PartsConfig().agreement:
+                print(f"{part.name}: does not agree with the part before; tracked again")
+                track = _tracked_on(progress, part, tracks[-1])
+            tracks.append(track)
+        whole, seams = joined(tracks)
+        apart = ", ".join(f"{millimetres(s.distance)} at {s.frame}" for s in seams)
+        print(f"parts are joined with mm between them: {apart}")
+
+        def write(args: argparse.Namespace, device: Any) -> Take:
+            args.folder = str(job.source)
+            sequence, _ = open_trusted(args, device)
+            body = load_body(str(parts[0].out.parent / "body.toml"))
+            pose = read_pose(parts[0].out.parent / START, body)
+            take = Take(sequence, body, pose, None, [whole], 1.0)
+            write_pose(args.output / START, pose)
+            write_files(args.output, whole, body)
+            write_track_settings(args, chosen_method(args))
+            progress.n_frames = len(whole)
+            draw_overlays(args, take, [0], progress)
+            return take
+
+        done = written_take(progress, job, write, parts=apart)
+        shutil.rmtree(parts[0].out.parent, ignore_errors=True)
+        return done
+
+
+def _tracked_on(progress: TaskProgress, part: TakeJob, before: Track) -> Track:
+    """A part's track from the pose that the part before it has in its first frame."""
+    first = part.arguments().frames.start
+    rows = np.flatnonzero(before.frames == first)
+    pose = part.out.parent / f"{part.out.name}.txt"
+    write_pose(pose, before.poses[rows[0]])
+    again = replace(part, words=(*part.words, f"--init={pose}"))
+    if not finished(again):
+        do_take(progress, again)
+    return Track.open(again.out)

@@ -1,0 +1,119 @@
+"""What `apf batch` shows: a line per take under way, all, time left; and the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.progress import TaskID
+
+from apf.cli.batch_take import TakeDone
+from apf.cluster.page import LOGS, write_index
+from apf.cluster.take_row import TakeRow
+from apf.cluster.task_side import Progress
+from apf.cluster.whole_folder import final_names
+from cl import InputError
+from psfs.cli.commandline import progress_bar, stderr, stdout
+
+#: Seconds between two versions of the page.
+_APART = 10.0
+
+
+class BatchReport(AbstractContextManager["BatchReport"]):
+    """Shows the takes `names` in work; OUT/index.html and takes.csv are brought up to date now and
+    then, and in the end, also after an interrupt."""
+
+    def __init__(self, out: Path, names: Sequence[str]) -> None:
+        self._out, self._names = out, list(names)
+        self._bar = progress_bar()
+        self._all = self._bar.add_task("takes", total=len(names))
+        self._lines: dict[str, TaskID] = {}
+        self._done: dict[str, TakeDone] = {}
+        self._failed: dict[str, TakeRow] = {}
+        self._written = 0.0
+
+    def __enter__(self) -> BatchReport:
+        self._write()
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+        self._write()
+        self._show()
+
+    def progress(self, said: Progress) -> None:
+        """Show how far a take is; called by a thread of Dask's client."""
+        take = said.task.split("/")[0]
+        if take in self._done or take in self._failed:
+            return
+        if said.task not in self._lines:
+            self._lines[said.task] = self._bar.add_task(said.task, total=None)
+        self._bar.update(
+            self._lines[said.task],
+            description=f"{said.task}: {said.stage}",
+            completed=said.done,
+            total=said.total or None,
+        )
+
+    def add(self, name: str, outcome: Any) -> None:
+        """A take is done, or has failed with an exception."""
+        if isinstance(outcome, TakeDone):
+            self._done[name] = outcome
+            text = "finished already" if outcome.kept else _told(outcome)
+        else:
+            text = final_names(str(outcome)) or type(outcome).__name__
+            self._failed[name] = TakeRow(name, status="failed", error=text)
+            text = f"failed: {text}"
+        self._remove_lines(name)
+        stderr.print(f"{name}: {text}", soft_wrap=True)
+        failures = f", {len(self._failed)} failed" if self._failed else ""
+        self._bar.update(self._all, advance=1, description=f"takes{failures}")
+        if time.monotonic() > self._written + _APART:
+            self._write()
+
+    def _remove_lines(self, name: str) -> None:
+        """Remove those of a take and of its parts."""
+        for task in [task for task in self._lines if task.split("/")[0] == name]:
+            self._bar.remove_task(self._lines.pop(task))
+
+    def raise_failures(self) -> None:
+        """Raise InputError if a take failed."""
+        if self._failed:
+            names = ", ".join(name for name in self._names if name in self._failed)
+            raise InputError(f"{len(self._failed)} of {len(self._names)} takes failed: {names}")
+
+    def _write(self) -> None:
+        waiting = [n for n in self._names if n not in self._done and n not in self._failed]
+        rows = [TakeRow(name, status="waiting") for name in waiting]
+        write_index(self._out, self._failed, rows)
+        self._written = time.monotonic()
+
+    def _show(self) -> None:
+        kept = sum(done.kept for done in self._done.values())
+        before = f", {kept} of them before" if kept else ""
+        count = f"{len(self._done)} of {len(self._names)} takes done{before}"
+        stdout.print(f"{count}: {self._out / 'index.html'}", soft_wrap=True)
+        for name, row in self._failed.items():
+            log = self._out / LOGS / f"{name}.log"
+            stdout.print(f"{name} failed: {row.error}; log: {log}", soft_wrap=True)
+
+
+def _told(outcome: TakeDone) -> str:
+    rows = [TakeRow.from_dict(row) for row in outcome.rows]
+    first = rows[0]
+    lost = sum(row.lost_frames or 0 for row in rows)
+    limbs = ", ".join(dict.fromkeys(row.limbs for row in rows if row.limbs))
+    words = [f"{first.frames} frames tracked in {first.took:.1f} s"]
+    words += [f"lost in {lost}"] * (lost > 0)
+    words += [f"look at {limbs}"] * bool(limbs)
+    return ", ".join(words)

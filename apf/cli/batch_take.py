@@ -1,0 +1,137 @@
+"""One take on a worker: the commands' own code, into a folder that is whole or not there."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+from apf.cli import track
+from apf.cli.method_flags import chosen_method
+from apf.cluster.manifest import FileFacts, Manifest, files_in
+from apf.cluster.take_row import TakeRow, write_thumbnail
+from apf.cluster.task_side import TaskProgress, logged_to
+from apf.cluster.whole_folder import whole_folder
+from apf.cluster.workers import worker_device
+from apf.tracking.batch import Take
+from cl import Device, InputError, NumpyDevice
+from psfs.cli.commandline import CommandParser
+from psfs.cli.program import program_parser
+from psfs.cli.settings import settings_of, with_settings
+
+
+@dataclass(frozen=True)
+class TakeJob:
+    """A take to be done. source: its folder. out: where its results go. log: the file for what is
+    said meanwhile. words: the flags of its `apf track`; paths in full. configs: as of --config, by
+    their names. where: what stated the words, for errors. part_frames: of a part, where the take
+    is to be cut."""
+
+    name: str
+    source: Path
+    out: Path
+    log: Path
+    words: tuple[str, ...]
+    configs: Mapping[str, Any] = field(default_factory=dict)
+    where: str = "apf batch"
+    part_frames: int | None = None
+
+    def arguments(self, output: Path | None = None) -> argparse.Namespace:
+        """Return the arguments of `apf track` that make the results in `output`. Raises
+        InputError that says where a bad flag stands."""
+        parser = program_parser("apf", "", (track,), _TakeParser)
+        words = ["track", str(self.source), f"--output={output or self.out}", *self.words]
+        try:
+            args = with_settings(parser, parser.parse_args(words), words)
+        except _Refused as error:
+            raise InputError(f"{self.where}: {error}") from None
+        args.configs = {**self.configs, **args.configs}
+        return args
+
+    def manifest(self, known: Manifest | None = None) -> Manifest:
+        """Return what the results depend on; see `Manifest.of_take`."""
+        settings = settings_of(self.arguments()) | {"part_frames": self.part_frames}
+        return Manifest.of_take(self.source, settings, known)
+
+
+class _Refused(Exception):
+    """What argparse has against the flags of a take."""
+
+
+class _TakeParser(CommandParser):
+    def error(self, message: str) -> NoReturn:
+        raise _Refused(message)
+
+
+@dataclass(frozen=True)
+class TakeDone:
+    """What became of a take: the rows of its tracks. kept: it was finished already. stages: s that
+    each stage took."""
+
+    rows: tuple[Mapping[str, Any], ...]
+    kept: bool
+    stages: Mapping[str, float] = field(default_factory=dict)
+
+
+def finished(job: TakeJob) -> TakeDone | None:
+    """Return the take if it was finished with the same contents and settings and all is there. Only
+    files that look changed are read."""
+    before = Manifest.read(job.out)
+    if before is None or not before.holds(job.out):
+        return None
+    try:
+        same = before.same_take(job.manifest(before))
+    except InputError:  # the take says so when it is done
+        return None
+    return TakeDone(before.rows, kept=True) if same else None
+
+
+def do_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
+    """Track a take.
+
+    Raises UserError, and KeyboardInterrupt when the task is to stop; the folder of results is then
+    as it was.
+    """
+    with logged_to(job.log, f"{job.name}: {job.source}"):
+        return written_take(progress, job, lambda args, on: track.track_one(args, on, progress))
+
+
+def written_take(
+    progress: TaskProgress,
+    job: TakeJob,
+    write: Callable[[argparse.Namespace, Device | NumpyDevice], Take],
+    **facts: Any,
+) -> TakeDone:
+    """Return the take that `write(args, device)` wrote into the folder `args.output`, which gets
+    its name when the manifest and all else that a take has are in it. facts: for `TakeRow`."""
+    progress.begin("reading")
+    wanted = job.manifest()
+    began = time.monotonic()
+    with whole_folder(job.out) as partial:
+        args = job.arguments(partial)
+        device = worker_device(args.device)
+        take = write(args, device)
+        progress.begin("writing")
+        facts |= {"device": device.name, "worker": progress.worker}
+        facts |= {"took": round(time.monotonic() - began, 2)}
+        rows = tuple(_written_rows(job, args, take, facts))
+        outputs = {str(p.relative_to(partial)): FileFacts.of(p) for p in files_in(partial)}
+        replace(wanted, outputs=outputs, rows=rows).write(partial)
+    progress.end()
+    return TakeDone(rows, kept=False, stages=progress.seconds)
+
+
+def _written_rows(
+    job: TakeJob, args: argparse.Namespace, take: Take, facts: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """The rows of the take's tracks, whose thumbnails are written."""
+    rows = []
+    folders = track.seed_folders(args, track.chosen_seeds(args, chosen_method(args)))
+    for found, folder in zip(take.tracks, folders, strict=True):
+        write_thumbnail(folder, take, found)
+        name = "/".join((job.name, *folder.relative_to(args.output).parts))
+        rows.append(TakeRow.of(name, take, found, **facts).plain())
+    return rows

@@ -1,0 +1,124 @@
+"""What a lab wants to know of a finished take at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from apf.body.kinematics import posed_cones
+from apf.body.stature import is_whole, stature
+from apf.results.evaluate import LIMB_ENDS, evaluate, load_truth
+from apf.results.overlay import overlay_picture
+from apf.tracking.batch import Take
+from apf.tracking.track import Track
+from psfs.common.files import write_picture
+
+THUMBNAIL = "thumbnail.jpg"
+#: Width of a thumbnail, px, of the first camera.
+_WIDTH = 240
+#: A limb is doubtful where its end's standard deviation is above this, m, in more than this share
+#: of the frames: half of what counts as lost where the truth is known, `LOST_LIMB`.
+_DOUBT, _DOUBT_SHARE = 0.1, 0.1
+
+
+@dataclass(frozen=True)
+class TakeRow:
+    """A track of a take. name: its folder in OUT. source: the take's folder. seconds: filmed.
+    limbs: lost where the truth is known, else doubtful by the track's covariance. confidence,
+    misfit: means over the frames. height: of the body, m. mean_error: mm, where there is a truth.
+    took: s of computing. device: what computed, worker: where. finished: when, UTC. parts: how far
+    the parts of a long take differed where they were joined, mm. status, error: of a take that
+    failed, which has none of the figures."""
+
+    name: str
+    source: str = ""
+    status: str = "done"
+    frames: int | None = None
+    seconds: float | None = None
+    lost_frames: int | None = None
+    limbs: str = ""
+    confidence: float | None = None
+    misfit: float | None = None
+    height: float | None = None
+    mean_error: float | None = None
+    parts: str = ""
+    took: float | None = None
+    device: str = ""
+    worker: str = ""
+    finished: str = ""
+    error: str = ""
+
+    @classmethod
+    def of(cls, name: str, take: Take, track: Track, **more: Any) -> TakeRow:
+        """Return the row of one of the take's tracks."""
+        truth = take.sequence.folder / "truth.npz"
+        found = evaluate(track, load_truth(truth)) if truth.is_file() else None
+        limbs = [k for k, v in found.lost_limbs.items() if v] if found else doubtful_limbs(track)
+        return cls(
+            name=name,
+            source=str(take.sequence.folder),
+            frames=len(track),
+            seconds=round(float(np.ptp(track.times)) + 1 / track.fps, 3),
+            lost_frames=int(track.lost.sum()),
+            limbs=", ".join(limbs),
+            confidence=_mean(track.confidence),
+            misfit=_mean(track.diagnostics.get("misfit", np.array([np.nan]))),
+            height=round(stature(take.body), 3) if is_whole(take.body) else None,
+            mean_error=round(1000 * found.mean_error, 1) if found else None,
+            finished=f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M:%S}",
+            **more,
+        )
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TakeRow:
+        """Return the row of plain values; those that this version does not know are left out."""
+        known = {field.name for field in fields(cls)}
+        return cls(**{name: value for name, value in values.items() if name in known})
+
+    def plain(self) -> dict[str, Any]:
+        """Return the values by their names."""
+        return asdict(self)
+
+
+def doubtful_limbs(track: Track) -> list[str]:
+    """Return the limbs whose end the track itself knows badly, see `_DOUBT`."""
+    covariance = track.covariance
+    doubtful = []
+    for limb, end in LIMB_ENDS.items():
+        if end not in track.joint_names:
+            continue
+        of_end = covariance[:, track.joint_names.index(end)]
+        known = np.isfinite(of_end).all((1, 2))
+        deviation = np.sqrt(np.linalg.eigvalsh(of_end[known])[:, -1].clip(0))
+        if known.any() and np.mean(deviation > _DOUBT) > _DOUBT_SHARE:
+            doubtful.append(limb)
+    return doubtful
+
+
+def write_thumbnail(folder: Path, take: Take, track: Track) -> None:
+    """Write the middle frame of the first camera, with the body, into the folder of results."""
+    middle, body = len(track) // 2, take.body
+    shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
+    picture = overlay_picture(
+        take.sequence.read(int(track.frames[middle])),
+        take.sequence.rig,
+        posed_cones(body, track.poses[middle : middle + 1])[0, shown],
+        [body.cone_names[i] for i in shown],
+        track.joints[middle],
+        track.edges,
+        views=[0],
+    )
+    height = round(picture.shape[0] * _WIDTH / picture.shape[1])
+    small = cv2.resize(picture, (_WIDTH, height), interpolation=cv2.INTER_AREA)
+    write_picture(folder / THUMBNAIL, small)
+
+
+def _mean(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return round(float(known.mean()), 3) if known.size else None

@@ -1,0 +1,81 @@
+"""A folder of results that is there whole, or not at all, however many work on it and die."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from cl import InputError
+
+#: .NAME.partial-HOST-PID-ATTEMPT
+_PARTIAL = re.compile(r"\.([^/]+)\.partial-([^/]+)-(\d+)-[0-9a-f]{8}\b")
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Give a new folder beside `path`, which gets its name on success and else is removed.
+
+    What stood at `path` is replaced. Leftovers of processes of this host that were killed are
+    cleared. Raises InputError if the file system refuses.
+    """
+    attempt = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    partial = path.with_name(f".{path.name}.partial-{attempt}")
+    try:
+        clear_partial(path)
+        partial.mkdir(parents=True)
+        try:
+            yield partial
+            _replace(path, partial)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _replace(path: Path, partial: Path) -> None:
+    old = partial.with_name(f"{partial.name}.old")
+    with suppress(FileNotFoundError):
+        path.rename(old)
+    try:
+        partial.rename(path)
+    except OSError:
+        with suppress(OSError):
+            old.rename(path)  # the older results rather than none
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def final_names(text: str) -> str:
+    """Return a text that names temporary folders with the names that they are to have."""
+    return _PARTIAL.sub(r"\1", text)
+
+
+def clear_partial(path: Path, of_all: bool = False) -> None:
+    """Remove what killed processes of this host left of `path`; with `of_all` that of others and of
+    this process too, for when nobody works on it any more."""
+    if not path.parent.is_dir():
+        return
+    for folder in list(path.parent.iterdir()):
+        found = _PARTIAL.fullmatch(folder.name.removesuffix(".old"))
+        if found is None or found[1] != path.name:
+            continue
+        if of_all or (found[2] == platform.node() and not _lives(int(found[3]))):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

@@ -1,0 +1,115 @@
+"""Workers: which device and which cores each has, and how a worker process is set up."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from cl import Device, NumpyDevice, list_devices, select_device
+from psfs.common.ranges import check_range
+
+#: Environment of a worker: the device it computes on, as `--device` names it, and its cores, `0,1`.
+DEVICE, CORES = "APF_DEVICE", "APF_CORES"
+
+
+@dataclass(frozen=True)
+class WorkerConfig:
+    """How many workers an embedded cluster has. A worker is a process that does one take at a
+    time."""
+
+    per_gpu: int = 4
+    """A take leaves a GPU idle while its host decodes and fits; contexts on one GPU take turns.
+    From `BatchConfig.on_gpu`."""
+    cores: int = 1
+    """Of a worker that computes on the CPU. On 2 cores, two workers of a core did more takes in an
+    hour than one of both (docs/cluster.md)."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one worker of this machine has. device: as `--device` names it. cores: numbers of the
+    CPU cores that it is pinned to; none where a GPU computes, whose host threads mostly wait."""
+
+    device: str
+    cores: tuple[int, ...] = ()
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What its process is started with."""
+        return {DEVICE: self.device, CORES: ",".join(map(str, self.cores))}
+
+
+def shares_of_machine(
+    device: str = "auto", n_workers: int | None = None, config: WorkerConfig | None = None
+) -> list[Share]:
+    """Return a share of this machine for each worker; `device` as of `select_device`.
+
+    `auto` and `gpu` deal the GPUs out in turn, the others the cores, in groups that differ by one
+    at most. Raises InputError for a number of workers that makes no sense, DeviceError where there
+    is no such device.
+    """
+    config = config or WorkerConfig()
+    if n_workers is not None:
+        check_range("--workers", n_workers, 1, ends=True)
+    chosen = select_device(device)  # in a process that starts no worker by forking
+    if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
+        names = [device]
+        if device in ("auto", "gpu"):
+            n_gpus = sum(info.kind == "gpu" for info in list_devices())
+            names = [f"gpu:{number}" for number in range(n_gpus)]
+        n_workers = n_workers or config.per_gpu * len(names)
+        return [Share(names[k % len(names)]) for k in range(n_workers)]
+    cores = own_cores()
+    n_workers = n_workers or max(1, len(cores) // config.cores)
+    groups = [tuple(cores[k::n_workers]) for k in range(n_workers)]
+    # More workers than cores, which somebody asked for, share them all.
+    return [Share(device, group or tuple(cores)) for group in groups]
+
+
+def own_cores() -> list[int]:
+    """Return the numbers of the cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def set_up(ignore_interrupts: bool) -> None:
+    """Set up this worker process before its first take: pinned to its cores, with a PoCL thread for
+    each of them. Without cores of its own it keeps those that it was started on."""
+    stated = [int(core) for core in os.environ.get(CORES, "").split(",") if core]
+    if stated and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, stated)
+    threads = str(len(stated or own_cores()))  # PoCL counts the machine's cores, not the process's
+    for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before and from PoCL 4 on
+        os.environ.setdefault(name, threads)
+    if ignore_interrupts:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def worker_device(asked: str) -> Device | NumpyDevice:
+    """Return the device of a task, the worker's own where it states one, with a queue for this
+    task; context and programs are kept from task to task."""
+    device = _kept_device(os.environ.get(DEVICE) or asked)
+    return device.sibling() if isinstance(device, Device) else device
+
+
+@lru_cache
+def _kept_device(choice: str) -> Device | NumpyDevice:
+    return select_device(choice)
+
+
+def setup_plugin(embedded: bool) -> Any:
+    """Return the Dask plugin that runs `set_up` in every worker, also in those that join later.
+    embedded: the workers are this command's, to which interrupts at the terminal go too."""
+    from distributed import WorkerPlugin
+
+    class TakeWorker(WorkerPlugin):
+        name = "apf-take-worker"
+
+        def setup(self, worker: Any) -> None:
+            set_up(ignore_interrupts=embedded)
+
+    return TakeWorker()

@@ -1,0 +1,73 @@
+"""The page and the table of a folder of takes."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+from helpers.tracks import walker
+
+from apf.cluster.manifest import Manifest
+from apf.cluster.page import write_index
+from apf.cluster.take_row import TakeRow, doubtful_limbs
+
+
+class Cells(HTMLParser):
+    """The cells' sorting values by row, links and pictures."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.links: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if tag == "tr":
+            self.rows.append([])
+        if tag == "td" and values.get("data-value") is not None:
+            self.rows[-1].append(str(values["data-value"]))
+        self.links += [str(values[k]) for k in ("href", "src") if k in values]
+
+
+def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
+    """Also those of earlier calls; names are text, whatever they look like."""
+    odd = "walk <b>&1 #2"
+    for name in (odd, "jump"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "thumbnail.jpg").write_bytes(b"")
+        (tmp_path / name / "report.html").write_text("")
+        row = TakeRow(name, frames=7, lost_frames=2, limbs="left arm", took=1.5)
+        Manifest("0", {}, {}, {}, rows=(row.plain() | {"of a later version": 1},)).write(
+            tmp_path / name
+        )
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "run.log").write_text("")
+    failed = {"run": TakeRow("run", status="failed", error="cam01 has <no> frames")}
+    waiting = [TakeRow("jump", status="waiting"), TakeRow("sit", status="waiting")]
+    write_index(tmp_path, failed, waiting)
+    page = Cells((tmp_path / "index.html").read_text())
+    found = {row[0]: row for row in page.rows if row}
+    assert set(found) == {odd, "jump", "run", "sit"}
+    assert found["jump"][1:3] == ["done", "7"] and found["sit"][1] == "waiting"
+    assert found["run"][1] == "failed"
+    local = [link for link in page.links if link != "takes.csv"]
+    assert "walk%20%3Cb%3E%261%20%232/report.html" in local and "logs/run.log" in local
+    with (tmp_path / "takes.csv").open() as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    assert rows["run"]["error"] == "cam01 has <no> frames" and rows[odd]["limbs"] == "left arm"
+    assert list(rows) == sorted(rows)
+
+
+def test_limbs_that_the_track_does_not_know() -> None:
+    track = walker(40)
+    covariance = np.tile(0.02**2 * np.eye(3), (40, len(track.joint_names), 1, 1))
+    covariance[:, track.joint_names.index("l_wrist"), 1, 1] = 0.2**2
+    covariance[:3, track.joint_names.index("r_wrist"), 1, 1] = 0.2**2  # too few
+    covariance[5] = np.nan
+    track = replace(track, diagnostics={"covariance": covariance})
+    assert doubtful_limbs(track) == ["left arm"]
+    assert doubtful_limbs(walker(40)) == []

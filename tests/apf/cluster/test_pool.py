@@ -1,0 +1,166 @@
+"""Tasks on workers that die, raise and are stopped; many takes by the command."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from apf.cli import main
+from apf.cluster.connection import embedded_cluster, joined_cluster
+from apf.cluster.courses import Course, done_courses
+from apf.cluster.pool import Pool, Task
+from apf.cluster.task_side import Progress, TaskProgress
+from apf.cluster.workers import Share, shares_of_machine
+from apf.tracking.track import Track
+from cl import InputError
+
+pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """Two workers, each pinned to the first core."""
+    core = sorted(os.sched_getaffinity(0))[:1]
+    with embedded_cluster([Share("cpu", tuple(core))] * 2) as client:
+        yield client
+
+
+def double(progress: TaskProgress, number: int) -> tuple[int, int, str]:
+    progress.n_frames = 1
+    progress("doubling")
+    return 2 * number, len(os.sched_getaffinity(0)), os.environ["POCL_MAX_PTHREAD_COUNT"]
+
+
+def die_until(progress: TaskProgress, tries: str, attempts: int) -> int:
+    """Kill the worker so many times."""
+    attempt = counted(tries)
+    if attempt <= attempts:
+        os.kill(os.getpid(), 9)
+    return attempt
+
+
+def raise_until(progress: TaskProgress, tries: str, attempts: int) -> int:
+    attempt = counted(tries)
+    if attempt <= attempts:
+        raise InputError(f"attempt {attempt}")
+    return attempt
+
+
+def counted(path: str) -> int:
+    with Path(path).open("a") as file:
+        file.write("x")
+    return Path(path).stat().st_size
+
+
+def interrupted(progress: TaskProgress) -> None:
+    raise KeyboardInterrupt
+
+
+def test_every_task_has_its_outcome(client: Any, tmp_path: Path) -> None:
+    """Two faults are survived, three deaths and three faults are not; no other task notices."""
+    said: list[Progress] = []
+    pool = Pool(client, said.append)
+    for name, work, times in (
+        ("raises twice", raise_until, 2),
+        ("raises", raise_until, 9),
+        ("dies", die_until, 9),
+    ):
+        pool.add(Task(name, work, (str(tmp_path / name), times)))
+    for number in range(6):
+        pool.add(Task(f"double {number}", double, (number,)))
+    pool.add(Task("interrupted", interrupted))
+    found = {task.name: outcome for task, outcome in pool.outcomes()}
+    assert found.pop("raises twice") == 3
+    raised, died = found.pop("raises"), found.pop("dies")
+    assert isinstance(raised, InputError) and str(raised) == "attempt 3"
+    assert isinstance(died, InputError) and "its worker died 3 times" in str(died)
+    assert type(found.pop("interrupted")).__name__ == "TaskStopped"
+    assert found == {f"double {n}": (2 * n, 1, "1") for n in range(6)}
+    assert {p.stage for p in said} == {"doubling"} and said[0].total == 1
+
+
+def test_a_course_goes_on_with_what_came_before(client: Any, tmp_path: Path) -> None:
+    def sum_of(numbers: list[int]) -> Course:
+        parts = yield [Task(f"{n} of {numbers}", double, (n,)) for n in numbers]
+        (found,) = yield [Task(f"all of {numbers}", double, (sum(part[0] for part in parts),))]
+        return found[0]
+
+    def failing() -> Course:
+        fails = Task("fails", raise_until, (str(tmp_path / "fails"), 9))
+        yield [fails, Task("beside it", double, (1,))]
+        raise AssertionError("it goes no further")
+
+    courses = {"a": sum_of([1, 2, 3]), "b": failing(), "c": sum_of([4])}
+    found = dict(done_courses(Pool(client), courses))
+    assert found["a"] == 24 and found["c"] == 16 and isinstance(found["b"], InputError)
+
+
+def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> None:
+    """Takes of a list on a running cluster: as `apf track` has them; a bad one stops none; a second
+    call does what is left."""
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "takes.toml").write_text(
+        f"""
+        [defaults]
+        particles = 40
+        layers = 3
+        voxel-size = 0.06
+        frames = "0:3"
+        all-cameras = true
+        no_overlay = true
+        init = "{walk / "truth.npz"}"
+        [[take]]
+        folder = "{walk}"
+        [[take]]
+        folder = "{walk}"
+        name = "second"
+        frames = "0:2"
+        seed = 4
+        [[take]]
+        folder = "bad"
+        """
+    )
+    out = tmp_path / "out"
+    batch = ["batch", str(tmp_path / "takes.toml"), "-o", str(out)]
+    batch += ["--scheduler", client.scheduler.address]
+    assert main(batch) == 2
+    assert "1 of 3 takes failed: bad" in capfd.readouterr().err
+    assert (out / "logs" / "bad.log").read_text().count("error: ") == 3
+
+    flags = ["--particles", "40", "--layers", "3", "--voxel-size", "0.06", "--all-cameras"]
+    flags += ["--frames", "0:3", "--init", str(walk / "truth.npz"), "--no-overlay"]
+    assert main(["track", str(walk), "-o", str(tmp_path / "alone"), *flags]) == 0
+    alone, mine = Track.open(tmp_path / "alone"), Track.open(out / walk.name)
+    assert mine.poses.tobytes() == alone.poses.tobytes()
+    assert Track.open(out / "second").frames.tolist() == [0, 1]
+
+    stamp = (out / walk.name / "track.npz").stat().st_mtime_ns
+    (out / "second" / "joints.trc").unlink()
+    assert main(batch) == 2
+    said = capfd.readouterr().out
+    assert "2 of 3 takes done, 1 of them before" in said
+    assert (out / "second" / "joints.trc").is_file()
+    assert (out / walk.name / "track.npz").stat().st_mtime_ns == stamp
+    assert {p.name for p in out.iterdir()} == {
+        ".batch.lock", "bad", "index.html", "logs", "second", "takes.csv", walk.name,
+    } - {"bad"}  # fmt: skip
+
+
+def test_workers_share_the_cores() -> None:
+    cores = sorted(os.sched_getaffinity(0))
+    assert shares_of_machine("cpu") == [Share("cpu", (core,)) for core in cores]
+    assert shares_of_machine("cpu", 1) == [Share("cpu", tuple(cores))]
+    more = shares_of_machine("numpy", 2 * len(cores))
+    assert [share.cores for share in more] == [(c,) for c in cores] + [tuple(cores)] * len(cores)
+    with pytest.raises(InputError, match="--workers is 0"):
+        shares_of_machine("cpu", 0)
+
+
+def test_no_scheduler(tmp_path: Path) -> None:
+    nowhere = joined_cluster("tcp://127.0.0.1:1", tmp_path, patience=0.2)
+    with pytest.raises(InputError, match="no scheduler answers"), nowhere:
+        pass
