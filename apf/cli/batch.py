@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from apf.cluster.workers import WorkerConfig, shares_of_machine
 from cl import InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
+from psfs.common.outputs import output_folder
 
 #: Flags of this command that are not track's.
 _OWN = ("workers", "scheduler", "part_frames")
@@ -65,19 +66,19 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     dask_distributed()  # before anything that takes time
     jobs = jobs_of(args)
-    args.output.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as stack:
-        stack.enter_context(_alone_in(args.output))
-        report = stack.enter_context(BatchReport(args.output, [job.name for job in jobs]))
-        left = []
-        for job in jobs:
-            done = finished(job)
-            left += [job] if done is None else []
-            if done is not None:
-                report.add(job.name, done)
-        if left:
-            _do(args, left, report)
-    report.raise_failures()
+    inputs = [job.source for job in jobs]
+    with output_folder(args.output, "apf batch", inputs, ("index.html", "takes.csv")) as out:
+        out.begin()
+        with BatchReport(args.output, [job.name for job in jobs]) as report:
+            left = []
+            for job in jobs:
+                done = finished(job)
+                left += [job] if done is None else []
+                if done is not None:
+                    report.add(job.name, done)
+            if left:
+                _do(args, left, report)
+        report.raise_failures()
 
 
 def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> None:
@@ -124,21 +125,3 @@ def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
     shares = shares_of_machine(args.device, args.workers)
     with embedded_cluster(shares[:n_takes] if args.workers is None else shares) as client:
         yield client
-
-
-@contextmanager
-def _alone_in(out: Path) -> Iterator[None]:
-    """Raise InputError if another batch writes into the folder; it is free when that ends."""
-    try:
-        import fcntl
-    except ImportError:  # not on Windows
-        yield
-        return
-    with (out / ".batch.lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"{out}: another apf batch is writing into it; expected none"
-            ) from None
-        yield

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from apf.cli import track
 from apf.cli.method_flags import chosen_method
-from apf.cluster.manifest import FileFacts, Manifest, files_in
+from apf.cluster.record import FileFacts, TakeRecord, files_in
 from apf.cluster.take_row import TakeRow, write_thumbnail
 from apf.cluster.task_side import TaskProgress, logged_to
 from apf.cluster.whole_folder import whole_folder
@@ -21,6 +21,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
 from psfs.cli.program import program_parser
 from psfs.cli.settings import settings_of, with_settings
+from psfs.common.outputs import MANIFEST, output_folder
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,15 @@ class TakeJob:
             args = with_settings(parser, parser.parse_args(words), words)
         except _Refused as error:
             raise InputError(f"{self.where}: {error}") from None
+        if args.method == track.TRIANGULATE:
+            raise InputError(f"{self.where}: {args.method} has no body; expected apf track for it")
         args.configs = {**self.configs, **args.configs}
         return args
 
-    def manifest(self, known: Manifest | None = None) -> Manifest:
-        """Return what the results depend on; see `Manifest.of_take`."""
+    def record(self, known: TakeRecord | None = None) -> TakeRecord:
+        """Return what the results depend on; see `TakeRecord.of_take`."""
         settings = settings_of(self.arguments()) | {"part_frames": self.part_frames}
-        return Manifest.of_take(self.source, settings, known)
+        return TakeRecord.of_take(self.source, settings, known)
 
 
 class _Refused(Exception):
@@ -79,11 +82,11 @@ class TakeDone:
 def finished(job: TakeJob) -> TakeDone | None:
     """Return the take if it was finished with the same contents and settings and all is there. Only
     files that look changed are read."""
-    before = Manifest.read(job.out)
+    before = TakeRecord.read(job.out)
     if before is None or not before.holds(job.out):
         return None
     try:
-        same = before.same_take(job.manifest(before))
+        same = before.same_take(job.record(before))
     except InputError:  # the take says so when it is done
         return None
     return TakeDone(before.rows, kept=True) if same else None
@@ -106,11 +109,11 @@ def written_take(
     **facts: Any,
 ) -> TakeDone:
     """Return the take that `write(args, device)` wrote into the folder `args.output`, which gets
-    its name when the manifest and all else that a take has are in it. facts: for `TakeRow`."""
+    its name when the record and all else that a take has are in it. facts: for `TakeRow`."""
     progress.begin("reading")
-    wanted = job.manifest()
+    wanted = job.record()
     began = time.monotonic()
-    with whole_folder(job.out) as partial:
+    with whole_folder(job.out) as partial, output_folder(partial, "apf batch"):
         args = job.arguments(partial)
         device = worker_device(args.device)
         take = write(args, device)
@@ -118,7 +121,8 @@ def written_take(
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
         rows = tuple(_written_rows(job, args, take, facts))
-        outputs = {str(p.relative_to(partial)): FileFacts.of(p) for p in files_in(partial)}
+        written = [path for path in files_in(partial) if path.name != MANIFEST]
+        outputs = {str(path.relative_to(partial)): FileFacts.of(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
     progress.end()
     return TakeDone(rows, kept=False, stages=progress.seconds)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from apf.cluster.manifest import MANIFEST, Manifest
+from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
 from psfs.common.files import written_whole
 
@@ -67,11 +67,11 @@ def rows_in(out: Path) -> dict[str, list[TakeRow]]:
     """Return the rows of every finished take in `out`, by the take's name."""
     if not out.is_dir():
         return {}
-    found = {path.parent.name: Manifest.read(path.parent) for path in out.glob(f"*/{MANIFEST}")}
+    found = {path.parent.name: TakeRecord.read(path.parent) for path in out.glob(f"*/{RECORD}")}
     return {
-        name: [TakeRow.from_dict(row) for row in manifest.rows]
-        for name, manifest in sorted(found.items())
-        if manifest is not None and not name.startswith(".")
+        name: [TakeRow.from_dict(row) for row in record.rows]
+        for name, record in sorted(found.items())
+        if record is not None and not name.startswith(".")
     }
 
 

@@ -12,16 +12,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cl import InputError
+from psfs.common.outputs import MANIFEST, Manifest
 
 #: .NAME.partial-HOST-PID-ATTEMPT
 _PARTIAL = re.compile(r"\.([^/]+)\.partial-([^/]+)-(\d+)-[0-9a-f]{8}\b")
+
+#: Ends the name of what stood there before, while the new folder gets its name.
+_OLD = ".old"
 
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """Give a new folder beside `path`, which gets its name on success and else is removed.
 
-    What stood at `path` is replaced. Leftovers of processes of this host that were killed are
+    What stood at `path` is replaced, but for files that its manifest does not name: those are kept,
+    and refused where they are in the way. Leftovers of processes of this host that were killed are
     cleared. Raises InputError if the file system refuses.
     """
     attempt = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
@@ -31,6 +36,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
         partial.mkdir(parents=True)
         try:
             yield partial
+            _link_foreign(path, partial)
             _replace(path, partial)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
@@ -40,8 +46,28 @@ def whole_folder(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
+def _link_foreign(path: Path, partial: Path) -> None:
+    """Give the new folder the files in the old one that no command wrote."""
+    manifest = Manifest.read(path) if path.is_dir() else None
+    ours = {MANIFEST, *(manifest.files if manifest is not None else ())}
+    for file in path.rglob("*"):
+        name = file.relative_to(path)
+        if str(name) in ours or (file.is_dir() and not file.is_symlink()):
+            continue
+        if os.path.lexists(partial / name):
+            raise InputError(
+                f"{file}: is there already and not of an earlier run ({MANIFEST} does not name "
+                "it); expected another output folder"
+            )
+        (partial / name).parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(file, partial / name, follow_symlinks=False)
+        except OSError:  # a file system without links
+            shutil.copy2(file, partial / name, follow_symlinks=False)
+
+
 def _replace(path: Path, partial: Path) -> None:
-    old = partial.with_name(f"{partial.name}.old")
+    old = partial.with_name(f"{partial.name}{_OLD}")
     with suppress(FileNotFoundError):
         path.rename(old)
     try:
@@ -64,10 +90,12 @@ def clear_partial(path: Path, of_all: bool = False) -> None:
     if not path.parent.is_dir():
         return
     for folder in list(path.parent.iterdir()):
-        found = _PARTIAL.fullmatch(folder.name.removesuffix(".old"))
+        found = _PARTIAL.fullmatch(folder.name.removesuffix(_OLD))
         if found is None or found[1] != path.name:
             continue
         if of_all or (found[2] == platform.node() and not _lives(int(found[3]))):
+            if folder.suffix == _OLD and not path.exists():  # killed between the two names
+                folder.rename(path)
             shutil.rmtree(folder, ignore_errors=True)
 
 

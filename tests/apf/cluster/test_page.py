@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from helpers.tracks import walker
 
-from apf.cluster.manifest import Manifest
 from apf.cluster.page import write_index
+from apf.cluster.record import TakeRecord
 from apf.cluster.take_row import TakeRow, doubtful_limbs
 
 
@@ -41,7 +41,7 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
         (tmp_path / name / "thumbnail.jpg").write_bytes(b"")
         (tmp_path / name / "report.html").write_text("")
         row = TakeRow(name, frames=7, lost_frames=2, limbs="left arm", took=1.5)
-        Manifest("0", {}, {}, {}, rows=(row.plain() | {"of a later version": 1},)).write(
+        TakeRecord("0", {}, {}, {}, rows=(row.plain() | {"of a later version": 1},)).write(
             tmp_path / name
         )
     (tmp_path / "logs").mkdir()

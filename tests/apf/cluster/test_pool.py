@@ -146,7 +146,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
     assert (out / "second" / "joints.trc").is_file()
     assert (out / walk.name / "track.npz").stat().st_mtime_ns == stamp
     assert {p.name for p in out.iterdir()} == {
-        ".batch.lock", "bad", "index.html", "logs", "second", "takes.csv", walk.name,
+        "manifest.txt", "bad", "index.html", "logs", "second", "takes.csv", walk.name,
     } - {"bad"}  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from cl import InputError
 from psfs.common.files import unreadable, write_json
 from psfs.output.runs import versions
 
-MANIFEST = "take.json"
+RECORD = "take.json"
 _LOT = 1 << 22  # bytes read at a time
 
 
@@ -50,7 +50,7 @@ class FileFacts:
 
 
 @dataclass(frozen=True)
-class Manifest:
+class TakeRecord:
     """What a folder of results was made of. inputs: by path in the take's folder. settings: plain
     values by the flags' names; of those that name a file the content counts, under `files`.
     outputs: by path in the folder of results. row: what `TakeRow` says of it."""
@@ -64,9 +64,9 @@ class Manifest:
 
     @classmethod
     def of_take(
-        cls, folder: Path, settings: Mapping[str, Any], known: Manifest | None = None
-    ) -> Manifest:
-        """Return the manifest of a take that is to be done; files that look as those `known` are
+        cls, folder: Path, settings: Mapping[str, Any], known: TakeRecord | None = None
+    ) -> TakeRecord:
+        """Return the record of a take that is to be done; files that look as those `known` are
         not read again. Raises InputError where one cannot be read."""
         plain = {name: _plain(value) for name, value in settings.items()}
         named = {name: path for name, value in plain.items() for path in _named_files(value)}
@@ -79,17 +79,17 @@ class Manifest:
         )
 
     @classmethod
-    def read(cls, folder: Path) -> Manifest | None:
+    def read(cls, folder: Path) -> TakeRecord | None:
         """Return that in a folder of results; None where there is none, or one of another kind."""
         try:
-            data = json.loads((folder / MANIFEST).read_text())
+            data = json.loads((folder / RECORD).read_text())
             for part in ("inputs", "files", "outputs"):
                 data[part] = {name: FileFacts(**facts) for name, facts in data[part].items()}
             return cls(**{**data, "rows": tuple(data["rows"])})
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 
-    def same_take(self, other: Manifest) -> bool:
+    def same_take(self, other: TakeRecord) -> bool:
         """Were both made of the same contents, by the same version with the same settings?"""
         return (
             self.version == other.version
@@ -110,7 +110,7 @@ class Manifest:
 
     def write(self, folder: Path) -> None:
         """Write it into the folder of results. Raises InputError."""
-        write_json(folder / MANIFEST, asdict(self))
+        write_json(folder / RECORD, asdict(self))
 
 
 def files_in(folder: Path) -> list[Path]:

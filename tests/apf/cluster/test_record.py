@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from apf.cluster.manifest import FileFacts, Manifest, files_in
+from apf.cluster.record import FileFacts, TakeRecord, files_in
 from apf.cluster.whole_folder import clear_partial, final_names, whole_folder
 from cl import InputError
+from psfs.common.files import written_whole
+from psfs.common.outputs import output_folder
 
 
 @pytest.fixture
@@ -36,12 +38,12 @@ def test_a_take_is_the_same_by_content_and_settings(take: Path, tmp_path: Path) 
     body = tmp_path / "body.toml"
     body.write_text("a body")
     settings = {"seed": 1, "frames": slice(0, 4, None), "body": str(body), "device": "cpu"}
-    first = Manifest.of_take(take, settings)
+    first = TakeRecord.of_take(take, settings)
     assert set(first.inputs) == {"videos/cam01.mp4", "calibration.toml"}
     assert set(first.files) == {"body"}
     (tmp_path / "out").mkdir()
     first.write(tmp_path / "out")
-    read = Manifest.read(tmp_path / "out")
+    read = TakeRecord.read(tmp_path / "out")
     assert read == first and read is not None
 
     moved = tmp_path / "elsewhere"
@@ -49,62 +51,86 @@ def test_a_take_is_the_same_by_content_and_settings(take: Path, tmp_path: Path) 
     os.utime(moved / "calibration.toml", ns=(1, 1))
     body.rename(tmp_path / "another.toml")
     renamed = settings | {"body": str(tmp_path / "another.toml")}
-    assert Manifest.of_take(moved, renamed).same_take(read)
-    assert Manifest.of_take(moved, renamed, read).same_take(read)
+    assert TakeRecord.of_take(moved, renamed).same_take(read)
+    assert TakeRecord.of_take(moved, renamed, read).same_take(read)
 
-    assert not Manifest.of_take(moved, renamed | {"seed": 2}).same_take(read)
+    assert not TakeRecord.of_take(moved, renamed | {"seed": 2}).same_take(read)
     changed(tmp_path / "another.toml", "another body")
-    assert not Manifest.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
     changed(tmp_path / "another.toml", "a body")
     changed(moved / "calibration.toml", "f = 2")
-    assert not Manifest.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
     changed(moved / "calibration.toml", "f = 1")
     (moved / "videos" / "cam02.mp4").write_bytes(b"")
-    assert not Manifest.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
 
 
 def test_files_that_look_as_before_are_not_read(take: Path) -> None:
-    known = Manifest.of_take(take, {})
+    known = TakeRecord.of_take(take, {})
     changed(take / "calibration.toml", "f = 7", same_time=True)
-    assert Manifest.of_take(take, {}, known).same_take(known)
-    assert not Manifest.of_take(take, {}).same_take(known)
+    assert TakeRecord.of_take(take, {}, known).same_take(known)
+    assert not TakeRecord.of_take(take, {}).same_take(known)
 
 
 @pytest.mark.parametrize("damage", ["changed", "gone"])
 def test_results_that_are_not_all_there(damage: str, take: Path) -> None:
     outputs = {str(p.relative_to(take)): FileFacts.of(p) for p in files_in(take)}
-    manifest = Manifest("0", {}, {}, {}, outputs)
-    assert manifest.holds(take)
+    record = TakeRecord("0", {}, {}, {}, outputs)
+    assert record.holds(take)
     if damage == "gone":
         (take / "calibration.toml").unlink()
     else:
         changed(take / "calibration.toml", "f = 8")
-    assert not manifest.holds(take)
+    assert not record.holds(take)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"version": 1}', '{"inputs": {"a": 3}}'])
-def test_no_manifest(text: str, tmp_path: Path) -> None:
-    assert Manifest.read(tmp_path) is None
+def test_no_record(text: str, tmp_path: Path) -> None:
+    assert TakeRecord.read(tmp_path) is None
     (tmp_path / "take.json").write_text(text)
-    assert Manifest.read(tmp_path) is None
+    assert TakeRecord.read(tmp_path) is None
 
 
 def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="absent: no such folder"):
-        Manifest.of_take(tmp_path / "absent", {})
+        TakeRecord.of_take(tmp_path / "absent", {})
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     path = tmp_path / "walk"
     for text in ("first", "second"):
-        with whole_folder(path) as partial:
-            (partial / text).write_text(text)
+        with whole_folder(path) as partial, output_folder(partial, "test"):
+            with written_whole(partial / text) as temporary:
+                temporary.write_text(text)
             assert final_names(f"{partial / text}: bad") == f"{path / text}: bad"
-        assert [p.name for p in path.iterdir()] == [text]
+        assert {p.name for p in path.iterdir()} == {text, "manifest.txt"}
     with pytest.raises(KeyboardInterrupt), whole_folder(path) as partial:
         (partial / "third").write_text("third")
         raise KeyboardInterrupt
-    assert [p.name for p in path.iterdir()] == ["second"]
+    assert {p.name for p in path.iterdir()} == {"second", "manifest.txt"}
+    assert [p.name for p in tmp_path.iterdir()] == ["walk"]
+
+
+def test_files_of_others_stay(tmp_path: Path) -> None:
+    path = tmp_path / "walk"
+
+    def written(text: str) -> None:
+        with (
+            whole_folder(path) as partial,
+            output_folder(partial, "test"),
+            written_whole(partial / "a" / "track.npz") as temporary,
+        ):
+            temporary.write_text(text)
+
+    written("first")
+    (path / "a" / "notes.txt").write_text("mine")
+    written("second")
+    assert (path / "a" / "notes.txt").read_text() == "mine"
+    assert (path / "a" / "track.npz").read_text() == "second"
+    (path / "manifest.txt").unlink()
+    with pytest.raises(InputError, match=r"track\.npz: is there already"):
+        written("third")
+    assert (path / "a" / "track.npz").read_text() == "second"
     assert [p.name for p in tmp_path.iterdir()] == ["walk"]
 
 
@@ -123,7 +149,9 @@ def test_leftovers_of_the_dead_are_cleared(tmp_path: Path) -> None:
     ]
     for name in names:
         (tmp_path / name).mkdir()
+    (tmp_path / names[1] / "older").write_text("")
     clear_partial(tmp_path / "walk")
-    assert {p.name for p in tmp_path.iterdir()} == set(names[2:])
+    assert {p.name for p in tmp_path.iterdir()} == {"walk", *names[2:]}
+    assert (tmp_path / "walk" / "older").is_file()  # killed before the new one had its name
     clear_partial(tmp_path / "walk", of_all=True)
-    assert {p.name for p in tmp_path.iterdir()} == set(names[4:])
+    assert {p.name for p in tmp_path.iterdir()} == {"walk", *names[4:]}
