@@ -8,7 +8,7 @@ from pathlib import Path
 
 from apf.body import load_body
 from apf.formats.trc import CONVENTIONS
-from apf.tracking.export import EXPORTS, Export, export
+from apf.tracking.export import EXPORTS, OF_POINTS, Export, export
 from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import Track, spans
 from cl import InputError
@@ -28,9 +28,9 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--to",
         nargs="+",
         choices=tuple(EXPORTS),
-        default=tuple(EXPORTS),
         metavar="FORMAT",
-        help=f"{', '.join(EXPORTS)} (default: all)",
+        help=f"{', '.join(EXPORTS)} (default: all; of a track without a body "
+        f"{', '.join(OF_POINTS)})",
     )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FOLDER", help="where to (default: beside the track)"
@@ -65,12 +65,13 @@ def run(args: argparse.Namespace) -> None:
     try:
         if args.body is not None:
             track = replace(track, body=load_body(args.body))
-        _ = track.its_body  # before anything is written
+        if track.dof_names:
+            _ = track.its_body  # before anything is written
     except InputError as error:
         raise InputError(f"{args.track}: {error}") from None
     with output_folder(folder, args.parser.prog, addition=True):
         written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
-    print_export(written, "gait" in args.to)
+    print_export(written, args.to is None or "gait" in args.to)
 
 
 def print_export(written: Export, gait_wanted: bool) -> None:

@@ -16,11 +16,11 @@ from apf.formats.trc import JointSeries, write_trc
 WRITERS: dict[str, Callable[[str | Path, JointSeries], None]] = {
     ".trc": write_trc,
     ".csv": write_csv,
+    ".c3d": write_c3d,
 }
 #: What writes the motion of a body, by file ending.
 BODY_WRITERS: dict[str, Callable[[str | Path, BodyMotion], None]] = {
     ".bvh": write_bvh,
-    ".c3d": write_c3d,
     ".glb": write_glb,
     ".mot": write_mot,
 }

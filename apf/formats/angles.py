@@ -33,7 +33,7 @@ def write_angle_csv(path: str | Path, motion: BodyMotion) -> None:
     table = np.stack([np.where(motion.lost, np.nan, values) for values in angles.values()], -1)
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
-        for frame, time, row in zip(motion.points.frames, motion.times, table, strict=True):
+        for frame, time, row in zip(motion.points.frames, motion.points.times, table, strict=True):
             cells = ("" if np.isnan(value) else f"{value:.5f}" for value in row)
             file.write(",".join([f"{frame}", f"{time:.6f}", *cells]) + "\n")
 
@@ -51,13 +51,15 @@ def write_mot(path: str | Path, motion: BodyMotion) -> None:
         f"nColumns={1 + len(table)}",
         "inDegrees=yes",
         "",
-        *([motion.note] if motion.note else []),
+        *([motion.points.note] if motion.points.note else []),
         "endheader",
         "\t".join(["time", *table]),
     ]
     with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write("\n".join(header) + "\n")
-        np.savetxt(file, np.column_stack([motion.times, columns]), fmt="%.8f", delimiter="\t")
+        np.savetxt(
+            file, np.column_stack([motion.points.times, columns]), fmt="%.8f", delimiter="\t"
+        )
 
 
 def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:

@@ -26,7 +26,7 @@ _STUB = 5.0
 def write_bvh(path: str | Path, motion: BodyMotion) -> None:
     """Write hierarchy and motion. Raises InputError where the file cannot be written."""
     skeleton = skeleton_of(motion.body)
-    rate, rows = motion.on_a_beat()
+    rate, rows = motion.points.on_a_beat()
     rows = np.maximum.accumulate(rows)
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     lines = ["HIERARCHY"]

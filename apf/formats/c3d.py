@@ -1,51 +1,75 @@
 """C3D files, the exchange format of motion laboratories (Vicon, Qualisys, Visual3D, Mokka).
 
 Written: millimetres, Z up as the tracker's world; POINT:X_SCREEN and Y_SCREEN say so. The residual
-of a point is how far it may be away, the root mean square distance by its covariance; a point that
-is missing has the residual -1, as the format wants it.
+of a point is how far it may be away, 0 where that is not known; a point that is missing has the
+residual -1, as the format wants it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from apf.formats.motion import BodyMotion
+from apf.formats.trc import JointSeries
 from psfs.common.files import written_whole
 
 
-def write_c3d(path: str | Path, motion: BodyMotion) -> None:
-    """Write joints and virtual markers. Raises InputError where the file cannot be written."""
+@dataclass(frozen=True)
+class C3dEvent:
+    """label: as laboratories write it, Foot Strike or Foot Off. context: Left or Right. time: s
+    since the sequence's first frame."""
+
+    label: str
+    context: str
+    time: float
+
+
+def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
+    """Write points and events. Raises InputError where the file cannot be written."""
     import ezc3d  # takes a while to load
 
-    rate, rows = motion.on_a_beat()
+    rate, rows = series.on_a_beat()
     kept = rows >= 0
-    points = np.full((4, motion.points.joints.shape[1], len(rows)), np.nan)
-    points[:3, :, kept] = 1000 * motion.points.joints[rows[kept]].transpose(2, 1, 0)
+    points = np.full((4, series.joints.shape[1], len(rows)), np.nan)
+    points[:3, :, kept] = 1000 * series.joints[rows[kept]].transpose(2, 1, 0)
     points[3] = 1.0
     missing = np.isnan(points[:3]).any(0)
     residuals = np.zeros((1, *missing.shape))
-    residuals[0][:, kept] = np.nan_to_num(1000 * motion.deviation[rows[kept]].T)
+    if series.deviation is not None:
+        residuals[0][:, kept] = np.nan_to_num(1000 * series.deviation[rows[kept]].T)
     residuals[0][missing] = -1.0
 
     file: Any = ezc3d.c3d()
-    names = list(motion.points.joint_names)
-    file["header"]["points"]["first_frame"] = int(motion.points.frames[0]) if len(rows) else 0
-    parameters = file["parameters"]
-    parameters["POINT"]["RATE"]["value"] = [rate]
-    parameters["POINT"]["LABELS"]["value"] = names
-    parameters["POINT"]["DESCRIPTIONS"]["value"] = [name.replace("_", " ") for name in names]
-    parameters["POINT"]["UNITS"]["value"] = ["mm"]
-    for group, name, value in (
-        ("POINT", "X_SCREEN", "+X"),
-        ("POINT", "Y_SCREEN", "+Z"),
-        ("MANUFACTURER", "SOFTWARE", "psfs-apf"),
-        ("MANUFACTURER", "REMARK", motion.note),
-    ):
-        file.add_parameter(group, name, value)
+    names = list(series.joint_names)
+    file["header"]["points"]["first_frame"] = int(series.frames[0]) if len(rows) else 0
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"], point["UNITS"]["value"] = [rate], ["mm"]
+    point["LABELS"]["value"] = names
+    point["DESCRIPTIONS"]["value"] = [name.replace("_", " ") for name in names]
+    file.add_parameter("POINT", "X_SCREEN", "+X")
+    file.add_parameter("POINT", "Y_SCREEN", "+Z")
+    file.add_parameter("MANUFACTURER", "SOFTWARE", "psfs-apf")
+    file.add_parameter("MANUFACTURER", "REMARK", series.note)
+    _add_events(file, events)
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = residuals
     with written_whole(path) as temporary:
         file.write(str(temporary))
+
+
+def _add_events(file: Any, events: Sequence[C3dEvent]) -> None:
+    """The group EVENT, times as minutes and seconds."""
+    if not events:
+        return
+    times = np.array([divmod(event.time, 60) for event in events]).T
+    for name, value in (
+        ("USED", [len(events)]),
+        ("CONTEXTS", [event.context for event in events]),
+        ("LABELS", [event.label for event in events]),
+        ("TIMES", times),
+    ):
+        file.add_parameter("EVENT", name, value)

@@ -145,9 +145,10 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     """A channel for the rotation of every bone, and for the place of those that slide."""
     gltf = file.gltf
     rotations, positions = skeleton.motion(motion.body, motion.poses)
-    times = file.add((motion.times - motion.times[0]).astype(np.float32), "SCALAR")
-    lost = [int(frame) for frame in motion.points.frames[motion.lost]]
-    animation = gltf.Animation(name="motion", extras={"lost_frames": lost, "note": motion.note})
+    points = motion.points
+    times = file.add((points.times - points.times[0]).astype(np.float32), "SCALAR")
+    lost = [int(frame) for frame in points.frames[motion.lost]]
+    animation = gltf.Animation(name="motion", extras={"lost_frames": lost, "note": points.note})
     for index, node in enumerate(skeleton.nodes):
         if node.bone is None:
             continue

@@ -14,10 +14,9 @@ def write_csv(path: str | Path, series: JointSeries) -> None:
     """Write one row per frame: frame, time_s, then <joint>_x_m, _y_m, _z_m (world, Z up), empty
     where missing."""
     columns = [f"{name}_{axis}_m" for name in series.joint_names for axis in "xyz"]
-    times = series.frames / series.fps
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         file.write(",".join(["frame", "time_s", *columns]) + "\n")
-        for frame, time, joints in zip(series.frames, times, series.joints, strict=True):
+        for frame, time, joints in zip(series.frames, series.times, series.joints, strict=True):
             cells = ("" if np.isnan(value) else f"{value:.6f}" for value in joints.ravel())
             values = ",".join(cells)
             file.write(f"{frame},{time:.6f},{values}\n")

@@ -33,12 +33,32 @@ class JointSeries:
     """Named points over time. joints: (F, J, 3) m in the world, Z up, NaN where missing.
 
     frames: (F,) int, frame indices of the sequence, counted from 0; fps: of the sequence.
+    deviation: (F, J) m, the root mean square distance that the points may be away, NaN where
+    unknown. note: where they come from, for files that have room for a remark.
     """
 
     joint_names: tuple[str, ...]
     joints: np.ndarray
     fps: float
     frames: np.ndarray
+    deviation: np.ndarray | None = None
+    note: str = ""
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) s since the sequence's first frame."""
+        return self.frames / self.fps
+
+    def on_a_beat(self) -> tuple[float, np.ndarray]:
+        """Return the rate, frames/s, for files that have no times, and for each of their frames the
+        row here, (N,): -1 where there is none, because a program that ran live left it out."""
+        if len(self.frames) < 2:
+            return self.fps, np.arange(len(self.frames))
+        beats = self.frames - self.frames[0]
+        step = int(np.gcd.reduce(beats))
+        rows = np.full(beats[-1] // step + 1, -1)
+        rows[beats // step] = np.arange(len(beats))
+        return self.fps / step, rows
 
 
 def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -> None:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from apf.formats import write_angle_csv
+from apf.formats import write_angle_csv, write_c3d
+from apf.formats.c3d import C3dEvent
 from apf.tracking.gait import Gait, gait_of
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
@@ -26,10 +27,15 @@ EXPORTS = {
 }
 
 
+#: What needs no body, but points alone.
+OF_POINTS = ("c3d", "trc", "gait")
+_LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
+
+
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What was written: the `files`, and the `track` that is in them. gait: None where it
-    was not asked for or nobody walks, and then there is no file of it."""
+    """What was written: the `files`, and the `track` that is in them. gait: None where nobody
+    walks, and then there is no file of it; found for gait and C3D, which has its events."""
 
     files: tuple[Path, ...]
     track: Track
@@ -39,34 +45,47 @@ class Export:
 def export(
     track: Track,
     folder: str | Path,
-    to: Sequence[str] = tuple(EXPORTS),
+    to: Sequence[str] | None = None,
     *,
     axes: str = "y-up",
     smoothing: SmoothingConfig | None = None,
     raw: bool = False,
 ) -> Export:
-    """Write `track` into `folder`, as each of `to`, of EXPORTS.
+    """Write `track` into `folder`, as each of `to`, of EXPORTS; all that it can be by default.
 
-    It is smoothed first, unless it is already or `raw` says not to. axes: of the TRC, see
-    `Track.save`. Raises InputError for what is not in EXPORTS, for a track that does not hold its
-    body, and where a file cannot be written.
+    It is smoothed first, unless it is already or `raw` says not to, or it is of points without a
+    body. axes: of the TRC, see `Track.save`. Raises InputError for what is not in EXPORTS, where
+    the track does not hold its body and a file needs it, and where one cannot be written.
     """
-    for kind in to:
+    has_body = bool(track.dof_names)
+    chosen = dict.fromkeys(to or (EXPORTS if has_body else OF_POINTS))
+    for kind in chosen:
         if kind not in EXPORTS:
             raise InputError(f"a track is not exported as {kind!r}; expected {listed(EXPORTS)}")
-    if not raw and track.smoothing is None:
+        if not has_body and kind not in OF_POINTS:
+            raise InputError(
+                f"a track of points, without a body, is not exported as {kind!r}; expected "
+                f"{listed(OF_POINTS)}"
+            )
+    if has_body and not raw and track.smoothing is None:
         track = smoothed(track, smoothing)
-    gait = gait_of(track) if "gait" in to else None
-    files = []
-    for kind in dict.fromkeys(to):
-        path = Path(folder) / EXPORTS[kind]
-        if kind == "csv":
-            write_angle_csv(path, track.motion)
-        elif kind != "gait":
-            track.save(path, axes=axes) if kind == "trc" else track.save(path)
-        elif gait is not None:
-            write_json(path, gait.described())
-        else:
-            continue
-        files.append(path)
-    return Export(tuple(files), track, gait)
+    gait = gait_of(track) if {"gait", "c3d"} & set(chosen) else None
+    written = (_write(track, gait, kind, Path(folder) / EXPORTS[kind], axes) for kind in chosen)
+    return Export(tuple(path for path in written if path is not None), track, gait)
+
+
+def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:
+    """Write one file; None where there is nothing to write."""
+    if kind == "csv":
+        write_angle_csv(path, track.motion)
+    elif kind == "c3d":
+        events = gait.events if gait is not None else ()
+        labelled = [C3dEvent(_LABELS[e.kind], e.side.capitalize(), e.time) for e in events]
+        write_c3d(path, track.points, labelled)
+    elif kind == "gait":
+        if gait is None:
+            return None
+        write_json(path, gait.described())
+    else:
+        track.save(path, axes)
+    return path

@@ -15,9 +15,12 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from apf.body.stature import ANKLES, HIPS
-from apf.tracking.smoothing import unbroken_parts
+from apf.tracking.foot_contact import stances
 from apf.tracking.track import Track
 from psfs.common.ranges import check_range
+
+#: Between which the pelvis is, where it is no joint of its own.
+_HIP_JOINTS = ("l_hip", "r_hip")
 
 
 @dataclass(frozen=True)
@@ -89,11 +92,14 @@ def gait_of(track: Track, config: GaitConfig | None = None) -> Gait | None:
     """Return the longest walk in `track`, which should be smoothed; None where nobody walks two
     steps, or the body has no pelvis or ankles."""
     config = config or GaitConfig()
-    names = list(track.joint_names)
-    if not {HIPS, *ANKLES} <= set(names):
+    place = dict(zip(track.joint_names, track.joints.swapaxes(0, 1), strict=True))
+    if HIPS not in place and set(_HIP_JOINTS) <= set(place):
+        place[HIPS] = sum(place[name] for name in _HIP_JOINTS) / 2
+    if not {HIPS, *ANKLES} <= set(place):
         return None
-    points = track.joints[:, [names.index(name) for name in (HIPS, *ANKLES)]]
-    walks = [_walk(track, part, points[part], config) for part in unbroken_parts(track)]
+    points = np.stack([place[name] for name in (HIPS, *ANKLES)], 1)
+    known = np.isfinite(points).all(axis=(1, 2)) & ~track.lost
+    walks = [_walk(track, part, points[part], config) for part in stances(known)]
     return max((walk for walk in walks if walk), key=lambda walk: walk.n_steps, default=None)
 
 

@@ -44,6 +44,7 @@ _DIAGNOSTICS = {
     "confidence": Values(("F",), finite=False),
     "deviation": Values(("F", "D"), finite=False, low=0, high=np.inf),
     "covariance": Values(("F", "J", 3, 3), finite=False),
+    "standing": Values(("F", 2), "bool"),
 }
 
 
@@ -193,41 +194,35 @@ class Track:
     @property
     def points(self) -> JointSeries:
         """The joints and, of a track that holds its body, the virtual markers on heels, toes and
-        hands, NaN where lost: what files of points are written from."""
+        hands, NaN where lost: what files of points are written from. A marker may be as far away
+        as the joints on its bone."""
         names, points = list(self.joint_names), self.joints
-        markers = virtual_markers(self.body) if self.body is not None else ()
-        if markers:
+        away = np.sqrt(np.einsum("fjaa->fj", self.covariance))
+        if self.body is not None and (markers := virtual_markers(self.body)):
             names += [marker.name for marker in markers]
-            points = np.concatenate([points, posed_points(self.its_body, self.poses, markers)], 1)
+            points = np.concatenate([points, posed_points(self.body, self.poses, markers)], 1)
+            bones = np.array([joint.bone for joint in self.body.joints])
+            beside = [away[:, bones == marker.bone].max(1) for marker in markers]
+            away = np.column_stack([away, *beside])
         points = np.where(self.lost[:, None, None], np.nan, points)
-        return JointSeries(tuple(names), points, self.fps, self.frames)
+        note = "smoothed" if self.smoothing is not None else "as tracked, not smoothed"
+        note = f"psfs-apf, {self.body_name}, {note}"
+        return JointSeries(tuple(names), points, self.fps, self.frames, away, note)
 
     @property
     def motion(self) -> BodyMotion:
-        """What files of a moving body are written from. A marker may be as far away as the joints
-        on its bone. Raises InputError where the track does not hold its body."""
-        body, points = self.its_body, self.points
-        away = np.sqrt(np.einsum("fjaa->fj", self.covariance))
-        bones = np.array([joint.bone for joint in body.joints])
-        beside = [away[:, bones == marker.bone].max(1) for marker in virtual_markers(body)]
-        note = "smoothed" if self.smoothing is not None else "as tracked, not smoothed"
-        return BodyMotion(
-            body=body,
-            poses=self.poses,
-            lost=self.lost,
-            points=points,
-            deviation=np.column_stack([away, *beside]),
-            note=f"psfs-apf, {body.name}, {note}",
-        )
+        """What files of a moving body are written from. Raises InputError where the track does not
+        hold its body."""
+        return BodyMotion(self.its_body, self.poses, self.lost, self.points)
 
     def save(self, path: str | Path, axes: str = "y-up") -> None:
         """Write the track as it is; the ending of `path` says as what.
 
         .npz: all of it, for `open`: the fields by their names, diagnostics as diagnostic_<name>.
-        .trc, .csv: `points`; axes: of a TRC, y-up, z-up or pose2sim. .bvh, .glb: the
-        moving body. .c3d: points and how certain they are. .mot: joint angles for OpenSim. See
-        `apf.formats`. Raises InputError for any other ending, where the file cannot be written, or
-        where the track does not hold its body and the file needs it.
+        .trc, .csv, .c3d: `points`; axes: of a TRC, y-up, z-up or pose2sim. .bvh, .glb: the moving
+        body. .mot: joint angles for OpenSim. See `apf.formats`. Raises InputError for any other
+        ending, where the file cannot be written, or where the track does not hold its body and the
+        file needs it.
         """
         ending = Path(path).suffix.lower()
         if axes not in CONVENTIONS:

@@ -73,6 +73,25 @@ def test_a_smoothed_track_is_not_smoothed_again(tmp_path: Path) -> None:
     assert written.gait is None  # one step only
 
 
+def test_points_without_a_body(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """As `apf track --method triangulate` makes them, NaN where a point is missing."""
+    body = strider(150)
+    names = [name for name in body.joint_names if name != "pelvis"]
+    joints = body.joints[:, [body.joint_names.index(name) for name in names]].copy()
+    joints[:20, names.index("l_wrist")] = np.nan
+    track = Track("triangulated", (), tuple(names), 60.0, body.frames, np.zeros((150, 0)), joints,
+                  np.zeros((0, 2)))  # fmt: skip
+    track.save(tmp_path / "track.npz")
+    assert main(["export", str(tmp_path)]) == 0
+    assert "not smoothed" in capfd.readouterr().out
+    found = {path.name for path in tmp_path.iterdir()} - {"track.npz", "manifest.txt"}
+    assert found == {"motion.c3d", "motion.trc", "gait.json"}
+    np.testing.assert_allclose(read_trc(tmp_path / "motion.trc").joints, joints, atol=1e-6)
+    assert json.loads((tmp_path / "gait.json").read_text())["n_steps"] >= 3
+    assert main(["export", str(tmp_path), "--to", "bvh"]) == 2
+    assert "without a body" in capfd.readouterr().err
+
+
 def test_who_does_not_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     walker(10).save(tmp_path / "track.npz")
     assert main(["export", str(tmp_path), "--to", "gait", "csv"]) == 0

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from apf.body import load_body
 from apf.body.anatomy import anatomical_frames
-from apf.formats import write_angle_csv
+from apf.formats import write_angle_csv, write_c3d
 from apf.formats.angles import coordinates
+from apf.formats.c3d import C3dEvent
 from apf.formats.trc import read_trc
 from apf.tracking.smoothing import smoothed
 from apf.tracking.track import Track
@@ -55,6 +56,16 @@ def test_ezc3d_reads_points_units_rate_and_residuals(tmp_path: Path) -> None:
     assert residuals["l_ankle"][0] == pytest.approx(2 * away, abs=1)
     assert residuals["l_heel"][0] == residuals["l_ankle"][0] > residuals["r_heel"][0]
     assert (residuals["neck"][3:5] == -1).all()
+
+
+def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
+    events = [C3dEvent("Foot Strike", "Left", 0.25), C3dEvent("Foot Off", "Right", 61.5)]
+    write_c3d(tmp_path / "a.c3d", walk().points, events)
+    group = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]["EVENT"]
+    assert group["USED"]["value"].tolist() == [2]
+    assert group["LABELS"]["value"] == ["Foot Strike", "Foot Off"]
+    assert group["CONTEXTS"]["value"] == ["Left", "Right"]
+    np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
 
 
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
@@ -150,7 +161,7 @@ def test_points_of_a_track_without_its_body(tmp_path: Path) -> None:
     track = replace(walk(), body=None)
     track.save(tmp_path / "a.trc")
     assert read_trc(tmp_path / "a.trc").joint_names == track.joint_names
-    for ending in ("bvh", "c3d", "mot", "glb"):
+    for ending in ("bvh", "mot", "glb"):
         with pytest.raises(InputError, match="does not hold its body"):
             track.save(tmp_path / f"a.{ending}")
     with pytest.raises(InputError, match="does not hold its body"):
