@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from apf.cli import batch, demo, evaluate, export, live, render, smooth, synth, track, view
+from apf.cli import demo, evaluate, export, live, render, smooth, synth, track, view
+from apf.cli.batch import command as batch
 from apf.cli.program import run_program
 
 COMMANDS = (synth, track, batch, live, smooth, export, evaluate, render, view, demo)

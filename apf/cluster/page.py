@@ -33,7 +33,12 @@ _COLUMNS = (
     ("finished", "finished, UTC", ""),
 )
 #: Files that are linked where a take has them: name, text.
-_LINKS = (("report.html", "report"), ("overlay.mp4", "overlay"), ("joints.trc", "trc"))
+_LINKS = (
+    ("report.html", "report"),
+    ("overlay.mp4", "overlay"),
+    ("motion.bvh", "bvh"),
+    ("motion.glb", "glb"),
+)
 _TEXT = ("name", "status", "limbs", "parts", "worker", "finished")
 _STYLE = """
 body { font: 14px/1.4 system-ui, sans-serif; margin: 2em; color: #222; background: #fff }

@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.progress import TaskID
 
-from apf.cli.batch_take import TakeDone
+from apf.cli.batch.take import TakeDone
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress

@@ -7,9 +7,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn
 
-from apf.cli import track
+from apf.cli import export, track
 from apf.cli.method_flags import chosen_method
 from apf.cluster.record import FileFacts, TakeRecord, files_in
 from apf.cluster.take_row import TakeRow, write_thumbnail
@@ -29,7 +30,7 @@ class TakeJob:
     """A take to be done. source: its folder. out: where its results go. log: the file for what is
     said meanwhile. words: the flags of its `apf track`; paths in full. configs: as of --config, by
     their names. where: what stated the words, for errors. part_frames: of a part, where the take
-    is to be cut."""
+    is to be cut. exports: formats of `apf export`."""
 
     name: str
     source: Path
@@ -39,6 +40,7 @@ class TakeJob:
     configs: Mapping[str, Any] = field(default_factory=dict)
     where: str = "apf batch"
     part_frames: int | None = None
+    exports: tuple[str, ...] = ()
 
     def arguments(self, output: Path | None = None) -> argparse.Namespace:
         """Return the arguments of `apf track` that make the results in `output`. Raises
@@ -56,7 +58,8 @@ class TakeJob:
 
     def record(self, known: TakeRecord | None = None) -> TakeRecord:
         """Return what the results depend on; see `TakeRecord.of_take`."""
-        settings = settings_of(self.arguments()) | {"part_frames": self.part_frames}
+        own = {"part_frames": self.part_frames, "exports": self.exports}
+        settings = settings_of(self.arguments()) | own
         return TakeRecord.of_take(self.source, settings, known)
 
 
@@ -117,6 +120,9 @@ def written_take(
         args = job.arguments(partial)
         device = worker_device(args.device)
         take = write(args, device)
+        progress.begin("exports")
+        for folder in _folders(args) if job.exports else ():
+            _run(export, "export", str(folder), "--to", *job.exports)
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
@@ -133,9 +139,20 @@ def _written_rows(
 ) -> list[dict[str, Any]]:
     """The rows of the take's tracks, whose thumbnails are written."""
     rows = []
-    folders = track.seed_folders(args, track.chosen_seeds(args, chosen_method(args)))
-    for found, folder in zip(take.tracks, folders, strict=True):
+    for found, folder in zip(take.tracks, _folders(args), strict=True):
         write_thumbnail(folder, take, found)
         name = "/".join((job.name, *folder.relative_to(args.output).parts))
         rows.append(TakeRow.of(name, take, found, **facts).plain())
     return rows
+
+
+def _folders(args: argparse.Namespace) -> list[Path]:
+    """Where the tracks of a take are."""
+    return track.seed_folders(args, track.chosen_seeds(args, chosen_method(args)))
+
+
+def _run(command: ModuleType, *words: str) -> None:
+    """Run another command of this program, in the words that a user would. Raises UserError."""
+    parser = program_parser("apf", "", (command,))
+    args = with_settings(parser, parser.parse_args(words), words)
+    args.run(args)

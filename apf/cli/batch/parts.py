@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.api import given_start, template_of
 from apf.body import load_body, save_body
-from apf.cli.batch_take import TakeDone, TakeJob, do_take, finished, written_take
+from apf.cli.batch.take import TakeDone, TakeJob, do_take, finished, written_take
 from apf.cli.first_pose import naming_init, warn_of_doubts
 from apf.cli.method_flags import chosen_method
 from apf.cli.track import draw_overlays, write_files, write_track_settings
@@ -97,6 +97,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
                 out=folder / f"part{number}",
                 words=(*shared, *([f"--init={folder / START}"] * (number == 0)), _frames(part)),
                 part_frames=None,
+                exports=(),
             )
             for number, part in enumerate(parts)
         )

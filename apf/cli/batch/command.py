@@ -8,10 +8,10 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch_list import listed_takes
-from apf.cli.batch_parts import PARTS, course_of
-from apf.cli.batch_report import BatchReport
-from apf.cli.batch_take import TakeJob, finished
+from apf.cli.batch.parts import PARTS, course_of
+from apf.cli.batch.report import BatchReport
+from apf.cli.batch.take import TakeJob, finished
+from apf.cli.batch.takes import listed_takes
 from apf.cli.track import add_output_flag, add_track_flags, take_names
 from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
 from apf.cluster.courses import done_courses
@@ -19,13 +19,14 @@ from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import WorkerConfig, shares_of_machine
+from apf.tracking.export import EXPORTS
 from cl import InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
 from psfs.common.outputs import output_folder
 
 #: Flags of this command that are not track's.
-_OWN = ("workers", "scheduler", "part_frames")
+_OWN = ("workers", "scheduler", "part_frames", "to")
 #: Names in OUT that no take has.
 _TAKEN = (LOGS, PARTS)
 
@@ -59,6 +60,15 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar="N",
         help="cut longer takes into overlapping parts of about so many frames, which are tracked "
         "at the same time and joined where they agree best (default: not cut)",
+    )
+    parser.add_argument(
+        "--to",
+        nargs="*",
+        choices=tuple(EXPORTS),
+        default=tuple(EXPORTS),
+        metavar="FORMAT",
+        help=f"export each take as `apf export` does: {', '.join(EXPORTS)} (default: all; --to "
+        "alone: none)",
     )
     add_track_flags(parser)
 
@@ -110,9 +120,10 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
         log = out / LOGS / f"{name}.log"
         own = (*words, *take.words)
         jobs[name] = TakeJob(
-            name, take.source, out / name, log, own, args.configs, take.where, args.part_frames
-        )
-        jobs[name].arguments()
+            name, take.source, out / name, log, own, args.configs, take.where,
+            part_frames=args.part_frames, exports=tuple(args.to),
+        )  # fmt: skip
+        jobs[name].arguments()  # raises where a flag is bad
     return list(jobs.values())
 
 
