@@ -12,6 +12,7 @@ from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
 from apf.filters.method import Method
 from apf.initialisation.from_joints import check_pose, fit_to_joints, read_pose
+from apf.keypoints.keypoints import Keypoints
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from apf.tracking.batch import track_take
@@ -38,6 +39,7 @@ def track(
     voxel_size: float | None = None,
     all_cameras: bool = False,
     progress: Callable[[str], object] | None = None,
+    keypoints: Keypoints | str | Path | None = None,
 ) -> Track:
     """Find the person in the chosen frames of `sequence` and track them, as `apf track` does.
 
@@ -51,14 +53,16 @@ def track(
     pose are fitted to. method: the search and its settings, see `Method.of`. frames: all by
     default. height: stature of the person, m, if it is known. voxel_size: edge of a voxel, m.
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
-    called with the name of each stage, and with "tracking" after each frame.
+    called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
+    network, or the path of some (see `Keypoints.open`), that are looked at beside the voxels; alone
+    with `Method.of(objective="keypoints")`, which needs no background.
 
     A KeyboardInterrupt ends the track after the last whole frame. Doubts about the start are logged
     as warnings. Raises InputError where nobody is found or a file is not what it should be,
     DeviceError where the device cannot be used.
     """
     device = chosen_device(device)
-    if not all_cameras:
+    if not all_cameras and (method is None or method.objective != "keypoints"):
         sequence = trusted(sequence, device)
     chosen = range(len(sequence))[frames or slice(None)]
     if not chosen:
@@ -75,10 +79,17 @@ def track(
         voxel_size=voxel_size,
         selection=frames,
         progress=progress,
+        keypoints=_opened(keypoints, sequence),
     )
     for doubt in take.start.doubts if take.start is not None else ():
         log.warning("%s: %s", sequence.name, doubt)
     return take.tracks[0]
+
+
+def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Keypoints | None:
+    if keypoints is None or isinstance(keypoints, Keypoints):
+        return keypoints
+    return Keypoints.open(keypoints, sequence)
 
 
 def template_of(body: BodyModel | str | Path | None) -> tuple[BodyModel, bool]:

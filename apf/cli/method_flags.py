@@ -129,8 +129,8 @@ def chosen_method(args: argparse.Namespace) -> Method:
         return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
 
     base = _base(args)
-    images = not base.uses_voxels
-    if images and args.likelihood is not None:
+    images = base.uses_images
+    if not base.uses_voxels and args.likelihood is not None:
         raise InputError(
             f"--likelihood is the voxels'; expected none with --objective {base.objective}"
         )

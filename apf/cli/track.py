@@ -12,7 +12,7 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
-from apf.cli.keypoint_flags import add_keypoint_flags
+from apf.cli.keypoint_flags import add_keypoint_flags, keypoints_of
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.take_report import Line, TakeLine, TakeReport
 from apf.cli.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
@@ -28,6 +28,7 @@ from psfs.cli.commandline import add_command, add_device_flag, progress_bar, std
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
+    open_sequence,
     open_trusted,
     selected_frames,
 )
@@ -198,7 +199,10 @@ def _tracked(
     line: Line,
 ) -> Take:
     """The take in `args.folder`, its files written but for the overlays."""
-    sequence, _ = open_trusted(args, device)
+    if method.objective == "keypoints":  # nothing is seen of the background
+        sequence = open_sequence(args)
+    else:
+        sequence, _ = open_trusted(args, device)
     out.keep_off(sequence.inputs)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
@@ -211,6 +215,7 @@ def _tracked(
             voxel_size=args.voxel_size,
             selection=slice(frames.start, frames.stop, frames.step),
             reconstruction=args.configs.get("reconstruction"), progress=line,
+            keypoints=keypoints_of(args, sequence),
         )  # fmt: skip
     write_track_settings(args, method)
     if take.start is not None:

@@ -25,10 +25,12 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.filters.method import Method
 from apf.initialisation import Start, start_of
+from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
 from apf.initialisation.start import check_startable
+from apf.keypoints.keypoints import Keypoints
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice, UserError
+from cl import Device, InputError, NumpyDevice, UserError
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
@@ -79,23 +81,35 @@ def track_take(
     selection: slice | None = None,
     reconstruction: ReconstructionConfig | None = None,
     progress: Callable[[str], object] | None = None,
+    keypoints: Keypoints | None = None,
 ) -> Take:
     """Find the person in the selected frames of `sequence` and track them.
 
     given: a body and its first pose (D,), which then are not searched for. template, keep_shape,
     height: see `start_of`; the template is song31 by default. seeds: of the runs, the method's by
     default; the start takes the method's. progress: called with the name of every stage that
-    begins ("volume", "start", "preparing"), with "start" now and then during it, and with
-    "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the last
-    whole frame. Raises UserError.
+    begins ("keypoints", "volume", "start", "preparing"), with "start" now and then during it, and
+    with "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the
+    last whole frame. keypoints: of the sequence's cameras and frames; body, start and every frame's
+    pose follow them, too. Raises UserError.
     """
-    method = method or Method()
+    method = _with_keypoints(method or Method(), keypoints)
     report = progress or (lambda stage: None)
     grid: VoxelGrid | None = None
     start: Start | None = None
     template = template or load_body("song31")
     if given is None:
         check_startable(template)  # before anything that takes time
+    witness: KeypointStart | None = None
+    if keypoints is not None:
+        report("keypoints")
+        witness = start_from_keypoints(
+            sequence.rig, keypoints, given[0] if given is not None else template,
+            range(len(sequence))[selection or slice(None)], height,
+            keep_shape or given is not None,
+        )  # fmt: skip
+        if given is None:
+            given = witness.body, witness.poses[0]
     if method.uses_voxels or given is None:
         report("volume")
         grid = automatic_grid(sequence, selection, voxel_size, reconstruction, device)
@@ -115,8 +129,19 @@ def track_take(
         device, sequence, grid, body, pose, method,
         [method.filter.search.seed] if seeds is None else list(seeds),
         reconstruction, selection, lambda: report("tracking"),
+        None if witness is None else witness.observations,
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
+
+
+def _with_keypoints(method: Method, keypoints: Keypoints | None) -> Method:
+    """The method with its term of keypoints where there are any. Raises InputError for a method
+    that needs some without any."""
+    if keypoints is not None:
+        return method.with_keypoints(keypoints.points.shape[0] * keypoints.points.shape[2])
+    if method.uses_keypoints:
+        raise InputError("a likelihood with keypoints, but none were given; expected some")
+    return method
 
 
 def track_takes(

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
+from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.track import Track
 from apf.tracking.trackers import seeded, watched_runs
@@ -23,6 +24,9 @@ from cl import Device, NumpyDevice
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
+
+#: The observed points of a frame, by its number.
+FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
 
 
 def track_sequence(
@@ -35,10 +39,12 @@ def track_sequence(
     reconstruction: ReconstructionConfig | None = None,
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
+    keypoints: FrameKeypoints | None = None,
 ) -> Track:
     """Track `body` from `pose` (D,) through the selected frames of `sequence`.
 
     `grid` may be None where the method does without voxels, which then are not reconstructed.
+    keypoints: what is known of the body's points in a frame, by its number.
     The noise grows with the time between frames, see `BodyModel.sigma`. `progress` is called
     after each frame; a KeyboardInterrupt ends the track after the last whole frame (and is raised
     again if there is none).
@@ -46,8 +52,9 @@ def track_sequence(
     method = method or Method()
     seeds = [method.filter.search.seed]
     return track_seeds(
-        device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress
-    )[0]
+        device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress,
+        keypoints,
+    )[0]  # fmt: skip
 
 
 def track_seeds(
@@ -61,13 +68,20 @@ def track_seeds(
     reconstruction: ReconstructionConfig | None = None,
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
+    keypoints: FrameKeypoints | None = None,
 ) -> list[Track]:
     """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction."""
     step = (selection.step or 1) if selection else 1
-    observe = observer_for(device, sequence, grid, method, reconstruction)
+    seen: Iterator[tuple[int, Any]]
+    if method.objective == "keypoints":
+        seen = ((index, None) for index in range(len(sequence))[selection or slice(None)])
+    else:
+        observe = observer_for(device, sequence, grid, method, reconstruction)
+        seen = observed(observe, sequence.frames(selection))
+    if keypoints is not None:
+        seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
     tracker = watched_runs(Scene(device, sequence.rig, grid, body), scaled, seeds)
-    seen = observed(observe, sequence.frames(selection))
     frames, estimates = track_voxels(tracker, pose, seen, progress)
     provenance: dict[str, Any] = {
         "sequence": str(sequence.folder),

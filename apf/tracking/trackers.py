@@ -12,6 +12,7 @@ from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
 from apf.initialisation.kept_voxels import stored
+from apf.likelihood.observations import parted
 from apf.scene import Scene
 from apf.tracking.recovery import RecoveryConfig, SeparateRuns, Watched, WatchedRuns
 
@@ -47,10 +48,11 @@ def watched(
     wide = method.filter.changed(noise=config.wider * search.noise, **longer)
     wider = replace(method, filter=wide)
 
-    def everywhere(voxels: Any) -> list[np.ndarray]:
+    def everywhere(observation: Any) -> list[np.ndarray]:
+        voxels = stored(scene.device, parted(observation).shown)
         try:
             found = find_start(
-                scene, [stored(scene.device, voxels)], search.noise, keep_shape=True,
+                scene, [voxels], search.noise, keep_shape=True,
                 seed=search.seed, config=_ONE_ATTEMPT,
             )  # fmt: skip
         except StartError:

@@ -1,0 +1,201 @@
+"""A person's body, poses and points on the body from keypoints of many frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from apf.body.model import BodyModel
+from apf.body.stature import stature
+from apf.initialisation.point_fit import PointFit, PointFitConfig, PointFitter, PointViews
+from apf.initialisation.start import StartError
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import BodyPoints, points_on
+from apf.keypoints.triangulation import TriangulationConfig, triangulate
+from apf.likelihood.keypoint_model import KeypointModel
+from apf.likelihood.observations import PointObservations
+from psfs.cameras.camera import CameraRig
+
+#: Median length of a vector of two normal coordinates of deviation 1.
+_RAYLEIGH = 1.1774
+
+
+@dataclass(frozen=True)
+class KeypointStartConfig:
+    """How body and points are learnt from keypoints."""
+
+    n_frames: int = 40
+    """Frames that they are learnt from, evenly over all."""
+    error: float = 8.0
+    """px at a picture height of 480 px by which a keypoint is taken to err at first."""
+    outlier: float = 20.0
+    """px at 480 px: mean reprojection error beyond which cameras are left out of a point."""
+    least_points: int = 6
+    """Triangulated points that a frame must have to be looked at."""
+    n_levels: int = 5
+    """Levels of confidence whose error is measured, each with as many keypoints."""
+    least_error: float = 1.0
+    """px at 480 px, of any keypoint."""
+    fit: PointFitConfig = field(default_factory=PointFitConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class KeypointStart:
+    """What keypoints say of a person.
+
+    body: the template in the person's lengths. frames: (M,) that were looked at. poses: (M, D).
+    model: where the keypoints lie on the body, and their errors. keypoints: of all frames,
+    undistorted.
+    """
+
+    body: BodyModel
+    frames: np.ndarray
+    poses: np.ndarray
+    model: KeypointModel
+    keypoints: Keypoints
+
+    def observations(self, frame: int) -> PointObservations:
+        """Return what the keypoints of a frame say of the body."""
+        return self.model.observations(self.keypoints.points[:, frame])
+
+    def pose_at(self, frame: int) -> np.ndarray:
+        """Return the pose (D,) of the frame looked at that is nearest to `frame`."""
+        pose: np.ndarray = self.poses[np.argmin(np.abs(self.frames - frame))]
+        return pose
+
+
+def start_from_keypoints(
+    rig: CameraRig,
+    keypoints: Keypoints,
+    template: BodyModel,
+    frames: range,
+    height: float | None = None,
+    keep_shape: bool = False,
+    config: KeypointStartConfig | None = None,
+) -> KeypointStart:
+    """Learn a person's body, poses and points on it from the `keypoints` of `frames`.
+
+    The first of the frames that shows enough is among those looked at. height: known stature, m.
+    keep_shape: the template is the person's own body. Raises StartError where too few points can
+    be triangulated.
+    """
+    config = config or KeypointStartConfig()
+    keypoints = keypoints.undistorted(rig)
+    points = points_on(template, keypoints.names)
+    seen = keypoints.points[:, frames][:, :, points.columns].astype(np.float64)
+    pixel = rig.height / 480
+    found = triangulate(rig, seen, TriangulationConfig(max_error=config.outlier * pixel)).points
+    enough = np.flatnonzero(np.isfinite(found).all(-1).sum(1) >= config.least_points)
+    if not enough.size:
+        raise StartError(
+            f"no frame has {config.least_points} keypoints that two cameras see at one place; "
+            "expected a person there, and the cameras' calibration to be that of the keypoints"
+        )
+    chosen = enough[_evenly(len(enough), config.n_frames)]
+    seen, found = seen[:, chosen], found[chosen]
+    seen = unexchanged(rig, seen, found, points, config.outlier * pixel)
+    views = _views(seen, found, points, config.error * pixel)
+    fitter = PointFitter(template, rig, views, config.fit, keep_shape)
+    fit = fitter.refined(fitter.begun())
+    views, model = _calibrated(fitter, fit, seen, points, config, pixel)
+    fitter = PointFitter(template, rig, views, config.fit, keep_shape)
+    fit = fitter.refined(fit)
+    if height is not None and not keep_shape:
+        fit, fitter = _of_height(fitter, fit, height, rig)
+    views, model = _calibrated(fitter, fit, seen, points, config, pixel)
+    body = fitter.body(fit.log_lengths)
+    return KeypointStart(body, np.array(frames)[chosen], fit.poses, model, keypoints)
+
+
+def unexchanged(
+    rig: CameraRig, seen: np.ndarray, found: np.ndarray, points: BodyPoints, near: float
+) -> np.ndarray:
+    """Return keypoints (V, M, P, 3) with left and right put right where they were exchanged: where
+    both of a pair lie `near`, px, to the other's triangulated point (M, P, 3) and further from
+    their own."""
+    other = points.partners
+    off = np.full((2, *seen.shape[:3]), np.inf)
+    for view, camera in enumerate(rig):
+        local = found @ camera.R.T + camera.t
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = np.where(local[..., 2:] > 0, (local / local[..., 2:]) @ camera.K[:2].T, np.inf)
+            for kind, which in enumerate((np.arange(len(other)), other)):
+                off[kind, view] = np.linalg.norm(pixels[:, which] - seen[view, ..., :2], axis=-1)
+    with np.errstate(invalid="ignore"):
+        wrong = (off[1] < near) & (off[1] < 0.5 * off[0])
+    swapped = (wrong & wrong[:, :, other])[..., None]
+    return np.where(swapped, seen[:, :, other], seen)
+
+
+def _evenly(n: int, most: int) -> np.ndarray:
+    """At most so many of n numbers, evenly, the first among them."""
+    return np.unique(np.round(np.linspace(0, n - 1, min(n, most))).astype(int))
+
+
+def _views(
+    seen: np.ndarray, found: np.ndarray, points: BodyPoints, error: float | np.ndarray
+) -> PointViews:
+    known = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) > 0)
+    if np.ndim(error) == 0:  # nothing is known yet: a confidence counts as it is
+        error = error / np.sqrt(np.maximum(np.nan_to_num(seen[..., 2]), 1e-3))
+    return PointViews(
+        bone=points.bones,
+        position=points.offsets,
+        spread=points.spreads,
+        partner=points.partners,
+        pixels=np.nan_to_num(seen[..., :2]),
+        inverse_scale=np.where(known, 1 / np.asarray(error), 0.0),
+        triangulated=found,
+    )
+
+
+def _calibrated(
+    fitter: PointFitter,
+    fit: PointFit,
+    seen: np.ndarray,
+    points: BodyPoints,
+    config: KeypointStartConfig,
+    pixel: float,
+) -> tuple[PointViews, KeypointModel]:
+    """The views with the errors that a fit shows, by confidence and point, and their model."""
+    views = fitter.views
+    off = np.linalg.norm(fitter.residuals(fit), axis=-1) / _RAYLEIGH
+    # Three of a point's coordinates are fitted.
+    n_views = np.maximum((views.inverse_scale > 0).sum(0), 2)
+    off *= np.sqrt(2 * n_views / np.maximum(2 * n_views - 3, 1))
+    known = views.inverse_scale > 0
+    confidence, of = seen[..., 2][known], off[known]
+    order = np.argsort(confidence)
+    parts = np.array_split(order, min(config.n_levels, len(order)))
+    levels = np.array([np.median(confidence[part]) for part in parts])
+    errors = np.array([np.median(of[part]) for part in parts])
+    errors = np.maximum.accumulate(errors[::-1])[::-1]  # the surer, the better
+    errors = np.maximum(errors, config.least_error * pixel)
+    ratio = np.where(known, off / np.interp(np.nan_to_num(seen[..., 2]), levels, errors), np.nan)
+    with np.errstate(invalid="ignore"):
+        factor = np.array([
+            np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else 1.0
+            for one in np.moveaxis(ratio, -1, 0)
+        ])  # fmt: skip
+    own = np.arange(len(points))
+    model = KeypointModel(
+        columns=points.columns,
+        bone=points.bones,
+        position=fitter.positions(fit.log_lengths, fit.offset),
+        partner=np.where(points.partners == own, -1, points.partners),
+        confidence=levels,
+        error=errors,
+        factor=np.clip(factor, 0.3, 4.0),
+    )
+    scale = model.scale(np.nan_to_num(seen[..., 2]))
+    return replace(views, inverse_scale=np.where(known, 1 / scale, 0.0)), model
+
+
+def _of_height(
+    fitter: PointFitter, fit: PointFit, height: float, rig: CameraRig
+) -> tuple[PointFit, PointFitter]:
+    """The fit with the body scaled to a known stature, and what fits a body of that shape."""
+    factor = np.log(height / stature(fitter.body(fit.log_lengths)))
+    fitter = PointFitter(fitter.template, rig, fitter.views, fitter.config, keep_shape=True)
+    return fitter.refined(replace(fit, log_lengths=fit.log_lengths + factor)), fitter

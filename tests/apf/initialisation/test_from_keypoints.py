@@ -1,0 +1,128 @@
+"""Bodies, poses and points on the body that are learnt from keypoints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.keypoints import of_poses
+
+from apf.body import BodyModel, bone_matrices, load_body, posed_joints
+from apf.body.jacobian import bone_point_jacobian
+from apf.body.stature import stature
+from apf.initialisation import StartError
+from apf.initialisation.from_keypoints import start_from_keypoints
+from apf.keypoints import Keypoints, points_on
+from cl import InputError
+
+TEMPLATE = load_body("song31")
+RIG = scenes.ring(4, size=(640, 480), radius=4.0)
+
+
+def child() -> BodyModel:
+    """0.7 of the template, with long legs."""
+    lengths = dict.fromkeys(TEMPLATE.scale_groups, 0.7) | {"thigh": 0.78, "calf": 0.76}
+    return TEMPLATE.scaled(lengths, 0.7)
+
+
+def poses_of(body: BodyModel, n: int = 12) -> np.ndarray:
+    """(n, D) a person who turns round while limbs swing."""
+    time = np.arange(n)[:, None] / n
+    poses = bodies.random_poses(body, 1)[0] + 0.3 * np.sin(6 * time + np.arange(body.n_dof))
+    poses[:, :3] = body.rest_pose[:3] * 0.7 + 0.1 * time
+    poses[:, body.dof_names.index("pelvis.rz")] = 4 * time[:, 0]
+    return np.clip(poses, body.lower, body.upper)
+
+
+def learnt_error(keypoints: Keypoints, body: BodyModel, poses: np.ndarray) -> float:
+    """m, mean over joints and frames of what was learnt."""
+    found = start_from_keypoints(RIG, keypoints, TEMPLATE, range(len(poses)))
+    joints, truth = posed_joints(found.body, found.poses), posed_joints(body, poses[found.frames])
+    return float(np.linalg.norm(joints - truth, axis=-1).mean())
+
+
+def test_lengths_and_poses_of_a_child_who_turns() -> None:
+    body = child()
+    poses = poses_of(body)
+    keypoints = of_poses(RIG, body, poses, noise=2.0)
+    found = start_from_keypoints(RIG, keypoints, TEMPLATE, range(len(poses)))
+    assert stature(found.body) == pytest.approx(stature(body), rel=0.08)
+    assert learnt_error(keypoints, body, poses) < 0.03
+    assert 0.5 < np.median(found.model.error) < 4
+    assert abs(found.pose_at(0) - found.poses[0]).max() == 0
+
+
+def test_known_height_and_shape_are_kept() -> None:
+    body = child()
+    poses = poses_of(body, 10)
+    keypoints = of_poses(RIG, body, poses, noise=2.0)
+    tall = start_from_keypoints(RIG, keypoints, TEMPLATE, range(10), height=1.4)
+    assert stature(tall.body) == pytest.approx(1.4, abs=1e-6)
+    own = start_from_keypoints(RIG, keypoints, body, range(10), keep_shape=True)
+    np.testing.assert_allclose(
+        [bone.offset for bone in own.body.bones], [bone.offset for bone in body.bones]
+    )
+
+
+@pytest.mark.parametrize("damage", ["outliers", "exchange", "missing"])
+def test_what_networks_do_costs_little(damage: str) -> None:
+    """A fifth of the keypoints anywhere, left and right exchanged in a camera, a camera without."""
+    body = child()
+    poses = poses_of(body)
+    keypoints = of_poses(RIG, body, poses, noise=2.0)
+    points, random = keypoints.points.copy(), np.random.default_rng(0)
+    if damage == "outliers":
+        wrong = random.random(points.shape[:3]) < 0.2
+        points[wrong, :2] = random.uniform(0, 480, (wrong.sum(), 2))
+    elif damage == "exchange":
+        points[1] = points[1][:, points_on(TEMPLATE, keypoints.names).partners]
+    else:
+        points[1] = np.nan
+    clean = learnt_error(keypoints, body, poses)
+    assert learnt_error(replace(keypoints, points=points), body, poses) < 1.25 * clean + 0.002
+
+
+def test_frames_and_keypoints_that_show_nobody() -> None:
+    body = child()
+    poses = poses_of(body, 6)
+    keypoints = of_poses(RIG, body, poses)
+    points = keypoints.points.copy()
+    points[:, :3] = np.nan
+    late = start_from_keypoints(RIG, replace(keypoints, points=points), TEMPLATE, range(6))
+    assert late.frames.tolist() == [3, 4, 5]
+    with pytest.raises(StartError, match="no frame has 6 keypoints"):
+        start_from_keypoints(RIG, replace(keypoints, points=points * np.nan), TEMPLATE, range(6))
+    with pytest.raises(InputError, match="cameras are"):
+        start_from_keypoints(scenes.ring(3), keypoints, TEMPLATE, range(6))
+
+
+def test_observations_are_those_of_the_frame() -> None:
+    body = child()
+    poses = poses_of(body, 6)
+    found = start_from_keypoints(RIG, of_poses(RIG, body, poses), TEMPLATE, range(6))
+    seen = found.observations(2)
+    assert len(seen) == seen.most == 4 * 33
+    own = points_on(TEMPLATE, found.keypoints.names)
+    assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
+    row = seen.point == own.names.index("l_knee")
+    np.testing.assert_allclose(
+        seen.pixel[row], found.keypoints.points[:, 2, own.columns[own.names.index("l_knee")], :2]
+    )
+
+
+def test_points_move_as_their_derivatives_say() -> None:
+    body = bodies.named("stick")
+    poses = bodies.random_poses(body, 3, wild=True)
+    bone = np.array([0, 1, 2, 1])
+    local = np.random.default_rng(0).normal(size=(4, 3))
+
+    def placed(of: np.ndarray) -> np.ndarray:
+        rotations, origins = bone_matrices(body, of)
+        return origins[:, bone] + np.einsum("mpij,pj->mpi", rotations[:, bone], local)
+
+    found = bone_point_jacobian(body, poses, bone, placed(poses))
+    for dof, step in enumerate(1e-6 * np.eye(body.n_dof)):
+        slope = (placed(poses + step) - placed(poses - step)) / 2e-6
+        np.testing.assert_allclose(found[:, :, dof], slope, atol=1e-6)
