@@ -87,7 +87,12 @@ class Sequence:
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)
-        return cls(folder, layout.name, layout.read(folder, settings), settings)
+        try:
+            return cls(folder, layout.name, layout.read(folder, settings), settings)
+        except InputError as error:
+            if str(folder) in str(error):
+                raise
+            raise type(error)(f"{folder}: {error}") from None
 
     def with_cameras(self, names: Collection[str]) -> Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""

@@ -20,6 +20,7 @@ from cl import UserError
 from psfs.common.names import printable
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
+_LONGEST_LINE = 800
 #: Handled as Ctrl-C is: what is done is kept.
 _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -93,7 +94,10 @@ def _ended_as_interrupted() -> Iterator[None]:
 def _say(text: str) -> None:
     # A closed or full standard error must not hide the exit code.
     with contextlib.suppress(OSError):
-        print(printable(text), file=sys.stderr, flush=True)
+        line = printable(text)
+        if len(line) > _LONGEST_LINE:  # what was found may be a list of a thousand numbers
+            line = f"{line[: _LONGEST_LINE // 2]} ... {line[-_LONGEST_LINE // 2 :]}"
+        print(line, file=sys.stderr, flush=True)
 
 
 def _logged(program: str) -> str:

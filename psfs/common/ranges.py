@@ -21,7 +21,7 @@ def check_range(
     high are in the range. No number may be above `LARGEST`."""
     top = min(high, LARGEST)
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if number and math.isfinite(value):
+    if number and abs(value) <= LARGEST:  # nor NaN
         if ends and low <= value <= top:
             return
         if not ends and low + SMALLEST <= value < top:

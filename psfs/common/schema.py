@@ -50,7 +50,8 @@ def flat(*counts: int) -> BeforeValidator:
             numbers = np.asarray(value if isinstance(value, list) else [None])
         except ValueError:  # lists of different lengths
             numbers = np.array([None])
-        if numbers.dtype.kind not in "iuf" or numbers.size not in counts:
+        truths = [item for item in np.asarray(value, object).ravel() if isinstance(item, bool)]
+        if truths or numbers.dtype.kind not in "iuf" or numbers.size not in counts:
             raise ValueError(f"{' or '.join(map(str, counts))} numbers")
         if not np.isfinite(numbers).all():
             raise ValueError("numbers that are finite")

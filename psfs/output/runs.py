@@ -59,7 +59,7 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
 
 
 class _SequenceFacts(Table):
-    absolute: str
+    absolute: Annotated[str, Field(pattern="^/")]
     overrides: dict[str, Any]
     relative: str = ""
     cameras: list[Name] | None = None

@@ -1,0 +1,353 @@
+"""Arrays, joints, poses, meshes, pictures and videos that are damaged, lie or belong elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from helpers.faults import changed_npz, refused, run
+
+NAN, INF = float("nan"), float("inf")
+
+
+def header(shape: tuple, dtype: str = "<f8", data: bytes = b"") -> bytes:
+    """An npy that claims a shape."""
+    text = repr({"descr": dtype, "fortran_order": False, "shape": shape}).encode()
+    text += b" " * (64 - (len(text) + 11) % 64) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + data
+
+
+def with_entry(path: Path, name: str, content: bytes) -> None:
+    """Put an npy of one's own into an npz."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {n: archive.read(n) for n in archive.namelist()}
+    entries[f"{name}.npy"] = content
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for entry, data in entries.items():
+            archive.writestr(entry, data)
+
+
+def bomb(path: Path) -> None:
+    """A small file that claims 64 GB of zeros."""
+    with_entry(path, "more", b"\0" * (1 << 20))
+    data = bytearray(path.read_bytes())
+    at = data.rfind(b"PK\x01\x02")
+    data[at + 24 : at + 28] = struct.pack("<I", 0xF0000000)
+    at = data.rfind(b"PK\x01\x02", 0, at)
+    data[at + 24 : at + 28] = struct.pack("<I", 0xF0000000)
+    path.write_bytes(bytes(data))
+
+
+def cut(path: Path, share: float) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+
+
+def flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    for at in range(len(data) // 3, len(data) // 3 + 40):
+        data[at] ^= 0xFF
+    path.write_bytes(bytes(data))
+
+
+#: Of every npz.
+ARCHIVES: dict[str, Callable[[Path], Any]] = {
+    "empty": lambda p: p.write_bytes(b""),
+    "text": lambda p: p.write_text("hello"),
+    "half": lambda p: cut(p, 0.5),
+    "nearly whole": lambda p: cut(p, 0.98),
+    "flipped bytes": flipped,
+    "npy": lambda p: p.write_bytes(header((1,), data=b"\0" * 8)),
+    "an empty archive": lambda p: p.write_bytes(b"PK\x05\x06" + b"\0" * 18),
+    "a bomb": bomb,
+    "objects": lambda p: changed_npz(p, extra=np.array([{}], object)),
+    "a huge header": lambda p: with_entry(p, "extra", header((10**12,))),
+    "a header that overflows": lambda p: with_entry(p, "extra", header((2**62, 2**62))),
+    "a negative length": lambda p: with_entry(p, "extra", header((-3,))),
+    "no dtype": lambda p: with_entry(p, "extra", header((1,), "<q99")),
+    "code for a header": lambda p: with_entry(
+        p, "extra", b"\x93NUMPY\x01\x00" + struct.pack("<H", 30) + b"__import__('os').abort()      "
+    ),
+    "version 9": lambda p: with_entry(p, "extra", b"\x93NUMPY\x09\x09" + b"\0" * 50),
+    "2000 arrays": lambda p: changed_npz(p, **{f"a{i}": np.zeros(1) for i in range(1001)}),
+    "a folder": lambda p: (p.unlink(), p.mkdir()),
+    "a loop": lambda p: (p.unlink(), p.symlink_to(p)),
+    "nothing": lambda p: p.unlink(),
+}
+FILES = {
+    "out/clouds/frame_000001.npz": ["psfs", "view", "out", "--frame", "1", "--png", "x.png"],
+    "track/track.npz": ["apf", "smooth", "track", "-o", "new"],
+    "truth.npz": ["apf", "evaluate", "track", "--truth", "truth.npz", "-o", "new"],
+}
+
+
+def words_in(stock: Path, words: list[str]) -> list[str]:
+    paths = {"out", "track", "truth.npz", "truth.trc", "new", "x.png", "seq", "walk", "pose.txt"}
+    return [*words[:2], *(str(stock / word) if word in paths else word for word in words[2:])]
+
+
+@pytest.mark.parametrize("fault", ARCHIVES)
+@pytest.mark.parametrize("name", FILES)
+def test_archives(stock: Path, name: str, fault: str) -> None:
+    ARCHIVES[fault](stock / name)
+    refused(words_in(stock, FILES[name]), stock, Path(name).name)
+
+
+N = 6
+CLOUD: dict[str, dict[str, Any]] = {
+    "no origin": {"origin": None},
+    "an infinite origin": {"origin": np.array([0, INF, 0])},
+    "a far origin": {"origin": np.array([1e30, 0, 0])},
+    "two numbers": {"origin": np.zeros(2)},
+    "text": {"origin": np.array(["a", "b", "c"])},
+    "no voxel size": {"voxel_size": np.array(0.0)},
+    "a negative one": {"voxel_size": np.array(-1.0)},
+    "NaN": {"voxel_size": np.array(NAN)},
+    "several": {"voxel_size": np.ones(3)},
+    "a huge grid": {"shape": np.array([10**6, 10**6, 10**6])},
+    "a negative grid": {"shape": np.array([-5, 5, 5])},
+    "half a voxel": {"shape": np.array([5.5, 5, 5])},
+    "a flat shape": {"shape": np.array(5)},
+    "indices outside": {"indices": np.arange(3) + 10**9, "probability": np.ones(3), "colour": None},
+    "negative indices": {"indices": np.arange(3) - 5, "probability": np.ones(3), "colour": None},
+    "indices twice": {"indices": np.zeros(3, int), "probability": np.ones(3), "colour": None},
+    "falling indices": {"indices": np.arange(3)[::-1], "probability": np.ones(3), "colour": None},
+    "floats for indices": {"indices": np.ones(3), "probability": np.ones(3), "colour": None},
+    "fewer probabilities": {"probability": np.ones(2)},
+    "probability 2": {"indices": np.arange(1), "probability": np.full(1, 2.0), "colour": None},
+    "probability NaN": {"indices": np.arange(1), "probability": np.full(1, NAN), "colour": None},
+    "other colours": {"colour": np.zeros((2, 3), np.uint8)},
+    "colours with alpha": {"indices": np.arange(1), "probability": np.ones(1),
+                           "colour": np.zeros((1, 4), np.uint8)},
+    "infinite volume": {"volume": np.array(INF)},
+}  # fmt: skip
+TRACK: dict[str, dict[str, Any]] = {
+    "NaN poses": {"poses": np.full((N, 31), NAN)},
+    "infinite poses": {"poses": np.full((N, 31), INF)},
+    "huge poses": {"poses": np.full((N, 31), 1e300)},
+    "fewer poses": {"poses": np.zeros((N - 1, 31))},
+    "other axes": {"poses": np.zeros((N, 30))},
+    "poses as text": {"poses": np.full((N, 31), "a")},
+    "complex poses": {"poses": np.zeros((N, 31), complex)},
+    "NaN joints": {"joints": np.full((N, 15, 3), NAN)},
+    "flat joints": {"joints": np.zeros((N, 15, 2))},
+    "no names": {"joint_names": np.array([], str)},
+    "numbers for names": {"joint_names": np.arange(15)},
+    "edges outside": {"edges": np.array([[0, 99]])},
+    "negative edges": {"edges": np.array([[0, -1]])},
+    "three ends": {"edges": np.zeros((2, 3), int)},
+    "negative frames": {"frames": np.arange(N) - 3},
+    "falling frames": {"frames": np.arange(N)[::-1]},
+    "floats for frames": {"frames": np.arange(N) + 0.5},
+    "fps 0": {"fps": np.array(0.0)},
+    "fps NaN": {"fps": np.array(NAN)},
+    "fps -1": {"fps": np.array(-1.0)},
+    "fps 1e-300": {"fps": np.array(1e-300)},
+    "fps 1e300": {"fps": np.array(1e300)},
+    "several rates": {"fps": np.ones(3)},
+    "fps as text": {"fps": np.array("60")},
+    "no JSON": {"provenance": np.array("{")},
+    "deep JSON": {"provenance": np.array('{"a":' * 9000)},
+    "a list": {"provenance": np.array("[1]")},
+    "strange smoothing": {"provenance": np.array('{"smoothing": 3}')},
+    "two names": {"body_name": np.array(["a", "b"])},
+    "a number": {"body_name": np.array(3)},
+    "flags as text": {"diagnostic_lost": np.array(["no"] * N)},
+    "fewer flags": {"diagnostic_lost": np.zeros(N - 1)},
+    "other deviations": {"diagnostic_deviation": np.zeros((N, 3))},
+    "negative deviations": {"diagnostic_deviation": np.full((N, 31), -1.0)},
+    "other covariances": {"diagnostic_covariance": np.zeros((N, 15, 3))},
+    "a broken body": {"body": np.array("name = ")},
+    "another body": {"body": np.array("name = 'x'")},
+    "a number for a body": {"body": np.array(3)},
+}
+TRUTH: dict[str, dict[str, Any]] = {
+    "no joints": {"joints": None},
+    "infinite joints": {"joints": np.full((N, 15, 3), INF)},
+    "joints in light years": {"joints": np.full((N, 15, 3), 1e16)},
+    "no truth at all": {"joints": np.full((N, 15, 3), NAN)},
+    "other names": {"joint_names": np.array([f"x{i}" for i in range(15)])},
+    "fewer names": {"joint_names": np.array(["pelvis"])},
+    "text": {"joints": np.full((N, 15, 3), "a")},
+    "other frames": {"frames": np.arange(N) + 1000},
+    "negative frames": {"frames": np.arange(N) - 100},
+    "fps NaN": {"fps": np.array(NAN)},
+    "fps -1": {"fps": np.array(-1.0)},
+    "several rates": {"fps": np.ones(3)},
+}
+
+
+@pytest.mark.parametrize("fault", CLOUD)
+def test_clouds(stock: Path, fault: str) -> None:
+    path = stock / "out/clouds/frame_000001.npz"
+    changed_npz(path, **CLOUD[fault])
+    refused(words_in(stock, FILES["out/clouds/frame_000001.npz"]), stock, path.name)
+
+
+@pytest.mark.parametrize("fault", TRACK)
+def test_tracks(stock: Path, fault: str) -> None:
+    (stock / "track/body.toml").unlink()
+    changed_npz(stock / "track/track.npz", **TRACK[fault])
+    refused(words_in(stock, FILES["track/track.npz"]), stock, "track")
+
+
+@pytest.mark.parametrize("fault", TRUTH)
+def test_truths(stock: Path, fault: str) -> None:
+    changed_npz(stock / "truth.npz", **TRUTH[fault])
+    refused(words_in(stock, FILES["truth.npz"]), stock, "truth.npz")
+
+
+TRC: dict[str, Callable[[str], str]] = {
+    "empty": lambda t: "",
+    "no TRC": lambda t: "hello\n" * 10,
+    "no header": lambda t: t.split("\n", 1)[1],
+    "no frames": lambda t: "\n".join(t.splitlines()[:5]),
+    "half the frames": lambda t: "\n".join(t.splitlines()[:9]),
+    "unit feet": lambda t: t.replace("\tmm\t", "\tfeet\t"),
+    "rate 0": lambda t: t.replace("60\t60\t", "0\t0\t"),
+    "rate NaN": lambda t: t.replace("60\t60\t", "nan\tnan\t"),
+    "rate 1e300": lambda t: t.replace("60\t60\t", "1e300\t1e300\t"),
+    "a word": lambda t: t.replace("\n1\t", "\none\t"),
+    "frame NaN": lambda t: t.replace("\n1\t", "\nnan\t"),
+    "frame 1e30": lambda t: t.replace("\n1\t", "\n1e30\t"),
+    "a frame twice": lambda t: t.replace("\n2\t", "\n1\t"),
+    "an infinite marker": lambda t: t.replace("\n1\t0.000000\t", "\n1\t0.000000\tinf\t", 1),
+    "a marker on the moon": lambda t: t.replace("\n1\t0.000000\t", "\n1\t0.000000\t3.8e11", 1),
+    "more values": lambda t: t.replace("\n2\t", "\n2\t1\t1\t1\t1\t1\t1\t"),
+    "spaces": lambda t: t.replace("\t", "  "),
+    "NUL": lambda t: t.replace("\n2\t", "\n\0\t"),
+    "no UTF-8": lambda t: t + "\udcff",
+}
+
+
+@pytest.mark.parametrize("fault", TRC)
+def test_trc(stock: Path, fault: str) -> None:
+    path = stock / "truth.trc"
+    text = TRC[fault](path.read_text())
+    path.write_text(text, errors="surrogateescape")
+    words = ["apf", "evaluate", "track", "--truth", "truth.trc", "-o", "new"]
+    refused(words_in(stock, words), stock, "truth.trc")
+
+
+POSES = {
+    "none": "", "words": "one two", "too few": "0.1 " * 30, "60 for 31": "0.1 " * 60,
+    "NaN": "nan " * 31, "infinite": "0 " * 30 + "inf", "1e9": "1e9 " + "0 " * 30,
+    "1e300": "1e300 " + "0 " * 30, "401 digits": "9" * 401 + " 0" * 30, "commas": "0.1, " * 31,
+    "binary": "\0\1\2", "hex": "0x10 " * 31,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", POSES)
+def test_poses(stock: Path, fault: str) -> None:
+    (stock / "pose.txt").write_text(POSES[fault])
+    words = ["apf", "track", "walk", "-o", "new", "--init", "pose.txt", "--volume",
+             "-1,1,-1,1,0,2", "--all-cameras"]  # fmt: skip
+    refused(words_in(stock, words), stock, "pose.txt")
+
+
+def png_claiming(width: int, height: int) -> bytes:
+    """A PNG whose header claims a size."""
+    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    end = b"IEND"
+    parts = (head, b"IDAT" + zlib.compress(b"\0" * 100), end)
+    chunks = [struct.pack(">I", len(p) - 4) + p + struct.pack(">I", zlib.crc32(p)) for p in parts]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def encoded(suffix: str) -> bytes:
+    picture = np.random.default_rng(1).integers(0, 255, (120, 160, 3), np.uint8)
+    return cv2.imencode(suffix, picture)[1].tobytes()
+
+
+PICTURES: dict[str, bytes] = {
+    "nothing": b"",
+    "text": b"hello",
+    "NULs": b"\0" * 1000,
+    "half a PNG": encoded(".png")[:5000],
+    "a PNG without end": encoded(".png")[:-12],
+    "half a JPEG": encoded(".jpg")[:5000],
+    "a JPEG without end": encoded(".jpg")[:-2],
+    "half a BMP": encoded(".bmp")[:5000],
+    "half a TIFF": encoded(".tiff")[:2000],
+    "half a PPM": encoded(".ppm")[:2000],
+    "100,000 x 100,000": png_claiming(100_000, 100_000),
+    "2^31 x 2^31": png_claiming(2**31 - 1, 2**31 - 1),
+    "a PPM that lies": b"P6 100000 100000 255\n" + b"\0" * 100,
+    "a PPM without end": b"P6 99999999999999999999 1 255\n",
+    "a PBM of words": b"P1 many few\n",
+    "another size": cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].tobytes(),
+    "an SVG": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+    "a GIF": b"GIF89a" + b"\0" * 20,
+}
+
+
+@pytest.mark.parametrize("fault", PICTURES)
+@pytest.mark.parametrize("index", [0, 2])
+def test_pictures(stock: Path, fault: str, index: int) -> None:
+    (stock / f"seq/masks/c3/{index:04d}.png").write_bytes(PICTURES[fault])
+    box = ["--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"]
+    words = ["psfs", "reconstruct", "seq", "-o", "new", "--device", "numpy", "--all-cameras", *box]
+    if index:
+        outcome = run(words_in(stock, words))  # the frames before it are kept
+        assert outcome.code == 2 and "0002.png" in outcome.err.strip().splitlines()[-1]
+        assert "2 of 3 frames are in" in outcome.err and "Traceback" not in outcome.err
+        assert len(json.loads((stock / "new/summary.json").read_text())["frames"]) == 2
+    else:
+        refused(words_in(stock, words), stock, "c3")
+
+
+VIDEOS: dict[str, Callable[[Path], Any]] = {
+    "nothing": lambda p: p.write_bytes(b""),
+    "text": lambda p: p.write_text("hello"),
+    "half": lambda p: cut(p, 0.5),
+    "without its index": lambda p: cut(p, 0.8),
+    "NULs": lambda p: p.write_bytes(b"\0" * 5000),
+    "a picture": lambda p: p.write_bytes(encoded(".png")),
+    "another size": lambda p: footage.write_video(p, [50] * 20, size=(48, 64)),
+    "a pipe": lambda p: (p.unlink(), os.mkfifo(p)),
+    "a folder": lambda p: (p.unlink(), p.mkdir()),
+    "a loop": lambda p: (p.unlink(), p.symlink_to(p)),
+    "a link to nothing": lambda p: (p.unlink(), p.symlink_to("/no/such/file.mp4")),
+}
+
+
+@pytest.mark.parametrize("fault", VIDEOS)
+@pytest.mark.parametrize("kind", ["videos", "background"])
+def test_videos(stock: Path, fault: str, kind: str) -> None:
+    VIDEOS[fault](stock / f"walk/{kind}/cam02.mp4")
+    refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, kind)
+
+
+MESHES: dict[str, tuple[str, bytes]] = {
+    "nothing": ("m.obj", b""),
+    "text": ("m.obj", b"hello"),
+    "no faces": ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+    "a face of nothing": ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n"),
+    "NaN": ("m.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "far away": ("m.obj", b"v 1e30 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "a PLY that lies": ("m.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999\n"
+                        b"property float x\nproperty float y\nproperty float z\nend_header\n"),
+    "half a PLY": ("m.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n"),
+    "half a GLB": ("m.glb", b"glTF\x02\0\0\0\xff\xff\xff\x7f"),
+    "an STL that lies": ("m.stl", b"\0" * 80 + struct.pack("<I", 2**31 - 1) + b"\0" * 50),
+    "no format": ("m.xyzzy", b"hello"),
+    "a binary OFF": ("m.off", b"OFF\n3 1 0\nx y z\n"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", MESHES)
+def test_meshes(stock: Path, fault: str) -> None:
+    name, content = MESHES[fault]
+    (stock / name).write_bytes(content)
+    words = ["apf", "render", "walk", "track", "-o", "new", "--mesh", str(stock / name)]
+    refused([*words_in(stock, words), "--device", "numpy"], stock, name)

@@ -1,0 +1,332 @@
+"""Calibrations, settings and bodies with every value replaced by every kind of wrong one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from helpers import faults, footage
+from helpers.faults import WRONG, refused
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+#: Keys of a camera and what of `WRONG` is right for them.
+CAMERA: dict[str, tuple[str, ...]] = {
+    "size": (),
+    "matrix": (),
+    "distortions": ("an empty list",),
+    "rotation": (),
+    "translation": (),
+    "name": ("text", "a number as text"),
+    "fisheye": (),
+}
+
+
+@pytest.mark.parametrize("key", CAMERA)
+def test_a_camera_with_a_wrong_value(stock: Path, key: str) -> None:
+    path = stock / "walk/calibration.toml"
+    good = footage.tables(footage.rig(3))
+    for kind, value in WRONG.items():
+        if kind in CAMERA[key]:
+            continue
+        path.write_text(tomli_w.dumps(faults.replaced(good, ("cam02", key), value)))
+        refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, "calibration.toml")
+
+
+NUMBERS: dict[str, Any] = {
+    "a skewed row": ("matrix", [[60, 0, 31], [5, 60, 23], [0, 0, 1]], "intrinsic matrix"),
+    "K[2][2] is 2": ("matrix", [[60, 0, 31], [0, 60, 23], [0, 0, 2]], "intrinsic matrix"),
+    "a last row": ("matrix", [[60, 0, 31], [0, 60, 23], [0.1, 0, 1]], "intrinsic matrix"),
+    "no focal length": ("matrix", [[0, 0, 31], [0, 60, 23], [0, 0, 1]], "focal lengths"),
+    "a negative one": ("matrix", [[60, 0, 31], [0, -60, 23], [0, 0, 1]], "focal lengths"),
+    "a huge one": ("matrix", [[1e8, 0, 31], [0, 60, 23], [0, 0, 1]], "expected up to"),
+    "no width": ("size", [0, 48], "size 0 x 48"),
+    "a negative width": ("size", [-64, 48], "size -64 x 48"),
+    "half a pixel": ("size", [64.5, 48], "whole numbers"),
+    "a huge picture": ("size", [100_000, 100_000], "size 100000 x 100000"),
+    "three sizes": ("size", [64, 48, 3], "size"),
+    "another size": ("size", [640, 480], "64 x 48"),
+    "far away": ("translation", [1e8, 0, 0], "expected up to"),
+    "no rotation": ("rotation", [[2, 0, 0], [0, 1, 0], [0, 0, 1]], "not a rotation"),
+    "a mirror": ("rotation", [[1, 0, 0], [0, 1, 0], [0, 0, -1]], "not a rotation"),
+    "eight numbers": ("rotation", [1.0] * 8, "3 or 9 numbers"),
+    "a path": ("name", "../../../evil", "'/'"),
+    "an absolute path": ("name", "/tmp/evil", "'/'"),
+    "a backslash": ("name", "a\\b", "cam02"),
+    "a line break": ("name", "a\nb", "cam02"),
+    "an escape": ("name", "a\x1b[31mb", "cam02"),
+    "a dot": ("name", "..", "cam02"),
+    "a long name": ("name", "x" * 300, "300 characters"),
+    "white space": ("name", "   ", "cam02"),
+    "the name of another": ("name", "cam01", "names must differ"),
+    "fisheye": ("fisheye", True, "fisheye"),
+}
+
+
+@pytest.mark.parametrize("fault", NUMBERS)
+def test_a_camera_that_cannot_be(stock: Path, fault: str) -> None:
+    key, value, said = NUMBERS[fault]
+    good = footage.tables(footage.rig(3))
+    content = tomli_w.dumps(faults.replaced(good, ("cam02", key), value))
+    (stock / "walk/calibration.toml").write_text(content)
+    words = ["psfs", "info", str(stock / "walk"), "--no-pictures"]
+    refused(words, stock, "calib" if said != "64 x 48" else "cam02.mp4", said)
+
+
+@pytest.mark.parametrize("missing", ["matrix", "distortions", "rotation", "translation"])
+def test_a_camera_that_lacks_something(stock: Path, missing: str) -> None:
+    tables = footage.tables(footage.rig(3))
+    del tables["cam03"][missing]
+    (stock / "walk/calibration.toml").write_text(tomli_w.dumps(tables))
+    refused(["psfs", "info", str(stock / "walk")], stock, "cam03", missing)
+
+
+TEXTS: dict[str, bytes] = {
+    "nothing": b"",
+    "NUL": b"\0" * 100,
+    "no UTF-8": b"\xff\xfe\x80",
+    "half a table": b"[cam01",
+    "deep lists": b"a = " + b"[" * 5000,
+    "deep tables": b"[" + b"a." * 3000 + b"b]\nc = 1",
+    "5 MB": b"# " + b"x" * (5 * 2**20),
+    "a number of 5000 digits": b"[cam01]\nsize = [" + b"9" * 5000 + b", 48]",
+    "XML": b"<?xml version='1.0'?><a/>",
+    "a table twice": b"[a]\n[a]\n",
+}
+
+
+@pytest.mark.parametrize("fault", TEXTS)
+@pytest.mark.parametrize("name", ["walk/calibration.toml", "walk/sequence.toml", "body.toml"])
+def test_texts_that_are_no_toml(stock: Path, fault: str, name: str) -> None:
+    if name == "walk/sequence.toml" and fault in ("nothing",):
+        pytest.skip("says nothing, which is right")
+    (stock / name).write_bytes(TEXTS[fault])
+    words = ["psfs", "info", str(stock / "walk"), "--no-pictures"]
+    if name == "body.toml":
+        words = ["apf", "smooth", str(stock / "track"), "-o", str(stock / "new"), "--body",
+                 str(stock / name)]  # fmt: skip
+    refused(words, stock, Path(name).name)
+
+
+STORED: dict[str, tuple[str, bytes]] = {
+    "deep yml": ("c.yml", b"%YAML:1.0\n---\na: " + b"[" * 100_000),
+    "deep closed yml": ("c.yml", b"%YAML:1.0\n---\na: " + b"[" * 9000 + b"]" * 9000),
+    "deep block yml": ("c.yml", b"%YAML:1.0\n---\n" + b"".join(
+        b" " * i + b"a:\n" for i in range(2000))),
+    "deep json": ("c.json", b'{"a":' * 100_000),
+    "deep xml": ("c.xml", b"<?xml version='1.0'?><opencv_storage>" + b"<a>" * 100_000),
+    "empty yml": ("c.yml", b"%YAML:1.0\n---\n"),
+    "a list": ("c.json", b"[1, 2]"),
+    "a number": ("c.json", b"1"),
+    "no matrix": ("c.yml", b"%YAML:1.0\n---\nCameraMatrix: 3\n"),
+    "texts for numbers": ("c.json", b'{"CameraMatrix": ["a"], "D": ["b"], "R": ["c"], "T": ["d"]}'),
+    "tables for numbers": ("c.json", b'{"CameraMatrix": {"a": 1}, "D": [], "R": [], "T": []}'),
+    "a matrix that lies": ("c.yml", b"%YAML:1.0\n---\nCameraMatrix: !!opencv-matrix\n   rows: 99999"
+                           b"\n   cols: 99999\n   dt: d\n   data: [ 1. ]\n"),
+    "negative rows": ("c.yml", b"%YAML:1.0\n---\nCameraMatrix: !!opencv-matrix\n   rows: -3\n"
+                      b"   cols: 3\n   dt: d\n   data: [ 1. ]\n"),
+    "a wrong type": ("c.yml", b"%YAML:1.0\n---\nCameraMatrix: !!opencv-matrix\n   rows: 1\n"
+                     b"   cols: 1\n   dt: qq\n   data: [ 1. ]\n"),
+    "a cut file": ("c.xml", b"<?xml version='1.0'?><opencv_storage><CameraMatrix type_id='opencv"),
+    "an endless comment": ("c.xml", b"<?xml version='1.0'?><opencv_storage><!-- "),
+    "binary": ("c.yml", bytes(range(256)) * 10),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", STORED)
+def test_filestorage_files(stock: Path, fault: str) -> None:
+    name, content = STORED[fault]
+    (stock / "walk" / name).write_bytes(content)
+    calibration = ["--calibration", str(stock / "walk" / name)]
+    refused(["psfs", "info", str(stock / "walk"), *calibration], stock, name)
+
+
+SETTINGS: dict[str, tuple[str, ...]] = {
+    "unit": (),
+    "up": (),
+    "fps": (),
+    "background": (),
+    "key": (),
+    "threshold": (),
+    "dilate": (),
+    "erode": (),
+    "volume": (),
+    "calibration": (),
+    "cameras": (),
+}
+
+
+@pytest.mark.parametrize("key", SETTINGS)
+def test_a_setting_with_a_wrong_value(stock: Path, key: str) -> None:
+    for kind, value in WRONG.items():
+        if (key, kind) == ("unit", "a number as text"):
+            continue
+        (stock / "walk/sequence.toml").write_text(tomli_w.dumps({key: value}))
+        refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, str(stock / "walk"))
+
+
+BOUNDS = {
+    "fps": ["0", "-1", "1e-300", "1e300", "100001"],
+    "threshold": ["0", "1", "-0.5", "2"],
+    "dilate": ["-1", "1001", "1.5"],
+    "unit": ["0", "-1", "1e-300", '"0mm"', '"1e300m"', '"-3cm"', '"inch"', '"1e"'],
+    "volume": ["[[0,0,0],[0,1,1]]", "[[1,1,1],[0,0,0]]", "[[-1e9,0,0],[1e9,1,1]]", "[0,0,0,1,1]"],
+    "cameras": ['["cam01", "cam01"]', '["cam99"]', '["../cam01"]', "[1, 2]", '"cam01"'],
+    "calibration": ['"/no/such/file"', '"../../../../etc/passwd"', '"."', '"x\\u0000y"'],
+    "up": ['"w"', '"zz"', '"up"'],
+    "key": ['"#12345"', '"#gggggg"', '"green"'],
+    "nonsense": ["1", '"x"'],
+}
+
+
+@pytest.mark.parametrize("key", BOUNDS)
+def test_settings_out_of_bounds(stock: Path, key: str) -> None:
+    for value in BOUNDS[key]:
+        (stock / "walk/sequence.toml").write_text(f"{key} = {value}\n")
+        refused(["psfs", "info", str(stock / "walk"), "--no-pictures"], stock, str(stock))
+
+
+def body_words(stock: Path) -> list[str]:
+    body = ["--body", str(stock / "track/body.toml")]
+    return ["apf", "smooth", str(stock / "track"), "-o", str(stock / "new"), *body]
+
+
+#: Places in a body, and what of `WRONG` is right there.
+BODY: dict[str, tuple[tuple, tuple[str, ...]]] = {
+    "name": (("name",), ("text", "a number as text")),
+    "edges": (("edges",), ("an empty list",)),
+    "an edge": (("edges", 0), ()),
+    "an edge's end": (("edges", 0, 0), ()),
+    "apart": (("apart",), ("an empty list",)),
+    "bones": (("bone",), ()),
+    "a bone": (("bone", 1), ()),
+    "a bone's name": (("bone", 1, "name"), ()),
+    "a parent": (("bone", 1, "parent"), ("empty text",)),
+    "an offset": (("bone", 1, "offset"), ()),
+    "a rest": (("bone", 1, "rest"), ()),
+    "axes": (("bone", 1, "axes"), ()),
+    "an axis": (("bone", 1, "axes", 0, "axis"), ()),
+    "a sigma": (("bone", 1, "axes", 0, "sigma"), ()),
+    "limits": (("bone", 1, "axes", 0, "limits"), ()),
+    "a rest angle": (("bone", 1, "axes", 0, "rest"), ()),
+    "a deviation": (("bone", 1, "axes", 0, "posture_sigma"), ("infinity", "1e300")),
+    "an index": (("bone", 1, "axes", 0, "dof"), ()),
+    "cones": (("cone",), ()),
+    "a cone's bone": (("cone", 0, "bone"), ()),
+    "a cone's start": (("cone", 0, "start"), ()),
+    "radii": (("cone", 0, "radii"), ()),
+    "a radius": (("cone", 0, "radii", 0), ()),
+    "a scale": (("cone", 0, "scale"), ()),
+    "a side": (("cone", 0, "side"), ()),
+    "in images": (("cone", 0, "in_images"), ("true",)),
+    "joints": (("joint",), ()),
+    "a joint's bone": (("joint", 0, "bone"), ()),
+    "a joint's position": (("joint", 0, "position"), ()),
+}
+
+
+@pytest.mark.parametrize("place", BODY)
+def test_a_body_with_a_wrong_value(stock: Path, place: str) -> None:
+    at, right = BODY[place]
+    path = stock / "track/body.toml"
+    good = tomllib.loads(path.read_text())
+    for kind, value in WRONG.items():
+        if kind not in right:
+            path.write_text(tomli_w.dumps(faults.replaced(good, at, value)))
+            refused(body_words(stock), stock, "body.toml")
+
+
+def longer(factor: float) -> Callable[[dict], None]:
+    def change(body: dict) -> None:
+        for bone in body["bone"]:
+            bone["offset"] = [factor * value for value in bone.get("offset", [0, 0, 0])]
+        for cone in body["cone"]:
+            for key in ("start", "end"):
+                cone[key] = [factor * value for value in cone[key]]
+
+    return change
+
+
+BODIES: dict[str, tuple[Callable[[dict], Any], str]] = {
+    "17 m tall": (longer(10.0), "expected"),
+    "5 m tall": (longer(3.0), "measures"),
+    "1000 bones": (lambda b: b.update(bone=b["bone"] * 100), "bone"),
+    "a bone twice": (lambda b: b["bone"].append(b["bone"][1]), "same name"),
+    "a cone twice": (lambda b: b["cone"].append(b["cone"][1]), "same name"),
+    "a joint twice": (lambda b: b["joint"].append(b["joint"][1]), "same name"),
+    "no joints": (lambda b: b.pop("joint"), "joint"),
+    "an unknown key": (lambda b: b["bone"][0].update(ofset=[0, 0, 0]), "ofset"),
+    "a path as a name": (lambda b: b["joint"][0].update(name="../evil"), "'/'"),
+    "its own parent": (lambda b: b["bone"][1].update(parent=b["bone"][1]["name"]), "no bone"),
+    "limits reversed": (lambda b: b["bone"][1]["axes"][0].update(limits=[1, -1]), "lower limit"),
+    "an index twice": (lambda b: b["bone"][1]["axes"][0].update(dof=0), "indices"),
+    "a negative radius": (lambda b: b["cone"][0].update(radii=[0.1, -0.1]), "radii"),
+    "a radius of 5 m": (lambda b: b["cone"][0].update(radii=[0.1, 5.0]), "radii"),
+    "a point as a cone": (lambda b: b["cone"][0].update(end=b["cone"][0]["start"]), "length"),
+    "another body": (lambda b: b["bone"][-1].update(axes=[]), "body"),
+}
+
+
+@pytest.mark.parametrize("fault", BODIES)
+def test_a_body_that_cannot_be(stock: Path, fault: str) -> None:
+    change, said = BODIES[fault]
+    path = stock / "track/body.toml"
+    body = tomllib.loads(path.read_text())
+    change(body)
+    path.write_text(tomli_w.dumps(body))
+    refused(body_words(stock), stock, said)
+
+
+#: Places in a summary, and what of `WRONG` is right there.
+SUMMARY: dict[tuple, tuple[str, ...]] = {
+    (): ("a table",),
+    ("sequence",): (),
+    ("sequence", "absolute"): (),
+    ("sequence", "overrides"): (),
+    ("sequence", "cameras"): (),
+    ("grid",): (),
+    ("grid", "origin_m"): (),
+    ("grid", "voxel_size_m"): (),
+    ("grid", "shape"): (),
+    ("config",): (),
+    ("frames",): (),
+    ("frames", 0): (),
+    ("frames", 0, "index"): (),
+    ("frames", 0, "surface_voxels"): (),
+}
+
+
+@pytest.mark.parametrize("at", SUMMARY, ids=str)
+def test_a_summary_with_a_wrong_value(stock: Path, at: tuple) -> None:
+    path = stock / "out/summary.json"
+    good = json.loads(path.read_text())
+    for kind, value in WRONG.items():
+        if kind in SUMMARY[at] or kind == "a date":
+            continue
+        path.write_text(json.dumps(faults.replaced(good, at, value)))
+        refused(["psfs", "mesh", str(stock / "out")], stock, str(stock / "out"))
+
+
+def test_other_summaries(stock: Path) -> None:
+    path = stock / "out/summary.json"
+    good = json.loads(path.read_text())
+    frames = good["frames"]
+    for value, said in (
+        ([], "no reconstructed frame"),
+        (frames[::-1], "evenly spaced"),
+        ([*frames, frames[-1]], "evenly spaced"),
+        ([{**frames[0], "index": 10**9}], "expected the same sequence"),
+    ):
+        path.write_text(json.dumps({**good, "frames": value}))
+        refused(["psfs", "check", str(stock / "out")], stock, "out", said)
+    for text in ("", "[1", '{"a":' * 100_000, "null", "\0", '{"a": 1' + "0" * 5000 + "}"):
+        path.write_text(text)
+        refused(["psfs", "check", str(stock / "out")], stock, "summary.json")

@@ -1,0 +1,147 @@
+"""A command given something wrong: what it must do, and small stocks to break."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import apf.cli
+import psfs.cli
+from apf.body import save_body
+from apf.formats import write_trc
+from apf.initialisation.from_joints import write_pose
+from helpers import footage, scenes, tracks
+
+#: What may stand in a file of tables for something else.
+WRONG: dict[str, Any] = {
+    "text": "many",
+    "empty text": "",
+    "a number as text": "1.5",
+    "NaN": float("nan"),
+    "infinity": float("inf"),
+    "1e300": 1e300,
+    "401 digits": 10**400,
+    "true": True,
+    "a table": {"a": 1.0},
+    "an empty list": [],
+    "a list of texts": ["a", "b", "c"],
+    "a long list": [1.0] * 1000,
+    "a date": date(2026, 1, 1),
+    "nested lists": [[[[[[[[1.0]]]]]]]],
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command did. tree: all files with their contents, after it."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run(words: list[str]) -> Outcome:
+    """Run `psfs ...` or `apf ...` in this process."""
+    main = {"psfs": psfs.cli.main, "apf": apf.cli.main}[words[0]]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main(words[1:])
+        except SystemExit as exit:  # of the parser
+            code = int(exit.code or 0)
+    return Outcome(code, out.getvalue(), err.getvalue())
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return all files below a folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.is_symlink()
+    }
+
+
+def refused(words: list[str], folder: Path, *said: str) -> None:
+    """Assert that the command ends with exit code 2 and one clear line, in which `said` occur, and
+    leaves the files in `folder` as they were."""
+    before = contents(folder)
+    outcome = run(words)
+    line = outcome.err.strip()
+    assert outcome.code == 2, (outcome.code, line)
+    assert line.count("\n") == 0 and ": error: " in line, line
+    assert "Traceback" not in line and "please report" not in line, line
+    assert len(line) < 2000 and line.isprintable(), line
+    for words_of_line in said:
+        assert words_of_line in line, (words_of_line, line)
+    assert contents(folder) == before
+
+
+def masks_folder(folder: Path, frames: int = 3) -> Path:
+    """A sequence of a standing body, as masks of five cameras; nobody is in the first frame."""
+    rig = scenes.ring(5, size=(160, 120))
+    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
+    for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
+        for frame in range(frames):
+            picture = mask[: camera.size[1], : camera.size[0]] * np.uint8(frame > 0)
+            path = folder / "masks" / camera.name / f"{frame:04d}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), picture)
+    return folder
+
+
+def stock(folder: Path) -> Path:
+    """All that commands read, small: walk/ (videos), seq/ (masks), out/ (of seq), track/,
+    truth.npz, truth.trc."""
+    footage.native(folder / "walk", frames=20)
+    masks_folder(folder / "seq")
+    done = run(["psfs", "reconstruct", str(folder / "seq"), "-o", str(folder / "out"),
+                "--voxel-size", "0.08", "--volume", "-0.6,0.6,-0.6,0.6,0,1.9"])  # fmt: skip
+    assert done.code == 0, done
+    track = tracks.walker(6)
+    (folder / "track").mkdir()
+    track.save(folder / "track/track.npz")
+    assert track.body is not None
+    save_body(folder / "track/body.toml", track.body)
+    write_pose(folder / "pose.txt", track.poses[0])
+    truth = tracks.truth_of(track)
+    write_trc(folder / "truth.trc", truth)
+    np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,
+             fps=truth.fps, frames=truth.frames)  # fmt: skip
+    return folder
+
+
+def changed_npz(path: Path, **changes: Any) -> None:
+    """Write an npz again with other arrays; None leaves one out."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays |= changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+def leaves(document: Any, at: tuple = ()) -> Iterator[tuple]:
+    """Yield the places of all values of nested tables and lists; of lists those of the first two
+    entries."""
+    yield at
+    if isinstance(document, dict):
+        for key, value in document.items():
+            yield from leaves(value, (*at, key))
+    elif isinstance(document, list):
+        for index, value in enumerate(document[:2]):
+            yield from leaves(value, (*at, index))
+
+
+def replaced(document: Any, at: tuple, value: Any) -> Any:
+    """Return the document with another value at a place."""
+    if not at:
+        return value
+    copy = dict(document) if isinstance(document, dict) else list(document)
+    copy[at[0]] = replaced(document[at[0]], at[1:], value)
+    return copy
