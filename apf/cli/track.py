@@ -12,10 +12,10 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
-from apf.cli.keypoint_flags import add_keypoint_flags, keypoints_of
+from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
+from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.take_report import Line, TakeLine, TakeReport
-from apf.cli.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
 from apf.results.evaluate import evaluate, load_truth

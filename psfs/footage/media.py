@@ -18,7 +18,10 @@ from cl import InputError, MissingFileError
 from psfs.cameras.names import natural_key
 from psfs.common.pictures import check_picture_size, read_picture
 
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+if hasattr(cv2, "setLogLevel"):  # OpenCV 4
+    cv2.setLogLevel(0)
+else:
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg"}
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif", ".tiff"}
@@ -183,11 +186,20 @@ class ImagesDecoder:
         pass
 
 
+def _name_for_opencv(path: Path) -> str:
+    """Return the path as text, or as bytes where it is no UTF-8: OpenCV crashes on such a text, and
+    its version 4 takes no bytes."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return cast(str, os.fsencode(path))
+    return str(path)
+
+
 def _open_capture(path: Path) -> cv2.VideoCapture:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file; expected a video")
-    # As bytes: OpenCV crashes on the text of a name that is no UTF-8.
-    capture = cv2.VideoCapture(cast(str, os.fsencode(path)), cv2.CAP_FFMPEG)
+    capture = cv2.VideoCapture(_name_for_opencv(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise InputError(f"{path}: cannot be opened as a video; it is damaged or truncated")
     sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)

@@ -119,7 +119,8 @@ def test_command_writes_a_track(
     said = capsys.readouterr()
     assert "30 frames triangulated" in said.out and "33 points of 3.0 cameras" in said.out
     names = {path.name for path in out.iterdir()}
-    assert names == {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
+    files = {"track.npz", "joints.trc", "joints.csv", "overlay.mp4", "settings.toml"}
+    assert names == {*files, "manifest.txt"}
     track = apf.Track.open(out)
     assert json.loads(track.provenance)["triangulated"]["low_pass"] == 4
     assert len(track) == 30 and read_trc(out / "joints.trc").joints.shape == (30, 33, 3)

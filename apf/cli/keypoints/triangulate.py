@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.cli.keypoint_flags import keypoints_of
+from apf.cli.keypoints.flags import keypoints_of
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
@@ -16,13 +16,17 @@ from cl import InputError, UserError
 from psfs.cameras.names import listed
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, selected_frames
-from psfs.cli.settings import write_settings
+from psfs.cli.settings import FILE, write_settings
+from psfs.common.outputs import output_folder
+from psfs.sequence import Sequence
 
 #: The name of the method.
 TRIANGULATE = "triangulate"
 #: Flags that are of no use without a body.
 _OF_BODIES = ("init", "body", "height", "seeds", "likelihood", "voxel_size")
 _DEFAULT = TriangulatedConfig()
+#: The files that are written.
+RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", FILE)
 
 
 def add_triangulation_flags(group: argparse._ArgumentGroup) -> None:
@@ -61,11 +65,13 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
         _one(args, args.folders[0], args.output)
         return
     failed: dict[str, UserError] = {}
-    for folder, name in zip(args.folders, names, strict=True):
-        try:
-            _one(args, folder, args.output / name)
-        except UserError as error:
-            failed[name] = error
+    with output_folder(args.output, args.parser.prog, map(Path, args.folders)) as outer:
+        outer.begin()  # what one take left here is no result of these
+        for folder, name in zip(args.folders, names, strict=True):
+            try:
+                _one(args, folder, args.output / name)
+            except UserError as error:
+                failed[name] = error
     for name, why in failed.items():
         stdout.print(f"{name} failed: {why}", soft_wrap=True)
     if failed:
@@ -95,16 +101,21 @@ def _one(args: argparse.Namespace, folder: str, output: Path) -> None:
     keypoints = keypoints_of(job, sequence)
     assert keypoints is not None
     selection = slice(frames.start, frames.stop, frames.step)
-    track = triangulated_track(sequence, keypoints, config, selection)
-    for name in ("track.npz", "joints.trc", "joints.csv"):
+    with output_folder(output, args.parser.prog, sequence.inputs, RESULTS):
+        track = triangulated_track(sequence, keypoints, config, selection)
+        _write(args, output, sequence, track)
+    stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
+    stdout.print(_described(track), soft_wrap=True)
+
+
+def _write(args: argparse.Namespace, output: Path, sequence: Sequence, track: Track) -> None:
+    for name in RESULTS[:3]:
         track.save(output / name)
-    write_settings(output, job)
+    write_settings(output, args)
     if not args.no_overlay:
         with progress_bar() as bar:
             task = bar.add_task("overlay", total=len(track))
             write_overlay(output / "overlay.mp4", sequence, track, None, lambda: bar.advance(task))
-    stdout.print(f"{len(track)} frames triangulated: {output}", soft_wrap=True)
-    stdout.print(_described(track), soft_wrap=True)
 
 
 def _described(track: Track) -> str:

@@ -1,0 +1,1 @@
+"""Keypoints of pose networks: how commands take them, how they are made, triangulation."""

@@ -1,0 +1,91 @@
+"""`apf keypoints`: 2-D keypoints of all cameras by a pose network."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from apf.keypoints.estimation import Estimation, estimate_keypoints, write_openpose
+from apf.keypoints.network import check_network
+from cl import InputError
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, stated
+from psfs.cli.settings import FILE, write_settings
+from psfs.common.outputs import output_folder
+from psfs.sequence import Sequence
+
+#: Cameras that see the person in a smaller share of their frames are warned of.
+_SELDOM = 0.8
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands,
+        "keypoints",
+        run,
+        "Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",
+    )
+    add_sequence_flags(parser, frames=False, fps=False)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them",
+    )
+    parser.add_argument(
+        "--at-once", type=int, metavar="N", help="cameras at a time (default: as many as cores)"
+    )
+    parser.add_argument(
+        "--no-crop",
+        action="store_true",
+        help="show whole pictures to the network (default: cropped by the silhouette, where the "
+        "empty scene is known)",
+    )
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.at_once is not None and args.at_once < 1:
+        raise InputError(f"--at-once is {args.at_once}; expected at least 1")
+    check_network()
+    sequence = open_sequence(args)
+    pattern = "*_json/*_[0-9][0-9][0-9][0-9][0-9][0-9].json"
+    with output_folder(args.output, args.parser.prog, sequence.inputs, (pattern, FILE)):
+        found = _found(args, sequence)
+        write_settings(args.output, args)
+    for camera, frames in found.items():
+        if frames < _SELDOM * len(sequence):
+            warn(f"{camera}: a person was found in {frames} of {len(sequence)} frames only")
+    stdout.print(
+        f"{len(sequence)} frames x {len(sequence.rig)} cameras: {args.output}", soft_wrap=True
+    )
+
+
+def _found(args: argparse.Namespace, sequence: Sequence) -> dict[str, int]:
+    """Write the keypoints of every camera when it is done, and return in how many of its frames the
+    person was found."""
+    crop = sequence.empty_scene and not args.no_crop
+    job = Estimation(Path(args.folder), stated(args), args.device if crop else None)
+    bar = progress_bar()
+    task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
+
+    def show(done: int) -> None:
+        if done:  # not before: an error must stay a single line
+            bar.start()
+        bar.update(task, completed=done)
+
+    found = {}
+    try:
+        with closing(estimate_keypoints(job, args.at_once, show)) as cameras:
+            for camera, points in cameras:
+                write_openpose(args.output / f"{camera}_json", camera, points)
+                found[camera] = int(np.isfinite(points).any((1, 2)).sum())
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    return found

@@ -1,0 +1,200 @@
+"""Keypoints of a sequence by a pose network: a process per camera, OpenPose's JSON per frame."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.keypoints.network import PoseNetwork, check_network
+from apf.keypoints.readers.orders import MEDIAPIPE
+from cl import DeviceError, InputError, select_device
+from psfs.backend import evidence_for
+from psfs.common.files import written_whole
+from psfs.common.ranges import check_range
+from psfs.common.regions import large_parts
+from psfs.sequence import Frame, Sequence
+from psfs.silhouettes.config import SilhouetteConfig
+
+
+@dataclass(frozen=True)
+class CropConfig:
+    """How pictures are cropped around the silhouette before the network sees them."""
+
+    margin: float = 0.5
+    """Added on every side, as a share of the silhouette's larger side."""
+    slack: float = 0.1
+    """The silhouette must stay this far from the crop's border, likewise; else a new crop is made,
+    and the network looks for the person anew."""
+    largest: float = 4.0
+    """A crop is too large if it is so many times as large as the silhouette."""
+    speckle: float = 0.1
+    """Parts of the silhouette smaller than this share of the largest are left out."""
+
+    def __post_init__(self) -> None:
+        check_range("margin", self.margin, self.slack)
+        check_range("slack", self.slack, 0, ends=True)
+        check_range("largest", self.largest, 1 + 2 * self.margin)
+        check_range("speckle", self.speckle, 0, 1, ends=True)
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """What is to be done. overrides: of `Sequence.open`. device: name, for the silhouettes that
+    pictures are cropped by; None for whole pictures."""
+
+    folder: Path
+    overrides: Mapping[str, Any]
+    device: str | None
+
+
+#: What a process shares with the one that began it: the pictures done by all, and whether to stop.
+_shared: dict[str, Any] = {}
+
+
+def estimate_keypoints(
+    job: Estimation, at_once: int | None = None, progress: Callable[[int], object] | None = None
+) -> Generator[tuple[str, np.ndarray], None, None]:
+    """Yield every camera's name and keypoints (F, 33, 3) px, NaN where nobody was found, as they
+    are done, in any order.
+
+    at_once: cameras at a time, by default as many as there are cores. progress: called with the
+    number of pictures done, again and again. Closing the generator, and a KeyboardInterrupt, end
+    all work after the pictures in work. Raises InputError.
+    """
+    check_network()
+    sequence = Sequence.open(job.folder, **job.overrides)
+    if not sequence.has_images:
+        raise InputError(f"{job.folder}: has masks only; expected pictures, which keypoints are in")
+    names = sequence.rig.names
+    context = get_context("spawn")  # neither OpenCL nor MediaPipe survives a fork
+    done, stop = context.Value("l", 0), context.Event()
+    processes = min(len(names), at_once or os.cpu_count() or 1)
+    with ProcessPoolExecutor(processes, context, _begin, (done, stop)) as pool:
+        try:
+            waiting = {pool.submit(_camera, job, name, len(sequence)): name for name in names}
+            while waiting:
+                finished = wait(waiting, 0.2, FIRST_COMPLETED).done
+                if progress is not None:
+                    progress(done.value)
+                for future in sorted(finished, key=lambda of: of.exception() is not None):
+                    yield waiting.pop(future), future.result()
+        except BrokenProcessPool:
+            raise DeviceError(f"a process ended; is there memory for {processes}?") from None
+        finally:
+            stop.set()  # if not all is done
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin(done: Any, stop: Any) -> None:
+    """Begin a process. Interrupts are the parent's, which then sets `stop`; what the network's
+    libraries print is of no use to anybody."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    _shared.update(done=done, stop=stop)
+
+
+def _camera(job: Estimation, camera: str, n_frames: int) -> np.ndarray:
+    """Return one camera's keypoints (F, 33, 3); those before the stop, if there was one."""
+    sequence = Sequence.open(job.folder, **{**job.overrides, "cameras": [camera]})
+    cropped = _Crop(sequence, job.device) if job.device is not None else None
+    points = np.full((n_frames, len(MEDIAPIPE), 3), np.nan)
+    with closing(PoseNetwork()) as network:
+        for frame in sequence.frames(slice(n_frames)):
+            if _shared["stop"].is_set():
+                break
+            found = seen_points(network, frame, sequence.rig[0].size, cropped)
+            if found is not None:
+                points[frame.index] = found
+            with _shared["done"].get_lock():
+                _shared["done"].value += 1
+    return points
+
+
+def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
+    """Write one camera's keypoints (F, K, 3) as OpenPose does: `<camera>_<frame:06d>.json`, each
+    with a person, or with none where all are missing. Raises InputError."""
+    for frame, person in enumerate(points):
+        people = []
+        if np.isfinite(person).any():
+            flat = np.round(np.nan_to_num(person), 3).ravel().tolist()
+            people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
+        with written_whole(folder / f"{camera}_{frame:06d}.json") as temporary:
+            temporary.write_text(json.dumps({"version": 1.3, "people": people}))
+
+
+class _Crop:
+    """Where the person is in one camera's pictures: `crop(frame)` returns left, top, right, bottom
+    px, or None for the whole picture; `moved` says whether it differs from that of the frame
+    before."""
+
+    def __init__(self, sequence: Sequence, device: str, config: CropConfig | None = None) -> None:
+        self._config, self.moved = config or CropConfig(), False
+        self._size = sequence.rig[0].size
+        self._evidence = evidence_for(
+            select_device(device), sequence.rig, sequence.background, SilhouetteConfig()
+        )
+        self._box: np.ndarray | None = None
+
+    def __call__(self, frame: Frame) -> np.ndarray | None:
+        width, height = self._size
+        shown = self._evidence(frame)[0, :height, :width] > 0
+        before = self._box
+        self._box = next_crop(shown, before, self._config)
+        self.moved = self._box is not before
+        return self._box
+
+
+def next_crop(
+    silhouette: np.ndarray, before: np.ndarray | None, config: CropConfig
+) -> np.ndarray | None:
+    """Return the crop (4,) int, left, top, right, bottom px, for a silhouette (h, w) bool: the one
+    `before` while the person fits; None, the whole picture, where nobody is seen."""
+    rows, columns = np.nonzero(large_parts(silhouette, config.speckle))
+    if not rows.size:
+        return None
+    low = np.array([columns.min(), rows.min()])
+    high = np.array([columns.max(), rows.max()]) + 1
+    side = (high - low).max()
+    size = np.array(silhouette.shape[::-1])
+    if before is not None:
+        slack = config.slack * side
+        # At the picture's border nothing is left to add.
+        fits = (before[:2] <= np.maximum(low - slack, 0)).all()
+        fits &= (before[2:] >= np.minimum(high + slack, size)).all()
+        if fits and (before[2:] - before[:2]).max() <= config.largest * side:
+            return before
+    margin = config.margin * side
+    corners = np.concatenate([np.maximum(low - margin, 0), np.minimum(high + margin, size)])
+    return corners.astype(int)
+
+
+def seen_points(
+    network: PoseNetwork, frame: Frame, size: tuple[int, int], cropped: _Crop | None
+) -> np.ndarray | None:
+    """Return the keypoints (33, 3) of the person in a frame of one camera, px of the whole picture;
+    None if nobody is found, neither in the crop nor in the whole picture."""
+    assert frame.images is not None
+    picture = frame.images[0, : size[1], : size[0]]
+    box = cropped(frame) if cropped is not None else None
+    if cropped is not None and cropped.moved:
+        network.forget()
+    if box is not None:
+        left, top, right, bottom = box
+        points = network(picture[top:bottom, left:right])
+        if points is not None:
+            return points + np.array([left, top, 0])
+        network.forget()
+    return network(picture)

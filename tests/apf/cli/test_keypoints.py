@@ -1,0 +1,226 @@
+"""`apf keypoints`, with MediaPipe itself where it is installed, else with a package that stands for
+it: it finds the person where the picture is brightest."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from helpers.shared import shared_data
+
+import psfs
+from apf.cli import main
+from apf.keypoints import Keypoints
+from apf.keypoints.estimation import CropConfig, next_crop
+from apf.keypoints.readers.orders import MEDIAPIPE
+from psfs.common.outputs import output_folder
+
+FRAMES = 6
+STAND_IN = '''
+"""Stands for MediaPipe: 33 landmarks around the middle of what is bright."""
+from pathlib import Path
+from types import SimpleNamespace
+import numpy as np
+
+class Pose:
+    def __init__(self, static_image_mode, model_complexity):
+        self.shapes = []
+    def process(self, rgb):
+        with (Path(__file__).parent / "seen.txt").open("a") as file:
+            file.write("%d %d\\n" % rgb.shape[:2])
+        rows, columns = np.nonzero(rgb.min(-1) > 200)
+        if not rows.size:
+            return SimpleNamespace(pose_landmarks=None)
+        height, width = rgb.shape[:2]
+        x, y = (columns.mean() + 0.5) / width, (rows.mean() + 0.5) / height
+        one = SimpleNamespace(x=x, y=y, visibility=0.9)
+        return SimpleNamespace(pose_landmarks=SimpleNamespace(landmark=[one] * 33))
+    def reset(self):
+        with (Path(__file__).parent / "seen.txt").open("a") as file:
+            file.write("reset\\n")
+    def close(self):
+        pass
+'''
+
+
+@pytest.fixture
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file in which it says what it was shown; `mediapipe` is on the path, of processes too."""
+    solutions = tmp_path / "packages" / "mediapipe" / "python" / "solutions"
+    solutions.mkdir(parents=True)
+    for folder in (solutions, solutions.parent, solutions.parent.parent):
+        (folder / "__init__.py").write_text("")
+    (solutions / "pose.py").write_text(STAND_IN)
+    forget_mediapipe(monkeypatch)
+    monkeypatch.syspath_prepend(str(tmp_path / "packages"))
+    return solutions / "seen.txt"
+
+
+def forget_mediapipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    for name in [name for name in sys.modules if name.split(".")[0] == "mediapipe"]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two cameras before which a small bright square moves; cam02 loses it in the last frame."""
+    folder = footage.native(tmp_path / "walk", views=2, frames=FRAMES)
+    for view, camera in enumerate(("cam01", "cam02")):
+        for kind in ("videos", "background"):
+            (folder / kind / f"{camera}.mp4").unlink()
+        for frame in range(FRAMES):
+            picture = np.full((480, 640, 3), 60, np.uint8)
+            if not (view == 1 and frame == FRAMES - 1):
+                left = 60 + 10 * frame + 200 * (frame > 3)
+                picture[100 : 160 + 40 * view, left : left + 40] = 250
+            path = folder / "images" / camera / f"{frame:04d}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(path), picture)
+        (folder / "background" / camera).mkdir(parents=True)
+        for frame in range(3):
+            noise = np.random.default_rng(frame).integers(58, 63, (480, 640, 3)).astype(np.uint8)
+            cv2.imwrite(str(folder / "background" / camera / f"{frame}.png"), noise)
+    calibration = psfs.open_sequence  # sizes are the pictures'
+    text = (folder / "calibration.toml").read_text()
+    (folder / "calibration.toml").write_text(text.replace("64.0", "640.0").replace("48.0", "480.0"))
+    assert len(calibration(folder)) == FRAMES
+    return folder
+
+
+def places() -> np.ndarray:
+    """(2, F, 2) px, the middles of the squares; NaN where there is none."""
+    frames = np.arange(FRAMES)
+    left = 60 + 10 * frames + 200 * (frames > 3)
+    middles = np.stack(
+        [np.stack([left + 19.5, np.full(FRAMES, 129.5 + 20 * v)], -1) for v in (0, 1)]
+    )
+    middles[1, -1] = np.nan
+    return middles
+
+
+def test_keypoints_of_all_cameras_are_written_and_read_back(
+    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pose"
+    assert main(["keypoints", str(folder), "-o", str(out), "--at-once", "1"]) == 0
+    assert f"{FRAMES} frames x 2 cameras" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == [
+        "cam01_json", "cam02_json", "manifest.txt", "settings.toml",
+    ]  # fmt: skip
+    assert len(list(out.glob("cam01_json/cam01_00000[0-5].json"))) == FRAMES
+    read = Keypoints.open(out, psfs.open_sequence(folder))
+    assert read.names == MEDIAPIPE and read.notes == ()
+    expected = np.tile(places()[:, :, None], (1, 1, 33, 1))
+    np.testing.assert_allclose(read.points[..., :2], expected, atol=0.2)
+    assert np.nanmax(np.abs(read.points[..., 2] - 0.9)) < 1e-3
+    shown = [line.split() for line in stand_in.read_text().splitlines() if line != "reset"]
+    sizes = np.array(shown, int)
+    assert (sizes[:-1] <= 200).all()  # cropped, but for the frame that shows nobody
+    assert sizes[-1].tolist() == [480, 640]
+
+
+def test_whole_pictures_where_asked_for_replace_an_earlier_run(
+    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pose"
+    older = out / "cam01_json" / "cam01_000099.json"
+    older.parent.mkdir(parents=True)
+    older.write_text("of a longer video")
+    command = ["keypoints", str(folder), "-o", str(out), "--no-crop", "--cameras", "cam01"]
+    assert main(command) == 2  # it could be the user's
+    assert f"{older}: is there already" in capsys.readouterr().err
+    with output_folder(out, "apf keypoints") as ours:
+        older.unlink()
+        ours.claim(older)
+        older.write_text("of a longer video")
+    assert main(command) == 0
+    assert set(stand_in.read_text().splitlines()) == {"480 640"}
+    read = Keypoints.open(out, ["cam01"])
+    assert read.n_frames == FRAMES and len(list(out.iterdir())) == 3
+    np.testing.assert_allclose(read.points[0, :, 0, :2], places()[0], atol=0.2)
+
+
+def test_bad_pictures_leave_nothing_half_written(
+    folder: Path, tmp_path: Path, stand_in: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "images" / "cam02" / "0003.png").write_bytes(b"no picture")
+    out = tmp_path / "pose"
+    assert main(["keypoints", str(folder), "-o", str(out), "--at-once", "1", "--no-crop"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert "0003.png" in said[-1] and "Traceback" not in "".join(said)
+    names = sorted(path.name for path in out.iterdir())
+    assert names == ["cam01_json", "manifest.txt"]
+    assert len(list((out / "cam01_json").iterdir())) == FRAMES
+
+
+def without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("apf.keypoints.network.find_spec", lambda name: None)
+
+
+def newer(monkeypatch: pytest.MonkeyPatch) -> None:
+    (Path(find_spec("mediapipe").origin).parent / "python" / "solutions" / "pose.py").unlink()  # type: ignore[union-attr,arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without, "MediaPipe, which is not installed: pip install 'psfs-apf[keypoints]'"),
+        (newer, "carries no pose model"),
+    ],
+    ids=["without", "newer"],
+)
+def test_without_the_extra_one_line(
+    folder: Path,
+    tmp_path: Path,
+    stand_in: Path,
+    change: Callable[[pytest.MonkeyPatch], None],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    change(monkeypatch)
+    assert main(["keypoints", str(folder), "-o", str(tmp_path / "pose")]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1 and not (tmp_path / "pose").exists()
+
+
+def test_the_crop_stays_while_the_person_fits() -> None:
+    config = CropConfig()
+
+    def shown(left: int, top: int, width: int, height: int) -> np.ndarray:
+        silhouette = np.zeros((480, 640), bool)
+        silhouette[top : top + height, left : left + width] = True
+        silhouette[5, 600] = True  # speckle
+        return silhouette
+
+    first = next_crop(shown(300, 200, 40, 100), None, config)
+    assert first is not None and first.tolist() == [250, 150, 390, 350]
+    assert next_crop(shown(270, 200, 40, 100), first, config) is first
+    moved = next_crop(shown(255, 200, 40, 100), first, config)
+    assert moved is not first and moved is not None and moved.tolist() == [205, 150, 345, 350]
+    tiny = next_crop(shown(300, 240, 10, 20), first, config)
+    assert tiny is not first and tiny is not None and (tiny[2:] - tiny[:2]).max() < 60
+    corner = next_crop(shown(0, 400, 40, 80), None, config)
+    assert corner is not None and corner.tolist() == [0, 360, 80, 480]
+    assert next_crop(shown(0, 400, 40, 80), corner, config) is corner
+    assert next_crop(np.zeros((480, 640), bool), first, config) is None
+
+
+@pytest.mark.skipif(find_spec("mediapipe") is None, reason="needs the extra keypoints")
+def test_mediapipe_itself(tmp_path: Path) -> None:
+    folder = shared_data("synth_box_4cam")
+    out = tmp_path / "pose"
+    assert main(["keypoints", str(folder), "-o", str(out), "--cameras", "cam01"]) == 0
+    read, known = Keypoints.open(out, ["cam01"]), Keypoints.open(folder).of_cameras(["cam01"])
+    away = np.hypot(*np.moveaxis((read.points - known.points)[0, :, 11:, :2], -1, 0))
+    assert np.median(away) < 5
+    people = json.loads((out / "cam01_json" / "cam01_000000.json").read_text())["people"]
+    assert len(people) == 1
