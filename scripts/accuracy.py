@@ -22,12 +22,13 @@ import argparse
 import math
 import sys
 import time
+from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from accuracy.processes import do_jobs
+from accuracy.processes import do_jobs, workers_of
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
@@ -118,6 +119,7 @@ def main() -> int:
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
+    group.add_argument("--scheduler", metavar="ADDRESS", help="on the workers of a Dask cluster")
     parser.add_argument(
         "--readme",
         action="store_true",
@@ -212,7 +214,12 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     )
     errors: list[str] = []
     try:
-        with progress_bar() as bar:
+        with ExitStack() as stack:
+            client = None
+            if jobs and (args.processes > 1 or args.scheduler is not None):
+                workers = workers_of(args.out, args.device, args.processes, args.scheduler)
+                client = stack.enter_context(workers)
+            bar = stack.enter_context(progress_bar())
             task = bar.add_task("suite", total=len(jobs))
 
             def keep(job: Job, outcome: Outcome | UserError) -> None:
@@ -225,7 +232,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
                         results.add(run)
                 bar.advance(task)
 
-            do_jobs(jobs, device, args.device, args.processes, keep, args.seconds)
+            do_jobs(jobs, device, client, keep, args.seconds)
     finally:
         rows = suite_rows(results, list(settings), silhouettes.iou)
         if rows:

@@ -17,6 +17,7 @@ import sys
 from timings import (
     all_timings,
     apf_timings,
+    batch_timings,
     methods_timings,
     objective_timings,
     psfs_timings,
@@ -33,6 +34,7 @@ SUBCOMMANDS = (
     apf_timings,
     methods_timings,
     objective_timings,
+    batch_timings,
     all_timings,
 )
 

@@ -49,7 +49,8 @@ th[aria-sort=ascending]::after { content: " \\25b2" }
 th[aria-sort=descending]::after { content: " \\25bc" }
 td.number { text-align: right; font-variant-numeric: tabular-nums } img { display: block }
 tr.failed td { background: #fdecea } .doubt { color: #b3261e; font-weight: 600 }
-.error { color: #b3261e; max-width: 50em; overflow-wrap: anywhere }
+.error { color: #b3261e; min-width: 25em; max-width: 50em; overflow-wrap: anywhere }
+.doubt { min-width: 5em }
 """
 _SCRIPT = """
 for (const head of document.querySelectorAll("th[data-column]")) head.onclick = () => {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -37,6 +37,7 @@ class Pool:
 
     def __init__(self, client: Any, on_progress: Callable[[Progress], object] | None = None):
         self._client, self._waiting = client, deque[Task]()
+        self._more: Iterator[Task] = iter(())
         self._under_way: dict[Any, Task] = {}
         self.batch = uuid.uuid4().hex
         if on_progress is not None:
@@ -46,15 +47,20 @@ class Pool:
         """Do the task, too; also while `outcomes` is iterated over."""
         self._waiting.append(task)
 
-    def outcomes(self) -> Generator[tuple[Task, Any], None, None]:
-        """Yield every task with what it returned, or the exception, as they are done.
+    def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[tuple[Task, Any], None, None]:
+        """Yield every task with what it returned, or the exception, as they are done. tasks: more
+        of them, each asked for when a worker is free.
 
         When it is closed, or an interrupt comes, tasks under way are told to stop. Raises
         InputError where the scheduler has gone.
         """
+        self._more = iter(tasks)
         try:
-            while self._waiting or self._under_way:
-                yield from self._next()
+            while True:
+                done = self._next()
+                if not done and not self._under_way:
+                    return
+                yield from done
         finally:
             self._stop()
 
@@ -63,6 +69,8 @@ class Pool:
         distributed = dask_distributed()
         try:
             self._submit()
+            if not self._under_way:
+                return []
             done = distributed.wait([*self._under_way], _PULSE, "FIRST_COMPLETED").done
             return [(self._under_way.pop(future), _outcome(future)) for future in done]
         except TimeoutError:
@@ -72,8 +80,10 @@ class Pool:
 
     def _submit(self) -> None:
         threads = sum(self._client.nthreads().values())
-        while self._waiting and len(self._under_way) < max(1, threads):
-            task = self._waiting.popleft()
+        while len(self._under_way) < max(1, threads):
+            task = self._waiting.popleft() if self._waiting else next(self._more, None)
+            if task is None:
+                return
             key = f"{task.name}-{self.batch}"
             future = self._client.submit(
                 perform, task.name, self.batch, task.work, task.arguments,

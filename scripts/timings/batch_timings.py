@@ -1,0 +1,144 @@
+"""`compare_timings.py batch`: takes per minute by workers, and where a take's time goes.
+
+Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
+workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster and compiling are no
+part of it. `--start found` looks for the person in every take, as users do; by default the true
+first pose is given, so that it is tracking that is timed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from apf.cli.batch.take import TakeDone, TakeJob, do_take
+from apf.cluster.connection import embedded_cluster
+from apf.cluster.pool import Pool, Task
+from apf.cluster.workers import Share, own_cores
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device, InputError
+from psfs.cli.commandline import add_command
+from psfs.sequence import Sequence as Footage
+from timings.measure import places
+from timings.results import Results, add_timing_flags
+from timings.tables.batch import print_report
+
+#: Takes at once on a GPU.
+_AT_ONCE = (1, 2, 4, 8)
+#: Takes for each worker, so that its last one weighs little.
+_PER_WORKER = 2
+#: The takes: cameras, frames, size; and with --quick.
+_SCENE = {"cameras": 8, "frames": 120, "size": (640, 480), "fps": 60.0}
+_QUICK = {"cameras": 3, "frames": 8, "size": (160, 120), "fps": 60.0}
+_QUICK_FLAGS = ("--particles=40", "--layers=3", "--voxel-size=0.05")
+_DISTINCT = 4  # takes that are filmed; the same are done again under other names
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(commands, "batch", run, help="takes per minute by workers")
+    add_timing_flags(parser)
+    parser.add_argument(
+        "--start", choices=("true", "found"), default="true", help="given, or found in every take"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    scene = _QUICK if args.quick else _SCENE
+    start = getattr(args, "start", "true")
+    results = Results.begin("batch", args, {"scene": scene, "start": start})
+    with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
+        takes = _filmed(Path(folder) / "takes", scene)
+        results.section("decoding", partial(decoding, takes[0]))
+        flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras", "--no-overlay")
+        for label, shares in clusters(args.quick).items():
+            out = Path(folder) / label.replace(" ", "_").replace(",", "")
+            measure = partial(throughput, shares, takes, out, flags, start == "true")
+            results.section(f"workers {label}", measure)
+    print_report(results)
+
+
+def clusters(quick: bool) -> dict[str, list[Share]]:
+    """The workers of every cluster that is measured, by its label."""
+    n_gpus = sum(place.cores is None for place in places())
+    if n_gpus:
+        found = {f"1 GPU, {n} at once": [Share("gpu:0")] * n for n in _AT_ONCE}
+        if n_gpus > 1:
+            two = [Share("gpu:0"), Share("gpu:1")]
+            found |= {f"2 GPUs, {2 * n} at once": two * n for n in _AT_ONCE[-2:]}
+        return found
+    cores = own_cores()
+    found = {}
+    n = 1
+    while n <= len(cores):
+        groups = [tuple(cores[k::n]) for k in range(n)]
+        found[f"{n} of {len(groups[0])} cores"] = [Share("cpu", group) for group in groups]
+        n *= 2
+    # What pinning is for: as many workers, each with all cores.
+    found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores))] * len(cores)
+    return dict(list(found.items())[-2:]) if quick else found
+
+
+def _filmed(folder: Path, scene: dict[str, Any]) -> list[Path]:
+    device = Device.best()
+    takes = [folder / f"walk{seed}" for seed in range(_DISTINCT)]
+    for seed, take in enumerate(takes):
+        generate(take, SceneConfig(seed=seed, **scene), device)
+    return takes
+
+
+def decoding(take: Path) -> dict[str, float]:
+    """ms per frame of reading all cameras, and of the host's processor doing it."""
+    sequence = Footage.open(take)
+    began, worked = time.perf_counter(), time.process_time()
+    n = sum(1 for _ in sequence.frames(slice(None)))
+    wall, processor = time.perf_counter() - began, time.process_time() - worked
+    return {"frames": n, "ms": 1e3 * wall / n, "core_ms": 1e3 * processor / n}
+
+
+def throughput(
+    shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool
+) -> dict[str, Any]:
+    """Takes per minute of workers with these shares, and the s that a take spends in each stage,
+    after a short take on each that compiles."""
+
+    def job(name: str, number: int, *more: str) -> Task:
+        take = takes[number % len(takes)]
+        init = (f"--init={take / 'truth.npz'}",) * (given or bool(more))
+        words = (*flags, *init, *more)
+        return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
+
+    n_takes = max(len(takes), _PER_WORKER * len(shares))
+    with embedded_cluster(shares) as client:
+        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(2 * len(shares))])
+        began = time.perf_counter()
+        done = _all(Pool(client), [job(f"take{k}", k) for k in range(n_takes)])
+        seconds = time.perf_counter() - began
+    stages: dict[str, float] = {}
+    for one in done:
+        for stage, took in one.stages.items():
+            stages[stage] = stages.get(stage, 0.0) + took / n_takes
+    frames = sum(row["frames"] for one in done for row in one.rows)
+    return {
+        "workers": len(shares),
+        "gpus": len({share.device for share in shares if not share.cores}),
+        "takes": n_takes,
+        "seconds": seconds,
+        "per_minute": 60 * n_takes / seconds,
+        "frames_per_s": frames / seconds,
+        "stages": stages,
+    }
+
+
+def _all(pool: Pool, tasks: Sequence[Task]) -> list[TakeDone]:
+    found = []
+    for task, outcome in pool.outcomes(tasks):
+        if not isinstance(outcome, TakeDone):
+            raise InputError(f"{task.name}: {outcome}")
+        found.append(outcome)
+    return found

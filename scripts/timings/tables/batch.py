@@ -1,0 +1,68 @@
+"""Tables of `compare_timings.py batch`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from timings.results import Results
+from timings.tables.grid import Grid, number
+
+
+def print_report(results: Results) -> None:
+    rows = {
+        name.removeprefix("workers "): section
+        for name, section in results.sections.items()
+        if name.startswith("workers ")
+    }
+    if rows:
+        throughput_table(rows).show()
+        stages_table(rows).show()
+    if rows and "decoding" in results.sections:
+        decoding_table(results.sections["decoding"], rows).show()
+
+
+def throughput_table(rows: dict[str, Any]) -> Grid:
+    """Efficiency: takes per minute and worker, against the first row's; speed-up: against it."""
+    first = next(iter(rows.values()))
+    return Grid(
+        "Takes per minute",
+        ["workers", "takes", "takes/min", "frames/s", "speed-up", "efficiency"],
+        [
+            [
+                label, str(row["takes"]), number(row["per_minute"]), number(row["frames_per_s"]),
+                f"{row['per_minute'] / first['per_minute']:.2f} x",
+                f"{100 * row['per_minute'] / first['per_minute'] / _units(row, first):.0f} %",
+            ]
+            for label, row in rows.items()
+        ],
+    )  # fmt: skip
+
+
+def _units(row: Any, first: Any) -> float:
+    """How many times as much there is to compute on: GPUs; of a CPU always all cores."""
+    return max(1, row["gpus"]) / max(1, first["gpus"])
+
+
+def stages_table(rows: dict[str, Any]) -> Grid:
+    stages = list(dict.fromkeys(stage for row in rows.values() for stage in row["stages"]))
+    return Grid(
+        "Where a take's time goes, s",
+        ["workers", *stages],
+        [
+            [label, *(number(row["stages"].get(s, 0.0)) for s in stages)]
+            for label, row in rows.items()
+        ],
+    )
+
+
+def decoding_table(decoding: Any, rows: dict[str, Any]) -> Grid:
+    """Cores that decode as many frames per second as the workers tracked."""
+    return Grid(
+        f"Decoding: {number(decoding['core_ms'])} ms of a core per frame of all cameras",
+        ["workers", "cores that decode", "frames/s"],
+        [
+            [label, f"{row['frames_per_s'] * decoding['core_ms'] / 1e3:.2f}",
+             number(row["frames_per_s"])]
+            for label, row in rows.items()
+        ],
+    )  # fmt: skip
