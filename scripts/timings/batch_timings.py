@@ -1,8 +1,8 @@
 """`compare_timings.py batch`: takes per minute by workers, and where a take's time goes.
 
 Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
-workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster and compiling are no
-part of it. `--start found` looks for the person in every take, as users do; by default the true
+workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster is no part of it, nor
+is compiling for the takes' sizes, which is done once before and kept on disk by the drivers. `--start found` looks for the person in every take, as users do; by default the true
 first pose is given, so that it is tracking that is timed.
 """
 
@@ -56,7 +56,11 @@ def run(args: argparse.Namespace) -> None:
         takes = _filmed(Path(folder) / "takes", scene)
         results.section("decoding", partial(decoding, takes[0]))
         flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras", "--no-overlay")
-        for label, shares in clusters(args.quick).items():
+        measured = clusters(args.quick)
+        first = next(iter(measured.values()))
+        compiled = Path(folder) / "compiled"
+        results.section("compiling", partial(throughput, first, takes, compiled, flags, True))
+        for label, shares in measured.items():
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
             measure = partial(throughput, shares, takes, out, flags, start == "true")
             results.section(f"workers {label}", measure)
@@ -105,7 +109,7 @@ def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool
 ) -> dict[str, Any]:
     """Takes per minute of workers with these shares, and the s that a take spends in each stage,
-    after a short take on each that compiles."""
+    after a short take or two on each."""
 
     def job(name: str, number: int, *more: str) -> Task:
         take = takes[number % len(takes)]

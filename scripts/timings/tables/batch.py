@@ -45,14 +45,12 @@ def _units(row: Any, first: Any) -> float:
 
 def stages_table(rows: dict[str, Any]) -> Grid:
     stages = list(dict.fromkeys(stage for row in rows.values() for stage in row["stages"]))
-    return Grid(
-        "Where a take's time goes, s",
-        ["workers", *stages],
-        [
-            [label, *(number(row["stages"].get(s, 0.0)) for s in stages)]
-            for label, row in rows.items()
-        ],
-    )
+    spent = {
+        label: [number(row["stages"].get(stage, 0.0)) for stage in stages]
+        for label, row in rows.items()
+    }
+    found = [[label, *cells] for label, cells in spent.items()]
+    return Grid("Where a take's time goes, s", ["workers", *stages], found)
 
 
 def decoding_table(decoding: Any, rows: dict[str, Any]) -> Grid:
@@ -61,7 +59,7 @@ def decoding_table(decoding: Any, rows: dict[str, Any]) -> Grid:
         f"Decoding: {number(decoding['core_ms'])} ms of a core per frame of all cameras",
         ["workers", "cores that decode", "frames/s"],
         [
-            [label, f"{row['frames_per_s'] * decoding['core_ms'] / 1e3:.2f}",
+            [label, number(row["frames_per_s"] * decoding["core_ms"] / 1e3),
              number(row["frames_per_s"])]
             for label, row in rows.items()
         ],
