@@ -2,8 +2,8 @@
 
 Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
 workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster is no part of it,
-nor is compiling, which is done once before and kept on disk by the drivers. `--start found` looks for
-the person in every take, as users do; by default the true first pose is given, so that it is
+nor is compiling, which is done once before and kept on disk by the drivers. `--start found` looks
+for the person in every take, as users do; by default the true first pose is given, so that it is
 tracking that is timed.
 """
 
