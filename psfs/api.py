@@ -12,6 +12,7 @@ import numpy as np
 from cl import Device, NumpyDevice, select_device
 from psfs.backend import reconstructor_for
 from psfs.diagnostics.camera_consistency import Suspect, suspects
+from psfs.diagnostics.faults import Diagnosis, diagnosed
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
@@ -61,8 +62,7 @@ def reconstruct(
     device cannot be used.
     """
     device = chosen_device(device)
-    if not all_cameras:
-        sequence = trusted(sequence, device)
+    sequence = trusted(sequence, device, all_cameras)
     if volume is None:
         grid = automatic_grid(sequence, frames, voxel_size, config, device)
     else:
@@ -82,31 +82,43 @@ def reconstruct(
     return clouds()
 
 
-def trusted(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:
-    """Return `consistent_cameras` of the sequence; log a warning for each that is left out.
-
-    A sequence that was opened with `cameras` keeps those.
-    """
-    if sequence.settings.cameras is not None:
-        return sequence
-    kept, left_out = consistent_cameras(sequence, device)
-    for suspect in left_out:
-        log.warning("%s: left out: %s", sequence.name, suspect)
+def trusted(
+    sequence: Sequence, device: Device | NumpyDevice, all_cameras: bool = False
+) -> Sequence:
+    """Return the sequence as `examined` leaves it; log a warning for all that is wrong with it."""
+    kept, diagnosis, left_out = examined(sequence, device, all_cameras)
+    for text in remarks(diagnosis, left_out):
+        log.warning("%s: %s", sequence.name, text)
     return kept
 
 
-def consistent_cameras(
-    sequence: Sequence, device: Device | NumpyDevice
-) -> tuple[Sequence, list[Suspect]]:
-    """Return the sequence without the cameras that disagree with the others, and those.
+def examined(
+    sequence: Sequence, device: Device | NumpyDevice, all_cameras: bool = False
+) -> tuple[Sequence, Diagnosis, list[Suspect]]:
+    """Return the sequence to work on, what is wrong with the footage, and the cameras left out.
 
-    See `psfs.diagnostics.camera_consistency.suspects`.
+    With `sync` "auto" cameras that come late are shifted. Cameras that disagree with the others are
+    left out, see `psfs.diagnostics.camera_consistency.suspects`, unless `all_cameras` are wanted,
+    the sequence was opened with `cameras`, or what is wrong is not a single camera.
     """
-    found = suspects(sequence, device=device)
-    if not found:
-        return sequence, []
-    named = {suspect.camera for suspect in found}
-    return sequence.with_cameras([n for n in sequence.rig.names if n not in named]), found
+    diagnosis = diagnosed(sequence, device)
+    if sequence.settings.sync == "auto":
+        sequence = sequence.synchronised(diagnosis.late)
+        diagnosis = diagnosis.without("late")
+    if all_cameras or sequence.settings.cameras is not None or diagnosis.of_all:
+        return sequence, diagnosis, []
+    found = suspects(sequence, device=device, known=diagnosis.reasons)
+    if found:
+        named = {suspect.camera for suspect in found}
+        sequence = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
+    return sequence, diagnosis, found
+
+
+def remarks(diagnosis: Diagnosis, left_out: list[Suspect]) -> list[str]:
+    """Return what to warn of: the cameras left out, and the other faults; one line each."""
+    gone = {suspect.camera for suspect in left_out}
+    rest = [str(f) for f in diagnosis.faults if f.serious and not gone & set(f.cameras)]
+    return [*(f"left out: {suspect}" for suspect in left_out), *rest]
 
 
 def chosen_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,6 +24,7 @@ from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
 from psfs.footage.prefetch import prefetched
 from psfs.footage.settings import Settings
+from psfs.footage.timing import timed, timing_of
 
 #: Memory for frames decoded ahead, and the most frames of them.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -66,12 +67,22 @@ class Sequence:
         self.name = folder.resolve().name
         self.layout = layout
         self.settings = settings
-        self.footage = footage
         self.notes = list(footage.notes)
+        sync = settings.sync if isinstance(settings.sync, Mapping) else {}
+        if settings.cameras is not None:
+            sync = {name: late for name, late in sync.items() if name in settings.cameras}
+        timing, self.timing_notes = timing_of(footage, settings.fps, sync, _DEFAULT_FPS)
+        self.footage = timed(footage, timing)
+        self.unit = footage.unit
+        self.notes += self.timing_notes
+        if settings.fps is None and not any(
+            media.fps for media in footage.images or footage.masks or ()
+        ):
+            self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
+        self.fps = timing.fps
         self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = settings.volume
-        self.fps = self._fps()
 
     @classmethod
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
@@ -96,7 +107,17 @@ class Sequence:
 
     def with_cameras(self, names: Collection[str]) -> Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
-        settings = replace(self.settings, cameras=tuple(names))
+        return self._again(replace(self.settings, cameras=tuple(names)))
+
+    def synchronised(self, late: Mapping[str, int]) -> Sequence:
+        """Return the same views, those shifted that come `late` by so many frames, by name."""
+        before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
+        both = {name: before.get(name, 0) + late.get(name, 0) for name in self.rig.names}
+        shifts = {name: by for name, by in both.items() if by}
+        return self._again(replace(self.settings, sync=shifts))
+
+    def _again(self, settings: Settings) -> Sequence:
+        """Open the same folder with other settings."""
         layout = recognised(self.folder, settings)
         return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
 
@@ -196,17 +217,6 @@ class Sequence:
                 "no empty background: learnt from the frames; who keeps still becomes part of it"
             )
         return kind
-
-    def _fps(self) -> float:
-        if self.settings.fps is not None:
-            return float(self.settings.fps)
-        rates = [media.fps for media in self._views if media.fps]
-        if not rates:
-            self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
-            return _DEFAULT_FPS
-        if max(rates) - min(rates) > 0.01 * max(rates):
-            self.notes.append(f"frame rates differ: {min(rates):g} to {max(rates):g}")
-        return rates[0]
 
     @contextmanager
     def reader(self) -> Iterator[Callable[[int], Frame]]:

@@ -34,8 +34,8 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
         settings = settings.over(Settings.read(folder / "sequence.toml"))
         calibration, plates = calibration_of(folder, settings), folder / "background"
     rig = read_calibration(calibration, settings.unit)
-    rig = chosen(turned_rig(rig, z_up_from(settings.up or "z")), settings)
-    return Cameras(rig, names, _background(rig, plates, settings), empty)
+    turned = turned_rig(rig, z_up_from(settings.up or "z"))
+    return Cameras(chosen(turned, settings), names, _background(turned, plates, settings), empty)
 
 
 def box_around(
@@ -52,4 +52,4 @@ def _background(rig: CameraRig, plates: Path | None, settings: Settings) -> Back
     if plates is None or not plates.is_dir():
         return None
     media, _ = assigned(rig, media_in(plates), plates, settings, extras=True)
-    return background_from_plates(rig, media)
+    return background_from_plates(chosen(rig, settings), media)

@@ -7,9 +7,10 @@ import argparse
 import numpy as np
 from rich.table import Table
 
-from psfs.cli.commandline import add_command, remark, stdout, warn
+from cl import Device, NumpyDevice, select_device
+from psfs.api import examined, remarks
+from psfs.cli.commandline import add_command, add_device_flag, remark, stdout, warn
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
-from psfs.diagnostics.camera_consistency import suspects
 from psfs.diagnostics.sequence_info import SequenceInfo, sequence_info
 from psfs.sequence import Sequence
 
@@ -21,8 +22,9 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--no-pictures",
         dest="pictures",
         action="store_false",
-        help="do not compare the cameras' silhouettes with each other, which takes seconds",
+        help="do not look at the pictures for what is wrong with them, which takes seconds",
     )
+    add_device_flag(parser)
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -35,9 +37,20 @@ def _run(args: argparse.Namespace) -> None:
     if info.keypoints is not None:
         unasked = "not used unless asked for, with apf track --keypoints"
         remark("note", "cyan", f"keypoints of a pose network: {info.keypoints}; {unasked}")
-    disagreeing = [str(suspect) for suspect in suspects(sequence)] if args.pictures else []
-    for warning in [*info.warnings, *disagreeing]:
+    for warning in info.warnings:
         warn(warning, stdout)
+    if args.pictures:
+        _say_faults(sequence, select_device(args.device))
+
+
+def _say_faults(sequence: Sequence, device: Device | NumpyDevice) -> None:
+    """Print what the pictures show to be wrong, a line for each fault."""
+    _, diagnosis, suspects = examined(sequence, device)
+    for fault in diagnosis.faults:
+        if not fault.serious:
+            remark("note", "cyan", str(fault))
+    for text in (*map(str, suspects), *remarks(diagnosis, suspects)[len(suspects) :]):
+        warn(text, stdout)
 
 
 def _cameras(info: SequenceInfo) -> Table:
@@ -79,4 +92,4 @@ def _facts(sequence: Sequence, info: SequenceInfo) -> Table:
 
 
 def _point(point: np.ndarray) -> str:
-    return "(" + ", ".join(f"{value:.2f}" for value in point) + ")"
+    return "(" + ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in point) + ")"

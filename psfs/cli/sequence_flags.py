@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from cl import Device, InputError, NumpyDevice
-from psfs.api import consistent_cameras
+from psfs.api import examined, remarks
 from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.diagnostics.camera_consistency import Suspect
-from psfs.footage.settings import BACKGROUND_KINDS
+from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.sequence import Sequence
 
 #: The flags that become overrides of `Sequence.open`.
 _KEYS = (
     *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
-    *("volume", "cameras"),
+    *("volume", "cameras", "sync", "subject"),
 )
 
 
@@ -49,6 +49,19 @@ def add_sequence_flags(
     group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
     if fps:
         group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+    group.add_argument(
+        "--sync",
+        type=sync_of,
+        metavar="auto|CAMERA=N,...",
+        help="cameras that come N of their frames later than the others, or earlier (-N); auto: "
+        "found in the pictures (default: as many are said to come late, none is shifted)",
+    )
+    group.add_argument(
+        "--subject",
+        choices=SUBJECTS,
+        help="what is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall "
+        "(default), or any object",
+    )
     group.add_argument("--background", choices=BACKGROUND_KINDS, help="how silhouettes are made")
     group.add_argument(
         "--key",
@@ -64,6 +77,19 @@ def add_sequence_flags(
         metavar="x0,x1,y0,y1,z0,z1",
         help="the box to reconstruct, in metres with Z up",
     )
+
+
+def sync_of(text: str) -> str | dict[str, int]:
+    """Return `auto`, or `cam03=5,cam01=-2` as a mapping (argparse type)."""
+    if text == "auto":
+        return text
+    try:
+        pairs = [item.rsplit("=", 1) for item in text.split(",")]
+        return {name: int(late) for name, late in pairs}
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither auto nor frames by camera; expected e.g. cam03=5,cam01=-2"
+        ) from None
 
 
 def _names(text: str) -> list[str]:
@@ -107,16 +133,16 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
 def open_trusted(
     args: argparse.Namespace, device: Device | NumpyDevice
 ) -> tuple[Sequence, list[Suspect]]:
-    """Return the sequence without the cameras that disagree with the others, and those, which are
-    warned of. Flags that state the cameras, or ask for all, are obeyed."""
-    sequence = open_sequence(args)
-    if args.all_cameras or args.cameras is not None:
-        return sequence, []
-    sequence, left_out = consistent_cameras(sequence, device)
+    """Return the sequence as `examined` leaves it, and the cameras left out; warn of what is wrong.
+    What was found is stated in `args`: a run opened again is the same."""
+    opened = open_sequence(args)
+    sequence, diagnosis, left_out = examined(opened, device, args.all_cameras)
     if left_out:
         args.cameras = sequence.rig.names
-    for suspect in left_out:
-        warn(f"{sequence.name}: left out: {suspect}")
+    if opened.settings.sync == "auto":
+        args.sync = sequence.settings.sync
+    for text in (*sequence.timing_notes, *remarks(diagnosis, left_out)):
+        warn(f"{sequence.name}: {text}")
     return sequence, left_out
 
 

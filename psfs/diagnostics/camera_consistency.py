@@ -6,6 +6,7 @@ compared with its own silhouette.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,12 +45,14 @@ def suspects(
     config: SilhouetteConfig | None = None,
     device: Device | NumpyDevice | None = None,
     limits: ConsistencyConfig | None = None,
+    known: Mapping[str, str] | None = None,
 ) -> list[Suspect]:
     """Return the cameras that disagree with the others in frames spread over the sequence, worst
     first.
 
     Needs four cameras; with fewer nobody knows which one is wrong. At most a third of the
     cameras is named: where most disagree, the calibration or the background of all is wrong.
+    known: why cameras are known to disagree, by name.
     """
     rig, limits = sequence.rig, limits or ConsistencyConfig()
     judge = _Judge(sequence, config or SilhouetteConfig(), device, limits)
@@ -64,7 +67,7 @@ def suspects(
         if others < limits.agreeing or not scores[worst] < limits.low_share * others:
             break
         view = left.pop(worst)
-        reason = judge.reason(view, left)
+        reason = (known or {}).get(rig.names[view]) or judge.reason(view, left)
         named.append(Suspect(rig.names[view], float(scores[worst]), others, reason))
     return named
 

@@ -32,3 +32,39 @@ class ConsistencyConfig:
     """Frames by which a camera's pictures may come late, or early."""
     rise: float = 0.1
     """IoU that a lag must add to be believed."""
+
+
+@dataclass(frozen=True)
+class FaultConfig:
+    """When footage counts as faulty, see `psfs.diagnostics.faults`.
+
+    Set between what the sequences at hand show untouched and what they show spoilt: every two
+    cameras exchanged, every camera 2 to 10 frames late.
+    """
+
+    longest_side: int = 320
+    """Longest side of the small pictures, px."""
+    window: tuple[int, int] = (60, 200)
+    """Frames that are looked at, in a row: at least and at most..."""
+    pixels: float = 1.5e9
+    """...so many that not more pixels are decoded."""
+    samples: int = 24
+    """Frames among them whose pictures are kept."""
+    longest_lag: float = 2.0
+    """Seconds by which a camera may come late, or early; at most a third of the frames."""
+    least_lag: int = 2
+    """Frames: less is not told from the ways in which cameras expose."""
+    lag_gain: float = 1.1
+    """A lag counts if the cost is so much higher without it. Untouched: up to 1.06."""
+    exchange_share: float = 0.92
+    """Cameras count as exchanged if that lowers the cost to this share. Untouched: above 1.1."""
+    mirror_share: float = 0.6
+    """The same for pictures that are mirrored, and for calibrations of another convention."""
+    disagreeing: float = 0.075
+    """Cost above which the cameras do not fit each other at all. Untouched: up to 0.061."""
+    turned_ratio: float = 2.5
+    """A camera is looked at closer where its cost is so much higher than the others'..."""
+    turned_cost: float = 0.045
+    """...and at least this; 0.035 among four frames of four cameras. It..."""
+    turned_share: float = 0.5
+    """...counts as turned if turning it back lowers its cost to this share."""

@@ -82,7 +82,7 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         fps=sequence.fps,
         layout=sequence.layout,
         background_kind=sequence.background_kind,
-        unit="the format's own" if settings.unit is None else str(settings.unit),
+        unit=str(sequence.unit),
         up=settings.up or "z",
         centre=centre,
         shared=seen_box(rig, needed),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, cast
 
@@ -46,8 +46,8 @@ class Decoder(Protocol):
 class Media:
     """One camera's pictures. paths: one video or the images in order. size: (width, height) px.
 
-    count: frames that can be decoded. fps: the video's, else None. Iterating decodes all frames,
-    each time anew.
+    count: frames that can be decoded. fps: the video's, else None. picks: which frames of the file
+    these are, where not all of them in order. Iterating decodes all frames, each time anew.
     """
 
     name: str
@@ -55,6 +55,7 @@ class Media:
     size: tuple[int, int]
     count: int
     fps: float | None = None
+    picks: tuple[int, ...] | None = None
 
     @property
     def is_video(self) -> bool:
@@ -66,7 +67,14 @@ class Media:
         return str(self.paths[0] if len(self.paths) == 1 else self.paths[0].parent)
 
     def open(self) -> Decoder:
-        return VideoDecoder(self) if self.is_video else ImagesDecoder(self)
+        decoder = VideoDecoder(self) if self.is_video else ImagesDecoder(self)
+        return decoder if self.picks is None else PickingDecoder(decoder, self.picks)
+
+    def picked(self, picks: Sequence[int]) -> Media:
+        """Return the media whose frame k is frame picks[k] of this one."""
+        source = self.picks
+        chosen = tuple(picks if source is None else (source[index] for index in picks))
+        return replace(self, count=len(chosen), picks=chosen)
 
     def __iter__(self) -> Iterator[np.ndarray]:
         return self.frames(range(self.count))
@@ -194,6 +202,18 @@ def _name_for_opencv(path: Path) -> str:
     except UnicodeEncodeError:
         return cast(str, os.fsencode(path))
     return str(path)
+class PickingDecoder:
+    """Some frames of another decoder, in an order of their own."""
+
+    def __init__(self, decoder: Decoder, picks: Sequence[int]) -> None:
+        self._decoder, self._picks = decoder, picks
+
+    def read(self, index: int) -> np.ndarray:
+        """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
+        return self._decoder.read(self._picks[index])
+
+    def close(self) -> None:
+        self._decoder.close()
 
 
 def _open_capture(path: Path) -> cv2.VideoCapture:

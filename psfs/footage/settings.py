@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,14 +27,20 @@ BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "chroma")
 #: Of a corner of the volume, m.
 _FARTHEST = 10_000.0
 
+#: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
+SUBJECTS = ("person", "object")
+#: Frames by which a camera may come late, or early.
+_LATEST = 1_000_000
+
 
 @dataclass(frozen=True)
 class Settings:
     """The keys of `sequence.toml`; None where nothing is said.
 
-    unit: of the calibration. up: axis of the calibration's world. fps: frames per second.
-    background: one of `BACKGROUND_KINDS`. key: the screen's colour, "#rrggbb". threshold: 0..1;
-    dilate, erode: pixels. volume:
+    unit: of the calibration. up: axis of the calibration's world. fps: frames per second. sync:
+    "auto", or by how many of its frames a camera comes late, by name. subject: "person" or
+    "object", what is filmed. background: one of `BACKGROUND_KINDS`. key: the screen's colour,
+    "#rrggbb". threshold: 0..1; dilate, erode: pixels. volume:
     ((x0, y0, z0), (x1, y1, z1)) in metres, Z up. calibration: path, relative to the folder.
     cameras: names of those to use.
     """
@@ -49,6 +56,8 @@ class Settings:
     volume: Any = None
     calibration: str | None = None
     cameras: tuple[str, ...] | None = None
+    sync: Any = None
+    subject: str | None = None
 
     def __post_init__(self) -> None:
         if self.unit is not None:
@@ -57,6 +66,10 @@ class Settings:
             z_up_from(self.up)
         if self.fps is not None:
             check_range("fps", self.fps, 0.001, 100_000, ends=True)
+        if self.sync is not None:
+            object.__setattr__(self, "sync", _sync(self.sync))
+        if self.subject is not None and self.subject not in SUBJECTS:
+            raise InputError(f"subject = {self.subject!r}; expected {listed(SUBJECTS)}")
         if self.threshold is not None:
             check_range("threshold", self.threshold, 0, 1)
         for key in ("dilate", "erode"):
@@ -112,6 +125,17 @@ class Settings:
 def _check_path(value: Any) -> None:
     if not isinstance(value, str | Path) or not str(value) or "\0" in str(value):
         raise InputError(f"calibration = {value!r}; expected a path")
+
+
+def _sync(value: Any) -> Any:
+    if value == "auto":
+        return value
+    if not isinstance(value, Mapping):
+        raise InputError(f"sync = {value!r}; expected auto, or frames by camera, as {{cam03 = 5}}")
+    for name, late in value.items():
+        if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _LATEST:
+            raise InputError(f"sync of {name} is {late!r}; expected a whole number of frames")
+    return dict(value)
 
 
 def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:

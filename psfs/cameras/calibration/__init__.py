@@ -2,37 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError, MissingFileError
-from psfs.cameras.calibration.common import Size, Sizes, read_text
+from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
+from psfs.cameras.calibration.colmap import read_colmap
+from psfs.cameras.calibration.common import Calibration, Size, Sizes, naming, read_text
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
+from psfs.cameras.calibration.handedness import LEFT_HANDED, check_one_world, handedness
 from psfs.cameras.calibration.humaneva import read_humaneva
+from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.middlebury import read_middlebury
 from psfs.cameras.calibration.projections import read_projections
+from psfs.cameras.calibration.surrey import looks_like_surrey, read_surrey
 from psfs.cameras.calibration.toml_tables import read_toml_tables
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.calibration.transforms import read_transforms
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 
 __all__ = [
+    "Calibration",
     "Size",
     "Sizes",
     "find_calibration",
     "read_calibration",
+    "read_camera_files",
+    "read_colmap",
     "read_easymocap",
     "read_filestorage",
     "read_humaneva",
+    "read_matlab",
     "read_middlebury",
     "read_projections",
+    "read_surrey",
     "read_toml_tables",
+    "read_transforms",
 ]
 
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
+#: Beginnings of names of text files that are no cameras.
+_NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
 #: Names by which a calibration is looked for inside a folder, the surest first.
 _PATTERNS = (
     "calibration.toml",
     "[Cc]alib*.toml",
+    "transforms*.json",
     "intri.yml",
     "[Cc]alib*.xml",
     "[Cc]alib*.y*ml",
@@ -40,8 +55,14 @@ _PATTERNS = (
     "*_par.txt",
     "*projection*.txt",
     "[Cc]alib*.txt",
+    "[Cc]alib*.mat",
+    "*camera*.mat",
+    "*P*.mat",
     "[Cc]alib*/",
     "CALIB/",
+    "[Cc]ameras/",
+    "sparse/",
+    "sparse/0/",
 )
 
 
@@ -53,16 +74,21 @@ def find_calibration(folder: Path) -> Path | None:
     for pattern in _PATTERNS:
         found = sorted(folder.glob(pattern.rstrip("/")))
         found = [path for path in found if path.is_dir() == pattern.endswith("/")]
-        found = [path for path in found if path.is_file() or _camera_files(path)]
+        found = [path for path in found if path.is_file() or _holds_cameras(path)]
         if len(found) == 1:
             return found[0]
         if found:
             names = ", ".join(path.name for path in found)
             raise InputError(f"{folder}: several calibrations ({names}); choose by `calibration`")
+    beside = (folder / name for name in ("cameras.txt", "images.txt"))
+    if all(path.is_file() for path in beside) or any(folder.glob("*.pa")):
+        return folder
     return None
 
 
-def read_calibration(path: str | Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+def read_calibration(
+    path: str | Path, unit: Unit | None = None, sizes: Sizes = None
+) -> Calibration:
     """Return the cameras of a calibration file or folder, its format recognised, in metres.
 
     unit: what the numbers mean, for files that do not say; else the format's own. sizes:
@@ -72,39 +98,70 @@ def read_calibration(path: str | Path, unit: Unit | None = None, sizes: Sizes = 
     path = Path(path)
     if not path.exists():
         raise MissingFileError(f"{path}: no such calibration file")
-    if path.name in ("intri.yml", "extri.yml"):
+    with handedness() as left:
+        rig = _read(path, unit, sizes)
+    with naming(path):
+        check_one_world(left)
+    return replace(rig, notes=(*rig.notes, LEFT_HANDED)) if any(left) else rig
+
+
+def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
+    suffix, name = path.suffix.lower(), path.name
+    if name in ("intri.yml", "extri.yml", "cameras.txt", "images.txt"):
         path = path.parent
     if path.is_dir():
         return _read_folder(path, unit, sizes)
-    suffix = path.suffix.lower()
     if suffix == ".toml":
         return read_toml_tables(path, unit, sizes)
+    if suffix == ".json" and name.startswith("transforms"):
+        return read_transforms(path, unit, sizes)
+    if suffix == ".mat":
+        return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
         return read_filestorage([path], unit, sizes)
-    if suffix == ".cal":
+    if suffix == ".cal" and not looks_like_surrey(read_text(path)):
         return read_humaneva([path], unit, sizes)
-    words = [line.split() for line in read_text(path).splitlines() if line.strip()]
+    return _read_text_file(path, unit, sizes)
+
+
+def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
+    text = read_text(path)
+    if looks_like_surrey(text):
+        return read_surrey(path, unit, sizes)
+    words = [line.split() for line in text.splitlines() if line.strip()]
     if words and len(words[0]) == 1 and len(words) > 1 and len(words[1]) > 1:
         return read_middlebury(path, unit, sizes)
     return read_projections(path, unit, sizes)
 
 
+def _holds_cameras(folder: Path) -> bool:
+    return (folder / "cameras.txt").is_file() or bool(_camera_files(folder))
+
+
 def _camera_files(folder: Path) -> list[Path]:
     """Return the files of one camera each in a folder, in natural order of their names."""
-    files = [path for path in folder.iterdir() if path.suffix.lower() in (".cal", *_STORAGE)]
+    suffixes = (".cal", *_STORAGE, *SUFFIXES)
+    files = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
+    files = [path for path in files if not path.stem.lower().startswith(_NO_CAMERAS)]
+    if any(path.suffix.lower() == ".pa" for path in files):  # among pictures and other things
+        files = [path for path in files if path.suffix.lower() == ".pa"]
     return sorted(files, key=lambda path: natural_key(path.name))
 
 
-def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> CameraRig:
+def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if (folder / "intri.yml").exists():
         return read_easymocap(folder, unit, sizes)
+    if (folder / "cameras.txt").exists():
+        return read_colmap(folder, unit)
     files = _camera_files(folder)
     suffixes = {path.suffix.lower() for path in files}
     if suffixes == {".cal"}:
         return read_humaneva(files, unit, sizes)
+    if len(suffixes) == 1 and suffixes <= set(SUFFIXES):
+        return read_camera_files(files, unit, sizes)
     if len(suffixes) == 1:
         return read_filestorage(files, unit, sizes)
     raise InputError(
-        f"{folder}: {len(files)} camera files; expected .cal or OpenCV xml/yml/json files, "
-        "one per camera and all of one kind"
+        f"{folder}: {len(files)} camera files; expected .cal, .pa, .txt or OpenCV xml/yml/json "
+        "files, one per camera and all of one kind, or COLMAP's cameras.txt and images.txt"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.cameras.calibration.handedness import right_handed
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
 from psfs.common import files
@@ -27,6 +29,15 @@ _MOST_NUMBERS = 64
 
 #: Deviations of R from a rotation up to this are rounding in the file, and are mended.
 ROUNDING = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(CameraRig):
+    """A rig as a file gave it, in metres. unit: what the file's numbers were taken for. notes: what
+    was guessed, or mended."""
+
+    unit: Unit = "m"
+    notes: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -84,7 +95,7 @@ def rotation_matrix(value: Any, what: str) -> np.ndarray:
     """Return (3, 3) from a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major).
 
     A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); others are
-    passed on for `Camera` to refuse.
+    passed on for `Camera` to refuse. One of a left-handed world is mended, see `right_handed`.
     """
     flat = array(value, None, what)
     if flat.size == 3:
@@ -94,7 +105,7 @@ def rotation_matrix(value: Any, what: str) -> np.ndarray:
     R = flat.reshape(3, 3)
     if np.abs(R @ R.T - np.eye(3)).max() < ROUNDING:
         left, _, right = np.linalg.svd(R)
-        R = left @ right
+        R = right_handed(left @ right)
     return R
 
 
@@ -118,13 +129,13 @@ def rig_of(
     camera: Callable[[str, Size], Camera],
     unit: Unit | None,
     default: Unit,
-) -> CameraRig:
+) -> Calibration:
     """Return the rig, in metres, of what `camera(name, size)` makes of each of the names."""
     pairs = zip(names, sizes_for(names, sizes), strict=True)
     return in_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
 
 
-def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> CameraRig:
+def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> Calibration:
     """Return the rig as read, in `unit` or the format's `default` unit, converted to metres."""
-    metres = metres_per_unit(default if unit is None else unit)
-    return rig if metres == 1.0 else scaled_rig(rig, metres)
+    given = default if unit is None else unit
+    return Calibration(scaled_rig(rig, metres_per_unit(given)).cameras, given)

@@ -16,6 +16,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    Calibration,
     Size,
     Sizes,
     array,
@@ -122,7 +123,7 @@ def read_filestorage(
     unit: Unit | None = None,
     sizes: Sizes = None,
     names: Sequence[str] | None = None,
-) -> CameraRig:
+) -> Calibration:
     """Read one camera per path, named after its file or by `names`. The format has no unit: metres
     unless `unit` says otherwise. Sizes come from image_width, image_height where present."""
     names = list(names or [path.stem for path in paths])
@@ -147,7 +148,7 @@ def _camera(storage: Storage, name: str, size: Size) -> Camera:
     )
 
 
-def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n); metres
     unless `unit` says otherwise."""
     with naming(folder / "intri.yml"):

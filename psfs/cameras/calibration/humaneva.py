@@ -13,6 +13,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    Calibration,
     Size,
     Sizes,
     naming,
@@ -21,7 +22,7 @@ from psfs.cameras.calibration.common import (
     rig_of,
     rotation_matrix,
 )
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import Camera
 from psfs.cameras.units import Unit
 
 _COUNT = 22
@@ -29,7 +30,7 @@ _COUNT = 22
 
 def read_humaneva(
     paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
-) -> CameraRig:
+) -> Calibration:
     """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
     by_name = {path.stem: path for path in paths}
 

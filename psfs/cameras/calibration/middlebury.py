@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    Calibration,
     Size,
     Sizes,
     naming,
@@ -16,13 +17,13 @@ from psfs.cameras.calibration.common import (
     rig_of,
     rotation_matrix,
 )
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.camera import Camera
 from psfs.cameras.units import Unit
 
 _NUMBERS = 21
 
 
-def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+def read_middlebury(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read the cameras in the order of the file, named after their images without suffix. Metres
     unless `unit` says otherwise. No distortion."""
     with naming(path):

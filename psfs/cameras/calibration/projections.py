@@ -1,45 +1,91 @@
-"""Projection matrices as text: per camera a line of 12 numbers (3x4 row-major), with or without
-a name before them, or three lines of 4 numbers.
+"""Projection matrices as text: per camera a line of 12 numbers (3x4 by rows), with or without a
+name before them, or three lines of 4 numbers. By columns where a line says `# layout: columns`,
+where there are four lines of 3 numbers, or where no camera is possible otherwise.
 """
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.linalg import rq
 
 from cl import InputError
-from psfs.cameras.calibration.common import Size, Sizes, naming, numbers, read_text, rig_of
-from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.calibration.common import (
+    Calibration,
+    Size,
+    Sizes,
+    naming,
+    numbers,
+    read_text,
+    rig_of,
+)
+from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
+from psfs.cameras.camera import Camera
+from psfs.cameras.rig_geometry import axes_meet
 from psfs.cameras.units import Unit
 
 
-def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read the cameras in the order of the file; without names they are cam01, cam02, ... The
     format has no unit: metres unless `unit` says otherwise. No distortion."""
     with naming(path):
-        matrices = _matrices(read_text(path))
+        matrices, notes = _matrices(read_text(path))
         names = list(matrices)
-        return rig_of(names, sizes, lambda n, size: decomposed(n, matrices[n], size), unit, "m")
+        rig = rig_of(names, sizes, lambda n, size: decomposed(n, matrices[n], size), unit, "m")
+        return facing(replace(rig, notes=(*rig.notes, *notes)))
 
 
-def _matrices(text: str) -> dict[str, np.ndarray]:
+def facing(rig: Calibration) -> Calibration:
+    """Return the rig of projection matrices, mirrored if its cameras look away from where their
+    axes meet: matrices of a left-handed world decompose into such."""
+    target = axes_meet(rig)
+    away = [camera.R[2] @ (target - camera.centre) < 0 for camera in rig]
+    if len(rig) < 2 or sum(away) <= 0.7 * len(rig):
+        return rig
+    cameras = tuple(replace(camera, R=-camera.R @ MIRROR, t=-camera.t) for camera in rig)
+    return replace(rig, cameras=cameras, notes=(*rig.notes, LEFT_HANDED))
+
+
+def _matrices(text: str) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the matrices (3, 4) by name, and remarks."""
     lines = [line.replace(",", " ").split() for line in text.splitlines()]
     lines = [words for words in lines if words and not words[0].startswith("#")]
-    if lines and all(len(words) == 4 for words in lines) and len(lines) % 3 == 0:
-        lines = [[*lines[i], *lines[i + 1], *lines[i + 2]] for i in range(0, len(lines), 3)]
-    matrices: dict[str, np.ndarray] = {}
+    columns = re.search(r"^\s*#\s*layout:\s*columns", text, re.MULTILINE) is not None
+    for width, height in ((4, 3), (3, 4)):
+        if lines and all(len(words) == width for words in lines) and len(lines) % height == 0:
+            blocks = [lines[i : i + height] for i in range(0, len(lines), height)]
+            lines = [[word for line in block for word in line] for block in blocks]
+            columns = columns or width == 3
+            break
+    values: dict[str, np.ndarray] = {}
     for index, words in enumerate(lines, 1):
         name = words.pop(0) if len(words) == 13 else f"cam{index:02d}"
         if len(words) != 12:
             raise InputError(f"matrix {index} has {len(words)} numbers; expected 12 (3x4)")
-        if name in matrices:
+        if name in values:
             raise InputError(f"two matrices are called {name}")
-        matrices[name] = numbers(words, f"matrix {name}").reshape(3, 4)
-    if not matrices:
+        values[name] = numbers(words, f"matrix {name}")
+    if not values:
         raise InputError("no projection matrix; expected lines of 12 numbers")
-    return matrices
+    by_rows = {name: value.reshape(3, 4) for name, value in values.items()}
+    by_columns = {name: value.reshape(4, 3).T for name, value in values.items()}
+    if columns:
+        return by_columns, []
+    if any(map(_possible, by_rows.values())) or not all(map(_possible, by_columns.values())):
+        return by_rows, []
+    return by_columns, ["projection matrices are taken by columns: by rows they are no cameras"]
+
+
+def _possible(P: np.ndarray) -> bool:
+    """Could a camera have this matrix: pixels nearly square, little skew?"""
+    if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-12 * np.abs(P).max() ** 3:
+        return False
+    K = rq(P[:, :3])[0]
+    fx, fy = abs(K[0, 0]), abs(K[1, 1])
+    return bool(0.3 * fy < fx < 3 * fy and abs(K[0, 1]) < 0.1 * fx)
 
 
 def decomposed(name: str, P: np.ndarray, size: Size) -> Camera:

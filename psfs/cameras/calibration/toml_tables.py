@@ -14,6 +14,7 @@ from pydantic import Field
 
 from cl import InputError
 from psfs.cameras.calibration.common import (
+    Calibration,
     Size,
     Sizes,
     in_metres,
@@ -43,7 +44,7 @@ class CameraTable(Table):
     fisheye: bool = False
 
 
-def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> CameraRig:
+def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read the cameras in natural order of their names. Metres unless `unit` says otherwise.
 
     FreeMoCap files (they have world_position) come in any unit and say none, so they need

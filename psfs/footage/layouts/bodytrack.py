@@ -32,7 +32,7 @@ def _pictures(folder: Path, prefix: str) -> Found:
 def _read(folder: Path, settings: Settings) -> Footage:
     images, masks = _pictures(folder, "CAM"), _pictures(folder, "FG")
     calibration = folder / (settings.calibration or "CALIB")
-    rig = chosen(read_rig(calibration, settings, images, folder / "CAM*"), settings)
+    rig = read_rig(calibration, settings, images, folder / "CAM*")
     image_media, notes = assigned(rig, images, folder / "CAM*", settings)
     if settings.fps == _FPS:
         notes = [*notes, f"{_FPS:g} frames per second fit the walk; no file states them"]
@@ -40,7 +40,9 @@ def _read(folder: Path, settings: Settings) -> Footage:
     if masks:
         mask_media, remarks = assigned(rig, masks, folder / "FG*", settings)
         notes = notes + remarks
-    return Footage(rig, images=image_media, masks=mask_media, notes=notes)
+    return Footage(
+        chosen(rig, settings), rig.unit, images=image_media, masks=mask_media, notes=notes
+    )
 
 
 BODYTRACK = Layout("bodytrack", _matches, _read, Settings(fps=_FPS))

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cl import InputError
-from psfs.cameras.calibration import Size, Sizes, read_calibration
+from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import matched
+from psfs.cameras.units import Unit
 from psfs.footage.media import Media, open_media, picture_size
 from psfs.footage.settings import Settings
 
@@ -21,10 +22,13 @@ Found = Mapping[str, list[Path]]
 class Footage:
     """What lies in a folder, one `Media` per camera of the rig (metres, the file's own axes).
 
+    unit: of the calibration's numbers.
+
     notes: remarks about guesses that were made, for `psfs info`.
     """
 
     rig: CameraRig
+    unit: Unit = "m"
     images: tuple[Media, ...] | None = None
     masks: tuple[Media, ...] | None = None
     background: tuple[Media, ...] | None = None
@@ -41,7 +45,7 @@ class Layout:
     defaults: Settings = field(default_factory=Settings)
 
 
-def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> CameraRig:
+def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> Calibration:
     """Return the calibration at `path`; sizes that it lacks are taken from the pictures `found`."""
     return read_calibration(path, settings.unit, sizes_of(found, where, settings))
 
@@ -62,15 +66,18 @@ def measured_sizes(
 
 
 def assigned(
-    rig: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
+    calibrated: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
 ) -> tuple[tuple[Media, ...], list[str]]:
-    """Return the pictures of each camera of `rig` (already the chosen subset), and remarks.
+    """Return the pictures of the chosen ones of the calibrated cameras, and remarks.
 
-    With `extras`, files that belong to no camera are passed over. Raises InputError when files
-    and cameras do not fit, or a picture's size is not its camera's.
+    All that are calibrated are matched, so that pictures belong to the same cameras whichever are
+    chosen. With `extras`, files that belong to no camera are passed over. Raises InputError when
+    files and cameras do not fit, or a picture's size is not its camera's.
     """
     subset = extras or settings.cameras is not None
-    pairs, note = matched(rig.names, list(found), str(where), rig.names if subset else None)
+    rig = chosen(calibrated, settings)
+    wanted = rig.names if subset else None
+    pairs, note = matched(calibrated.names, list(found), str(where), wanted)
     media = tuple(open_media(name, found[pairs[name]]) for name in rig.names)
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:

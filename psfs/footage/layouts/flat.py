@@ -9,10 +9,10 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.cameras.calibration import Size, find_calibration, read_calibration
-from psfs.cameras.names import contains_name, name_tokens, natural_key
+from psfs.cameras.names import contains_name, matched, name_tokens, natural_key
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
 from psfs.footage.layouts.native import calibration_of
-from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, media_in
 from psfs.footage.settings import Settings
 
 _MASK_WORDS = {"mask", "masks", "silh", "silhouette", "fg", "foreground"}
@@ -44,17 +44,36 @@ def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[
     return found
 
 
+def _all_pictures(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, dict], str | None]:
+    """Return `_pictures`, and a remark: where no name contains a camera's, and there is a picture
+    or video for each of them, they are taken in order."""
+    found = _pictures(folder, cameras)
+    if any(found.values()):
+        return found, None
+    files = media_in(folder)
+    if len(files) != len(cameras) or any(len(paths) > 1 for paths in files.values()):
+        return found, None
+    pairs, note = matched(cameras, list(files), str(folder))
+    for camera, name in pairs.items():
+        found[_kind(files[name][0])][camera] = files[name]
+    return found, note
+
+
 def _read(folder: Path, settings: Settings) -> Footage:
     calibration = calibration_of(folder, settings)
 
     def sizes(names: Sequence[str]) -> list[Size]:
-        kinds = _pictures(folder, names)
+        kinds, _ = _all_pictures(folder, names)
         return measured_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
 
-    rig = chosen(read_calibration(calibration, settings.unit, sizes), settings)
-    notes = []
+    calibrated = read_calibration(calibration, settings.unit, sizes)
+    rig = chosen(calibrated, settings)
+    notes = list(calibrated.notes)
     media = {}
-    for kind, found in _pictures(folder, rig.names).items():
+    kinds, guess = _all_pictures(folder, calibrated.names)
+    notes += [guess] if guess else []
+    for kind, every in kinds.items():
+        found = {name: files for name, files in every.items() if name in rig.names}
         if len(found) == len(rig):
             media[kind], _ = assigned(rig, found, folder, settings)
         elif found:
@@ -65,7 +84,7 @@ def _read(folder: Path, settings: Settings) -> Footage:
             f"{folder}: no pictures for every camera ({', '.join(rig.names)}); expected "
             "videos/, images/<camera>/, masks/<camera>/ or files whose names contain the cameras'"
         )
-    return Footage(rig, notes=notes, **media)
+    return Footage(rig, calibrated.unit, notes=notes, **media)
 
 
 FLAT = Layout("flat", _matches, _read)

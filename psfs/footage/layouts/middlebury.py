@@ -33,9 +33,8 @@ def _read(folder: Path, settings: Settings) -> Footage:
         if len(kept) < len(rig):
             notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
         settings = replace(settings, cameras=kept)
-    rig = chosen(rig, settings)
     images, remarks = assigned(rig, found, folder, settings, extras=True)
-    return Footage(rig, images=images, notes=notes + remarks)
+    return Footage(chosen(rig, settings), rig.unit, images=images, notes=notes + remarks)
 
 
 #: The objects stand along y. Silhouettes by the authors' recipe, in the README: threshold, dilate,
@@ -44,5 +43,13 @@ MIDDLEBURY = Layout(
     "middlebury",
     _matches,
     _read,
-    Settings(up="y", background="threshold", threshold=0.19, dilate=10, erode=7, fps=1.0),
+    Settings(
+        up="y",
+        background="threshold",
+        threshold=0.19,
+        dilate=10,
+        erode=7,
+        fps=1.0,
+        subject="object",
+    ),
 )

@@ -41,15 +41,15 @@ def _read(folder: Path, settings: Settings) -> Footage:
         raise InputError(f"{folder}: no pictures in videos/, images/<camera>/ or masks/<camera>/")
     rig = read_rig(calibration, settings, found[primary], folders[primary])
     media: dict[str, tuple] = {}
-    notes: list[str] = []
-    rig = chosen(rig, settings)
+    notes = list(rig.notes)
     for name in (images, "masks", "background"):
         if name and found.get(name):
             extras = name == "background"
             media[name], remarks = assigned(rig, found[name], folders[name], settings, extras)
             notes += remarks
     return Footage(
-        rig,
+        chosen(rig, settings),
+        rig.unit,
         images=media[images] if images else None,
         masks=media.get("masks"),
         background=media.get("background"),

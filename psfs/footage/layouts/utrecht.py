@@ -31,7 +31,6 @@ def _read(folder: Path, settings: Settings) -> Footage:
         rig = read_filestorage(files, settings.unit, sizes, names)
     else:
         rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
-    rig = chosen(rig, settings)
     images, notes = assigned(rig, videos, where, settings)
     if settings.unit == _UNIT:
         notes = [
@@ -44,7 +43,9 @@ def _read(folder: Path, settings: Settings) -> Footage:
             rig, plates, folder / "cam*" / "background.avi", settings, extras=True
         )
         notes = notes + remarks
-    return Footage(rig, images=images, background=background, notes=notes)
+    return Footage(
+        chosen(rig, settings), rig.unit, images=images, background=background, notes=notes
+    )
 
 
 #: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 mm, but

@@ -52,7 +52,7 @@ BROKEN = [
     ("c.toml", "title = 'nothing'", "no camera tables"),
     ("c.cal", "1 2 3", "3 numbers; expected at least 22"),
     ("c.cal", "1 2 x", "found 'x'"),
-    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1 0 0 0 -1 0 0 0", "R is not a rotation"),
+    ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1 0 0 0 -2 0 0 0", "R is not a rotation"),
     ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 1.1 0 0 0 1 0 0 0", "R is not a rotation"),
     ("c.cal", "500 500 32 24 0 0 0 0 0 0 1 0 0 0 nan 0 0 0 1 0 0 0", "not finite"),
     ("c.xml", "<?xml version='1.0'?><opencv_storage><a></opencv_storage>", "malformed"),

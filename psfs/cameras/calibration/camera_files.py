@@ -1,0 +1,88 @@
+"""A text file per camera, or per image (`.txt`, `.pa`, `.krt`, `.krtd`, `.cam`), of numbers only:
+K (9), R (9), t (3) and perhaps the distortion; K (9) and [R | t] (3x4 or 4x4); or a projection
+matrix (3x4). Words at the beginning (`CONTOUR`) and lines from `#` on are passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.calibration.common import (
+    Calibration,
+    Size,
+    Sizes,
+    naming,
+    numbers,
+    read_text,
+    rig_of,
+    rotation_matrix,
+)
+from psfs.cameras.calibration.projections import decomposed, facing
+from psfs.cameras.camera import Camera
+from psfs.cameras.units import Unit
+
+SUFFIXES = (".pa", ".krt", ".krtd", ".cam", ".txt", ".p")
+_WANTED = "expected K R t (21 numbers), K and [R | t] (21 or 25), or a 3x4 matrix (12)"
+
+
+def read_camera_files(
+    paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None
+) -> Calibration:
+    """Read one camera per path, named after the file. Metres unless `unit` says otherwise."""
+    by_name = {path.stem: path for path in paths}
+    values = {name: _values(path) for name, path in by_name.items()}
+
+    def camera(name: str, size: Size) -> Camera:
+        with naming(by_name[name]):
+            return camera_of(name, values[name], size)
+
+    rig = rig_of(list(by_name), sizes, camera, unit, default="m")
+    return facing(rig) if all(len(rows.ravel()) == 12 for rows in values.values()) else rig
+
+
+def camera_of(name: str, values: np.ndarray, size: Size) -> Camera:
+    """Return the camera of 12, 21, 25, or more numbers. Raises InputError for other counts."""
+    count = values.size
+    if count == 12:
+        return decomposed(name, values.reshape(3, 4), size)
+    if count not in (21, 25) and not 23 <= count <= 21 + 14:
+        raise InputError(f"{count} numbers; {_WANTED}")
+    K, rest = values[:9].reshape(3, 3), values[9:]
+    if abs(K[2]).max() == 0:
+        raise InputError(f"camera {name}: the last row of K is zero; {_WANTED}")
+    distortion = np.zeros(0)
+    if count == 25 and np.allclose(rest[12:], [0, 0, 0, 1]):
+        joint = rest[:12].reshape(3, 4)
+    elif count == 21 and _is_rotation(rest.reshape(3, 4)[:, :3]):
+        joint = rest.reshape(3, 4)
+    else:
+        joint = np.column_stack([rest[:9].reshape(3, 3), rest[9:12]])
+        distortion = rest[12:]
+    R = rotation_matrix(joint[:, :3], f"camera {name}: R")
+    return Camera(name, K / K[2, 2], distortion, R, joint[:, 3], size)
+
+
+def _is_rotation(R: np.ndarray) -> bool:
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
+
+
+def _values(path: Path) -> np.ndarray:
+    """Return all numbers (N,) of a file."""
+    lines = [line.split("#")[0].replace(",", " ").split() for line in read_text(path).splitlines()]
+    words = [word.strip("[];") for line in lines for word in line]
+    while words and not _is_number(words[0]):
+        words.pop(0)
+    with naming(path):
+        return numbers([word for word in words if word], "a camera")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,66 @@
+"""Surrey's list (SurfCap, CVSSP3D): the number of cameras and of distortion coefficients, then for
+each camera first and last row, first and last column, `fx fy cx cy`, the coefficients k1, k2, ...,
+R by rows (9) and t (3), x_cam = R x + t. Numbers with any white space between them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.calibration.common import (
+    Calibration,
+    Sizes,
+    in_metres,
+    naming,
+    numbers,
+    read_text,
+    rotation_matrix,
+    whole_size,
+)
+from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
+from psfs.cameras.units import Unit
+
+
+def looks_like_surrey(text: str) -> bool:
+    """Is the text as long as its first two numbers promise?"""
+    words = text.split()
+    try:
+        count, order = int(words[0]), int(words[1])
+    except (ValueError, IndexError):
+        return False
+    return 0 < count <= MOST_CAMERAS and 0 <= order <= 5 and len(words) == 2 + count * (20 + order)
+
+
+def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+    """Read the cameras, named cam01, cam02, ... Metres unless `unit` says otherwise."""
+    with naming(path):
+        text = read_text(path)
+        if not looks_like_surrey(text):
+            raise InputError("not as many numbers as its first line promises; expected Surrey's")
+        values = numbers(text.split(), "Surrey's calibration")
+        order = int(values[1])
+        rows = values[2:].reshape(int(values[0]), 20 + order)
+        cameras = [_camera(f"cam{index:02d}", row, order) for index, row in enumerate(rows, 1)]
+        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+
+
+def _camera(name: str, row: np.ndarray, order: int) -> Camera:
+    first_row, last_row, first_column, last_column, fx, fy, cx, cy = row[:8]
+    if first_row or first_column:
+        raise InputError(f"{name}: the picture begins at {first_column:g}, {first_row:g}, not 0, 0")
+    k = np.zeros(5)
+    radial = row[8 : 8 + order]
+    if order > 3 and radial[3:].any():
+        raise InputError(f"{name}: {order} radial coefficients; expected at most 3")
+    k[[0, 1, 4][: min(order, 3)]] = radial[:3]
+    return Camera(
+        name=name,
+        K=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+        distortion=k,
+        R=rotation_matrix(row[8 + order : 17 + order], f"{name}: R"),
+        t=row[17 + order :],
+        size=whole_size(last_column + 1, last_row + 1, f"{name}: the picture"),
+    )

@@ -1,0 +1,177 @@
+"""What would make silhouettes fit that do not: pictures of two cameras exchanged, later, mirrored,
+a camera turned, a calibration of another convention. Every guess is tried and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.diagnostics.config import FaultConfig
+from psfs.diagnostics.small_views import Outline
+from psfs.diagnostics.tangency import Tangency
+
+#: What calibrations of other programs may mean: camera to world instead of world to camera; the
+#: camera's centre instead of the translation; OpenGL's camera axes.
+CONVENTIONS: dict[str, Callable[[Camera], Camera]] = {
+    "R and t lead from the camera to the world": lambda c: replace(c, R=c.R.T, t=-c.R.T @ c.t),
+    "t is the camera's centre": lambda c: replace(c, t=-c.R @ c.t),
+    "the camera's axes are OpenGL's, y up and -z forward": lambda c: replace(
+        c, R=np.diag([1.0, -1, -1]) @ c.R, t=np.diag([1.0, -1, -1]) @ c.t
+    ),
+}
+
+
+def exchanged(tangency: Tangency, config: FaultConfig) -> list[int]:
+    """Return whose pictures each camera should have, (V,): best after exchanging two at a time,
+    as long as that lowers the cost below `exchange_share` of what it was."""
+
+    def alike(a: int, b: int) -> bool:
+        return tangency.rig[a].size == tangency.rig[b].size
+
+    order = list(range(len(tangency.rig)))
+    cost = tangency.compared(order).cost
+    for _ in range(len(order) - 1):
+        pairs = [pair for pair in combinations(range(len(order)), 2) if alike(*pair)]
+        tried = {pair: tangency.compared(_swapped(order, *pair)).cost for pair in pairs}
+        known = {pair: value for pair, value in tried.items() if np.isfinite(value)}
+        if not known:
+            break
+        best = min(known, key=lambda pair: known[pair])
+        if not known[best] < config.exchange_share * cost:
+            break
+        order, cost = _swapped(order, *best), known[best]
+    return order
+
+
+def _swapped(order: list[int], a: int, b: int) -> list[int]:
+    swapped = list(order)
+    swapped[a], swapped[b] = order[b], order[a]
+    return swapped
+
+
+def mirrored(tangency: Tangency, config: FaultConfig) -> list[int]:
+    """Return the cameras whose pictures fit only the wrong way round, left to right: all, one, or
+    none."""
+    views = list(range(len(tangency.rig)))
+    cost = tangency.compared().cost
+    guesses = [views, *([view] for view in views if len(views) > 2)]
+    tried = [tangency.compared(mirrored=guess).cost for guess in guesses]
+    if not np.isfinite(tried).any():
+        return []
+    best = int(np.nanargmin(tried))
+    return guesses[best] if tried[best] < config.mirror_share * cost else []
+
+
+#: Cost that is added before costs are compared: silhouettes of who keeps still agree at any lag.
+_NOISE = 0.003
+
+
+class Lags:
+    """Costs of pairs of cameras at all lags up to `most` frames, either way.
+
+    Of each pair with or without what is the same in all frames, whichever fits better at its best:
+    calibrations err by a steady amount, and silhouettes by none.
+    """
+
+    def __init__(self, tangency: Tangency, most: int) -> None:
+        n = len(tangency.rig)
+        self.most, self.n_views = most, n
+        reach = range(-2 * most, 2 * most + 1)
+        self._table = np.zeros((n, n, len(reach), 2))
+        for a, b in combinations(range(n), 2):
+            first, second = tangency.planes(a, a, b), tangency.planes(b, b, a)
+            if not tangency.comparable(a, b):
+                continue
+            ways = [
+                np.array([tangency.difference(first, second, lag, steady) for lag in reach])
+                for steady in (True, False)
+            ]
+            pair = min(ways, key=lambda way: float(np.nanmin(_costs(way), initial=np.inf)))
+            self._table[a, b], self._table[b, a] = pair, pair[::-1]
+
+    def curve(self, view: int, shifts: list[int]) -> np.ndarray:
+        """Return the cost of a camera's pairs (2 most + 1,) if its pictures come -most to most
+        frames later than the others', which have `shifts`; NaN where too few frames are left."""
+        sums = np.zeros((2 * self.most + 1, 2))
+        for other in range(self.n_views):
+            start = self.most - shifts[other]  # lag = shift of `view` - shift of `other`
+            if other != view:
+                sums += self._table[other, view, start : start + len(sums)]
+        return _costs(sums)
+
+
+def _costs(sums: np.ndarray) -> np.ndarray:
+    """Return the means (L,) of sums and counts (L, 2); NaN where too few frames are left."""
+    enough = sums[:, 1] > 0.4 * sums[:, 1].max(initial=1)
+    return np.where(enough, sums[:, 0] / np.maximum(sums[:, 1], 1), np.nan)
+
+
+def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
+    """Return by how many frames the pictures of each camera come later than the others', (V,).
+
+    The camera that gains most by a shift is shifted, again and again; a shift counts if the cost
+    without it is `lag_gain` times as high, and it is at least `least_lag` frames.
+    """
+    shifts = [0] * len(tangency.rig)
+    if most < 1 or not np.isfinite(tangency.size):
+        return shifts
+    lags = Lags(tangency, most)
+    for _ in range(3 * len(shifts)):
+        gains, best = [], []
+        for view in range(len(shifts)):
+            curve = lags.curve(view, shifts)
+            if not np.isfinite(curve[most + shifts[view]]):
+                gains.append(1.0)
+                best.append(shifts[view])
+                continue
+            best.append(int(np.nanargmin(curve)) - most)
+            here, least = curve[most + shifts[view]], float(np.nanmin(curve))
+            gains.append((here + _NOISE) / (least + _NOISE))
+        far = [
+            gain if abs(to - shift) >= config.least_lag or shift else 1.0
+            for gain, to, shift in zip(gains, best, shifts, strict=True)
+        ]
+        view = len(far) - 1 - int(np.argmax(far[::-1]))  # of two cameras, the second
+        threshold = config.lag_gain if not shifts[view] else 1.0 + 1e-6
+        if far[view] <= threshold or best[view] == shifts[view]:
+            break
+        shifts[view] = best[view]
+    middle = int(np.median(shifts))
+    return [shift - middle for shift in shifts]
+
+
+def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:
+    """Return by what angle, rad, a camera's pictures fit the others' best if it is turned about its
+    centre, and what its cost then is as a share of the present one."""
+    before = tangency.turned(view, np.eye(3))
+    found = minimize(
+        lambda vector: tangency.turned(view, cv2.Rodrigues(vector)[0]),
+        np.zeros(3),
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([np.zeros(3), 0.05 * np.eye(3)]),
+            "maxfev": 200,
+            "xatol": 1e-3,
+            "fatol": 1e-4,
+        },
+    )
+    return float(np.linalg.norm(found.x)), float(found.fun / max(before, 1e-9))
+
+
+def convention(
+    rig: CameraRig, outlines: list[list[Outline | None]], cost: float, config: FaultConfig
+) -> str | None:
+    """Return by which of `CONVENTIONS` the calibration fits the pictures; None for none of them."""
+    costs = {}
+    for name, mended in CONVENTIONS.items():
+        tried = Tangency(CameraRig(tuple(mended(camera) for camera in rig)), outlines)
+        costs[name] = tried.compared().cost
+    known = {name: value for name, value in costs.items() if np.isfinite(value)}
+    best = min(known, key=lambda name: known[name], default=None)
+    return best if best is not None and known[best] < config.mirror_share * cost else None

@@ -1,0 +1,216 @@
+"""What is wrong with footage, said before hours are spent on it: `diagnosed(sequence, device)`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cl import Device, NumpyDevice
+from psfs.cameras.names import listed
+from psfs.cameras.units import metres_per_unit
+from psfs.diagnostics.arrangement import convention, exchanged, lateness, mirrored, turned_by
+from psfs.diagnostics.config import FaultConfig
+from psfs.diagnostics.picture_faults import Fault, picture_faults
+from psfs.diagnostics.small_views import SmallViews, small_views
+from psfs.diagnostics.tangency import CAP, Tangency
+from psfs.sequence import Sequence
+
+#: People are this large, m; a size outside says that the unit is wrong by a power of ten.
+PERSON = (0.25, 4.0)
+#: A turn, rad, that is told from calibrations as they are, and one that still is a turn.
+_TURNED = (0.008, 0.5)
+
+
+#: Faults of the footage as a whole.
+_OF_ALL = ("exchange", "mirrored", "convention", "disagree")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """faults: of a sequence, the gravest first. disagreement: how far the cameras' silhouettes are
+    apart, as a share of the person's size, 0 to `CAP`; NaN where they cannot be compared. size: of
+    the person, m, or NaN. views: what was looked at."""
+
+    faults: list[Fault]
+    disagreement: float
+    size: float
+    views: SmallViews
+
+    @property
+    def late(self) -> dict[str, int]:
+        """By how many frames the pictures of some cameras come later than the others', by name."""
+        return {fault.cameras[0]: fault.late for fault in self.faults if fault.kind == "late"}
+
+    @property
+    def of_all(self) -> bool:
+        """Is something wrong that leaving out one camera cannot mend?"""
+        return any(fault.kind in _OF_ALL for fault in self.faults)
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """What is wrong with single cameras, by name."""
+        return {f.cameras[0]: f.text for f in reversed(self.faults) if len(f.cameras) == 1}
+
+    def without(self, kind: str) -> Diagnosis:
+        """Return the same without the faults of one kind, which are mended."""
+        return replace(self, faults=[fault for fault in self.faults if fault.kind != kind])
+
+
+def diagnosed(
+    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None
+) -> Diagnosis:
+    """Look for what is wrong with a sequence, in small pictures of some hundred frames."""
+    config = config or FaultConfig()
+    views = small_views(sequence, device, config)
+    faults = picture_faults(sequence, views)
+    tangency = Tangency(views.rig, views.outlines)
+    compared = tangency.compared()
+    if len(sequence.rig) > 1 and math.isfinite(compared.cost):
+        if not any(fault.kind == "exchange" for fault in faults):
+            faults = [*_arranged(sequence, views, tangency, faults, config), *faults]
+        faults += _unit(sequence, tangency.size)
+    explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
+    faults = explained[:1] or faults  # which spoil all that is said of single cameras
+    return Diagnosis(faults, compared.cost, tangency.size, views)
+
+
+def _arranged(
+    sequence: Sequence,
+    views: SmallViews,
+    tangency: Tangency,
+    known: list[Fault],
+    config: FaultConfig,
+) -> list[Fault]:
+    """Return what is wrong between the cameras: the first of the guesses that explains it."""
+    names = sequence.rig.names
+    order = exchanged(tangency, config)
+    flipped = mirrored(tangency, config)
+    if flipped and tangency.compared(mirrored=flipped).cost < tangency.compared(order).cost:
+        return [_mirrored(names, flipped)]
+    if order != list(range(len(order))):
+        return [_exchange(names, order)]
+    most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
+    shifts = lateness(tangency, most, config)
+    late = [_late(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
+    compared = tangency.compared(shifts=shifts)
+    if compared.cost > config.disagreeing:
+        return [_unfitting(views, tangency, compared.cost, known, config)]
+    return late or _turned(tangency, names, known, config)
+
+
+def _exchange(names: list[str], order: list[int]) -> Fault:
+    wrong = [view for view, image in enumerate(order) if view != image]
+    if len(wrong) == 2:
+        a, b = (names[view] for view in wrong)
+        text = f"cameras {a} and {b} look exchanged: each one's pictures fit the other's place"
+    else:
+        moves = [f"those of {names[order[view]]} to {names[view]}" for view in wrong]
+        text = f"cameras look exchanged; the pictures would fit so: {listed(moves)}"
+    cameras = tuple(names[view] for view in wrong)
+    return Fault("exchange", cameras, f"{text}; rename the files, or the calibration's cameras")
+
+
+def _mirrored(names: list[str], flipped: list[int]) -> Fault:
+    which = "all cameras" if len(flipped) == len(names) else f"camera {names[flipped[0]]}"
+    text = f"the pictures of {which} are mirrored, left to right; flip them back"
+    return Fault("mirrored", tuple(names[view] for view in flipped), text)
+
+
+def _late(sequence: Sequence, name: str, by: int) -> Fault:
+    seconds = abs(by) / sequence.fps
+    return Fault(
+        "late",
+        (name,),
+        f"camera {name} comes about {abs(by)} frames {'late' if by > 0 else 'early'} "
+        f"({seconds:.2g} s); --sync auto shifts it",
+        late=by,
+    )
+
+
+def _unfitting(
+    views: SmallViews, tangency: Tangency, cost: float, known: list[Fault], config: FaultConfig
+) -> Fault:
+    """Return why no two cameras fit, as far as a guess explains it."""
+    meant = convention(views.rig, views.outlines, cost, config)
+    if meant:
+        text = f"the calibration fits only if {meant}; write it as world to camera, x_cam = R x + t"
+        return Fault("convention", (), text)
+    poor = _poor_silhouettes(views)
+    if poor:
+        text = f"the cameras do not agree, and silhouettes are poor: {poor}"
+    else:
+        text = (
+            "the cameras do not agree though each silhouette looks sound "
+            f"({cost / CAP:.0%} of the worst): the calibration is not of these pictures, or they "
+            "are not of one time"
+        )
+    return Fault("disagree", (), f"{text}; look at them: psfs silhouettes FOLDER -o SIL")
+
+
+def _poor_silhouettes(views: SmallViews) -> str:
+    """Return which cameras' silhouettes are no single shape of a steady size, in words."""
+    poor = []
+    for view, camera in enumerate(views.rig):
+        pixels = camera.size[0] * camera.size[1]
+        areas = np.array([0 if row[view] is None else row[view].area for row in views.outlines])  # type: ignore[union-attr]
+        shares = areas / np.maximum(views.foreground[:, view] * pixels, 1)
+        if (areas == 0).mean() > 0.3:
+            poor.append(f"{camera.name} often shows nobody")
+        elif np.median(shares) < 0.5:
+            poor.append(f"{camera.name}'s are in pieces")
+        elif np.median(np.abs(np.diff(areas))) > 0.25 * np.median(areas):
+            poor.append(f"{camera.name}'s change from frame to frame")
+    return listed(poor) if poor else ""
+
+
+def _turned(
+    tangency: Tangency, names: list[str], known: list[Fault], config: FaultConfig
+) -> list[Fault]:
+    """Return the camera that fits the others much worse than they fit each other, and that turning
+    it mends."""
+    compared = tangency.compared()
+    if len(names) < 4:
+        return []
+    rest = np.array([compared.without(view) for view in range(len(names))])
+    with np.errstate(invalid="ignore"):
+        ratios = np.nan_to_num(compared.cameras / rest)
+    view = int(ratios.argmax())
+    if any(names[view] in fault.cameras for fault in known):
+        return []  # which may be why
+    if ratios[view] < config.turned_ratio or compared.cameras[view] < config.turned_cost:
+        return []
+    angle, share = turned_by(tangency, view)
+    turned = share < config.turned_share and _TURNED[0] < angle < _TURNED[1]
+    if turned:
+        why = (
+            f"it was turned by about {math.degrees(angle):.1f} degrees since its calibration, or "
+            "that is wrong; calibrate it again"
+        )
+    else:
+        why = "it was moved, or its silhouettes are wrong; look: psfs silhouettes FOLDER -o SIL"
+    text = f"camera {names[view]} does not fit the others, which agree: {why}"
+    return [Fault("moved", (names[view],), text)]
+
+
+def _unit(sequence: Sequence, size: float) -> list[Fault]:
+    """Return that the unit is wrong by a power of ten, where a person would have `size`, m."""
+    if sequence.settings.subject == "object" or not size > 0 or PERSON[0] <= size <= PERSON[1]:
+        return []
+    power = round(math.log10(1.3 / size))
+    now = metres_per_unit(sequence.unit)
+    names = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+    likely = names.get(float(f"{now * 10.0**power:.6g}"), f"{now * 10.0**power:.3g}")
+    return [
+        Fault(
+            "unit",
+            (),
+            f"a person would be about {size:.3g} m tall: the unit is wrong by {_times(power)}; "
+            f"it looks like {likely}: --unit {likely} (or --subject object, if it is no person)",
+        )
+    ]
+
+
+def _times(power: int) -> str:
+    return f"{10 ** abs(power):,}"

@@ -1,0 +1,230 @@
+"""Faults that one camera's pictures show by themselves: a background of another camera, or one that
+holds the person, a camera that was knocked, light that flickers, a person who is cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from psfs.cameras.names import listed
+from psfs.diagnostics.small_views import SmallViews
+from psfs.sequence import Sequence
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with footage. kind: a word for programs. cameras: their names; none where it is
+    all of them. text: what is wrong and what to do, one line. late: frames, where the kind is
+    "late". serious: to be warned of, not only noted."""
+
+    kind: str
+    cameras: tuple[str, ...]
+    text: str
+    late: int = 0
+    serious: bool = True
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class PictureConfig:
+    """When pictures count as faulty. Set between what the sequences at hand show untouched (in
+    brackets) and what they show spoilt."""
+
+    same_view: float = 0.85
+    """Correlation of pictures with a background from which on both show the same view..."""
+    other_view: float = 0.6
+    """...and below which they show different ones (0.93 and more)."""
+    knocked: float = 2.0
+    """Small pixels by which pictures may lie beside their background (below 1)."""
+    gain: float = 0.1
+    """Correlation of the edges that laying them back must add."""
+    flicker: float = 0.04
+    """Change of the brightness from frame to frame, median (0.015)."""
+    steady: float = 0.85
+    """Share of the frames that show foreground in one place if the background holds the person."""
+    still: float = 6.0
+    """Standard deviation over time, grey levels, below which nothing moves there."""
+    ghost_area: float = 0.25
+    """Share of the silhouette's area that such a place has at least."""
+    ghost_edges: float = 1.5
+    """Its rim has edges in the background that are so much stronger than in the frames."""
+    cut: float = 0.5
+    """Share of the frames in which a silhouette touches the picture's border, to be noted."""
+    filled: float = 0.5
+    """Share of a picture that silhouettes fill: more is no person."""
+
+
+def picture_faults(
+    sequence: Sequence, views: SmallViews, config: PictureConfig | None = None
+) -> list[Fault]:
+    """Return the faults of the pictures of a sequence, the serious ones first."""
+    config = config or PictureConfig()
+    faults = [*_foreign(sequence, views, config)]
+    named = {name for fault in faults for name in fault.cameras}
+    for check in (_knocked, _filled, _ghosts, _flickering):
+        for fault in check(sequence, views, config):
+            if not named & set(fault.cameras):
+                faults.append(fault)
+                named |= set(fault.cameras)
+    return [*faults, *_cut(sequence, views, config)]
+
+
+def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Cameras whose pictures and background show different views, exchanged ones in pairs."""
+    if views.pictures is None or views.plates is None or not sequence.footage.background:
+        return
+    names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
+    typical = np.median(views.pictures, axis=0)
+    alike = np.full((len(names), len(names)), -1.0)
+    for a, size in enumerate(sizes):
+        for b, plate in enumerate(views.plates):
+            if sizes[b] == size:
+                area = np.s_[: size[1], : size[0]]
+                alike[a, b] = _correlation(typical[a][area], plate[area])
+    own = np.diag(alike)
+    wrong = [view for view in range(len(names)) if own[view] < config.other_view]
+    for view in wrong:
+        fits = int(alike[view].argmax())
+        if alike[view, fits] > config.same_view and fits != view:
+            if alike[fits].argmax() == view and fits < view:
+                continue  # said with the first of the two
+            both = names[view], names[fits]
+            yield Fault(
+                "exchange",
+                both if alike[fits].argmax() == view else both[:1],
+                f"cameras {both[0]} and {both[1]} look exchanged: the pictures of {both[0]} show "
+                f"what the background of {both[1]} shows; exchange the files",
+            )
+        else:
+            yield Fault(
+                "background",
+                (names[view],),
+                f"camera {names[view]}: its pictures and its background show different views; "
+                "film the empty scene again, or take --background frames",
+            )
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    deviations = [x.astype(float) - x.mean() for x in (a, b)]
+    norm = np.sqrt(np.prod([(d * d).sum() for d in deviations]))
+    return float((deviations[0] * deviations[1]).sum() / norm) if norm else 0.0
+
+
+def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Cameras whose pictures lie beside their background in some of the frames."""
+    if views.pictures is None or views.plates is None:
+        return
+    factor = sequence.rig.width / views.rig.width
+    for view, camera in enumerate(views.rig):
+        area = np.s_[: camera.size[1], : camera.size[0]]
+        window = cv2.createHanningWindow(camera.size, cv2.CV_32F)
+        plate = _edges(views.plates[view][area])
+        moves = []
+        for picture, mask in zip(views.pictures[:, view], views.silhouettes[:, view], strict=True):
+            people = cv2.morphologyEx(
+                mask[area].astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)
+            )
+            shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
+            shift, _ = cv2.phaseCorrelate(plate, shown, window)
+            back = np.roll(shown, [-round(s) for s in shift[::-1]], axis=(0, 1))
+            better = _correlation(plate, back) > _correlation(plate, shown) + config.gain
+            moves.append(shift if better else (0.0, 0.0))
+        moved = np.array(moves)
+        away = np.linalg.norm(moved, axis=1) > config.knocked
+        typical = np.median(moved[away], axis=0) if away.any() else np.zeros(2)
+        away &= np.linalg.norm(moved - typical, axis=1) < config.knocked  # noise has no direction
+        if away.sum() > max(2, 0.1 * len(moved)):
+            pixels = factor * float(np.linalg.norm(typical))
+            first = int(views.samples[int(away.argmax())])
+            since = "" if away.all() else f" from about frame {first} on"
+            yield Fault(
+                "knocked",
+                (camera.name,),
+                f"camera {camera.name}: its pictures lie {pixels:.0f} px beside its background"
+                f"{since}; it was moved: leave it out (--cameras), or film and calibrate again",
+            )
+
+
+def _edges(picture: np.ndarray) -> np.ndarray:
+    """Return the strength of the edges (h, w) float32."""
+    grey = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0)
+    strength: np.ndarray = cv2.magnitude(
+        cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
+    )
+    return strength
+
+
+def _filled(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    if views.plates is None:
+        return
+    for name, share in zip(sequence.rig.names, np.median(views.foreground, axis=0), strict=True):
+        if share > config.filled:
+            yield Fault(
+                "filled",
+                (name,),
+                f"camera {name}: {share:.0%} of its picture looks like foreground; noise, changed "
+                "light, or a background that is not this camera's?",
+            )
+
+
+def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Cameras whose background holds somebody: foreground that never moves, with edges around it in
+    the background and none in the pictures."""
+    if views.pictures is None or views.plates is None or len(views.samples) < 4:
+        return
+    steady = views.silhouettes.mean(axis=0) >= config.steady
+    steady &= views.pictures.std(axis=0) < config.still
+    for view, camera in enumerate(views.rig):
+        areas = [row[view].area for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]
+        labels, count = ndimage.label(steady[view])
+        least = config.ghost_area * float(np.median(areas)) if areas else np.inf
+        for part in range(1, count + 1):
+            inside = labels == part
+            if inside.sum() < least:
+                continue
+            rim = ndimage.binary_dilation(inside, iterations=2) & ~ndimage.binary_erosion(inside)
+            shown = np.mean([_edges(picture)[rim].mean() for picture in views.pictures[:, view]])
+            if _edges(views.plates[view])[rim].mean() > config.ghost_edges * shown:
+                yield Fault(
+                    "ghost",
+                    (camera.name,),
+                    f"camera {camera.name}: its background holds somebody who is not in the "
+                    "pictures; film the scene empty, or take --background mog",
+                )
+                break
+
+
+def _flickering(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    if len(views.gain) < 4 or np.isnan(views.gain).any():
+        return
+    changes = np.abs(np.diff(views.gain, axis=0))
+    for name, change in zip(sequence.rig.names, np.median(changes, axis=0), strict=True):
+        if change > config.flicker:
+            yield Fault(
+                "flicker",
+                (name,),
+                f"camera {name} flickers: its brightness changes by {change:.0%} from frame to "
+                "frame; fix exposure and gain, match the shutter to the lamps",
+            )
+
+
+def _cut(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    cut = []
+    for view, name in enumerate(sequence.rig.names):
+        shown = [row[view].at_border.any() for row in views.outlines if row[view] is not None]  # type: ignore[union-attr]
+        if shown and np.mean(shown) > config.cut:
+            cut.append(name)
+    if cut:
+        yield Fault(
+            "cut",
+            tuple(cut),
+            f"what is filmed reaches beyond the pictures of {listed(cut)} in most frames; parts "
+            "that too few cameras see are not reconstructed",
+            serious=False,
+        )

@@ -1,0 +1,160 @@
+"""A stretch of a sequence in small pictures: outlines of the silhouettes, and what the diagnostics
+ask of the pictures themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from cl import Device, NumpyDevice
+from psfs.backend import evidence_for
+from psfs.background.chroma_key import ChromaKey
+from psfs.background.gaussian import Background
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.config import FaultConfig
+from psfs.sequence import Frame, Sequence
+from psfs.silhouettes.config import SilhouetteConfig
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The convex hull of a silhouette's largest part: points (N, 2) px, and which of them (N,) lie
+    on the picture's border, where the silhouette may go on. area: of the part, px."""
+
+    points: np.ndarray
+    at_border: np.ndarray
+    area: int
+
+
+@dataclass(frozen=True, eq=False)
+class SmallViews:
+    """What was seen of the frames `frames`, F of them in a row, by the V cameras of `rig`, which is
+    the sequence's in small.
+
+    outlines: [frame][view], None where nobody shows. foreground: (F, V) share of the picture.
+    gain: (F, V) brightness of the rest beside the background's; NaN without one. plates: (V, h, w)
+    uint8 grey, or None. samples: numbers of the frames (S,) whose silhouettes (S, V, h, w) bool and
+    grey pictures (S, V, h, w) uint8, or None, were kept.
+    """
+
+    rig: CameraRig
+    frames: range
+    outlines: list[list[Outline | None]]
+    foreground: np.ndarray
+    gain: np.ndarray
+    plates: np.ndarray | None
+    samples: np.ndarray
+    silhouettes: np.ndarray
+    pictures: np.ndarray | None
+
+
+def small_views(
+    sequence: Sequence, device: Device | NumpyDevice, config: FaultConfig | None = None
+) -> SmallViews:
+    """Look at the middle of `sequence`: as many frames as `FaultConfig` allows."""
+    config = config or FaultConfig()
+    shrink = _Shrink(sequence.rig, config.longest_side)
+    background = shrink.background(sequence.background)
+    evidence_of = evidence_for(device, shrink.small, background, SilhouetteConfig.without_memory())
+    frames = looked_at(sequence, config)
+    kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
+    plates = None if background is None else _grey(background.mean.astype(np.uint8))
+    outlines, foreground, gains, masks, pictures = [], [], [], [], []
+    for number, frame in enumerate(sequence.frames(slice(frames.start, frames.stop))):
+        small = shrink.frame(frame)
+        silhouettes = evidence_of(small) > 0
+        pairs = list(zip(shrink.small, silhouettes, strict=True))
+        outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
+        foreground.append([mask.sum() / np.prod(c.size) for c, mask in pairs])
+        grey = None if small.images is None else _grey(small.images)
+        gains.append(_gains(grey, plates, silhouettes))
+        if number in kept:
+            masks.append(silhouettes)
+            pictures.append(grey)
+    return SmallViews(
+        shrink.small, frames, outlines, np.array(foreground), np.array(gains), plates,
+        kept + frames.start, np.stack(masks),
+        None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def looked_at(sequence: Sequence, config: FaultConfig) -> range:
+    """Return the frames in the middle of `sequence` that are worth their decoding."""
+    pixels = sum(camera.size[0] * camera.size[1] for camera in sequence.rig)
+    count = int(np.clip(config.pixels / pixels, *config.window))
+    first = max(0, (len(sequence) - count) // 2)
+    return range(first, min(first + count, len(sequence)))
+
+
+def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
+    """Return the outline of a silhouette (h, w) bool after a 3x3 median; None if its largest part
+    has fewer pixels than `least`."""
+    smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
+    areas = facts[1:count, cv2.CC_STAT_AREA]
+    if not len(areas) or areas.max() < least:
+        return None
+    rows, columns = np.nonzero(labels == 1 + int(areas.argmax()))
+    corners = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)).reshape(-1, 2)
+    last = np.array(mask.shape[::-1]) - 2
+    at_border = ((corners <= 1) | (corners >= last)).any(axis=1)
+    return Outline(corners.astype(float), np.asarray(at_border), int(areas.max()))
+
+
+class _Shrink:
+    """Makes everything of a sequence small, so that no picture is longer than `longest` px."""
+
+    def __init__(self, rig: CameraRig, longest: int) -> None:
+        factor = min(1.0, longest / max(rig.width, rig.height))
+        self.rig, self.small = rig, rig.scaled(factor)
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        """Return (V, h, w, ...) of pictures (V, H, W, ...): means over areas."""
+        if self.small.width == self.rig.width:
+            return pictures
+        shape = (len(self.rig), self.small.height, self.small.width, *pictures.shape[3:])
+        out = np.zeros(shape, pictures.dtype)
+        for view, (large, small) in enumerate(zip(self.rig, self.small, strict=True)):
+            picture = pictures[view, : large.size[1], : large.size[0]]
+            resized = cv2.resize(picture, small.size, interpolation=cv2.INTER_AREA)
+            out[view, : small.size[1], : small.size[0]] = resized
+        return out
+
+    def frame(self, frame: Frame) -> Frame:
+        images = None if frame.images is None else self(frame.images)
+        masks = None if frame.masks is None else self(frame.masks)
+        return replace(frame, images=images, masks=masks)
+
+    def background(self, background: Background | None) -> Background | None:
+        """Return the small background. The noise is taken as large as in the large pictures: much
+        of it is of many pixels, from the compression."""
+        if background is None:
+            return None
+        mean, std = (
+            self(np.ascontiguousarray(background.mean)),
+            self(np.ascontiguousarray(background.std)),
+        )
+        if isinstance(background, ChromaKey):
+            of_screen = background.key, background.spread, background.light
+            return ChromaKey(mean, std, *of_screen, (self(background.screen) > 0).astype(np.uint8))
+        return Background(mean, np.maximum(std, background.std.min()))
+
+
+def _grey(pictures: np.ndarray) -> np.ndarray:
+    """Return (V, h, w) uint8 of pictures (V, h, w, 3)."""
+    return np.stack([cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in pictures])
+
+
+def _gains(
+    grey: np.ndarray | None, plates: np.ndarray | None, silhouettes: np.ndarray
+) -> list[float]:
+    """Return how bright each view is beside its background, where nobody shows."""
+    if grey is None or plates is None:
+        return [float("nan")] * len(silhouettes)
+    gains = []
+    for picture, plate, mask in zip(grey, plates, silhouettes, strict=True):
+        rest = ~mask & (plate > 0)
+        gains.append(picture[rest].mean() / plate[rest].mean() if rest.any() else float("nan"))
+    return gains

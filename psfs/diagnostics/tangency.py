@@ -1,0 +1,202 @@
+"""How well silhouettes of many cameras fit each other: by epipolar tangency.
+
+Two cameras and a point span an epipolar plane. The planes that touch a body touch its silhouettes
+in both pictures, so both cameras must see the same two extreme planes (Sinha & Pollefeys, Camera
+network calibration and synchronization from silhouettes in archived video, IJCV 87, 2010). That
+costs a few convex hulls: no voxels, no points to match.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.rig_geometry import axes_meet_ahead
+from psfs.diagnostics.small_views import Outline
+
+#: Differences of planes count up to this share of the person's size: more is as wrong.
+CAP = 0.1
+#: A body that subtends more, rad, around the line between two cameras tells them nothing.
+_WIDEST = 2.5
+#: Pairs are left out whose line passes the scene nearer than this share of the person's size.
+_NEAREST = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class PairSums:
+    """Sums of the capped differences of all pairs of cameras, (V, V) symmetric, and how many they
+    are. `cost` is their mean: 0 is perfect, `CAP` as wrong as can be; NaN of nothing."""
+
+    sums: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        return _mean(self.sums, self.counts)
+
+    @property
+    def cameras(self) -> np.ndarray:
+        """(V,) mean of each camera's pairs."""
+        return np.array([_mean(*of) for of in zip(self.sums, self.counts, strict=True)])
+
+    def without(self, view: int) -> float:
+        """Return the mean of all pairs but one camera's."""
+        kept = np.delete(np.arange(len(self.sums)), view)
+        return _mean(self.sums[np.ix_(kept, kept)], self.counts[np.ix_(kept, kept)])
+
+
+class Tangency:
+    """Compares outlines [frame][view] of F frames as the cameras of `rig` see them.
+
+    size: of the person, in the rig's unit: the median distance between the extreme planes, where
+    the optical axes meet; NaN if no two cameras can be compared.
+    """
+
+    def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
+        self.rig, self.n_frames = rig, len(outlines)
+        self._images = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
+        self._target = axes_meet_ahead(rig)
+        self._planes: dict[tuple[int, int, int], np.ndarray] = {}
+        self._rays: dict[tuple[int, int], np.ndarray] = {}
+        spans = [
+            np.nanmedian(np.diff(planes))
+            for a in range(len(rig))
+            for b in range(len(rig))
+            if a != b and np.isfinite(np.diff(planes := self.planes(a, a, b))).any()
+        ]
+        self.size = float(np.median(spans)) if spans else float("nan")
+
+    def planes(self, camera: int, image: int, other: int) -> np.ndarray:
+        """Return the extreme planes (F, 2) of the outlines of `image`, seen by `camera`, around the
+        line to the camera `other`: positions at the scene, in the rig's unit. NaN where there is
+        none, or it touches the picture's border."""
+        key = camera, image, other
+        if key not in self._planes:
+            self._planes[key] = self._of_rays(image, self.rays(camera, image), camera, other)
+        return self._planes[key]
+
+    def rays(self, camera: int, image: int) -> np.ndarray:
+        """Return the directions (N, 3) of all points of an image's outlines."""
+        if (camera, image) not in self._rays:
+            points = self._images[image].points
+            self._rays[camera, image] = (
+                self.rig[camera].rays(points) if len(points) else np.zeros((0, 3))
+            )
+        return self._rays[camera, image]
+
+    def compared(
+        self,
+        order: Sequence[int] | None = None,
+        shifts: Sequence[int] | None = None,
+        mirrored: Sequence[int] = (),
+    ) -> PairSums:
+        """Compare all pairs where camera v has the pictures of camera order[v], shifts[v] frames
+        later than the others; those of `mirrored` the wrong way round."""
+        n = len(self.rig)
+        order, shifts = order or range(n), shifts or [0] * n
+        sums, counts = np.zeros((n, n)), np.zeros((n, n))
+        for a in range(n):
+            for b in range(a):
+                first = self._seen(a, order[a], b, a in mirrored)
+                second = self._seen(b, order[b], a, b in mirrored)
+                if first is not None and second is not None:
+                    pair = self.difference(first, second, shifts[b] - shifts[a])
+                    sums[a, b], counts[a, b] = pair
+                    sums[b, a], counts[b, a] = pair
+        return PairSums(sums, counts)
+
+    def comparable(self, a: int, b: int) -> bool:
+        """Does the line between two cameras pass far enough from the scene?"""
+        return self._axis(a, b)[2] >= _NEAREST * self.size
+
+    def _seen(self, camera: int, image: int, other: int, mirrored: bool) -> np.ndarray | None:
+        """Return `planes`; None where the cameras are not comparable."""
+        if not self.comparable(camera, other):
+            return None
+        if not mirrored:
+            return self.planes(camera, image, other)
+        points = self._images[image].points * [-1, 1] + [self.rig[camera].size[0] - 1, 0]
+        rays = self.rig[camera].rays(points) if len(points) else np.zeros((0, 3))
+        return self._of_rays(image, rays, camera, other)
+
+    def difference(
+        self, a: np.ndarray, b: np.ndarray, lag: int = 0, steady: bool = True
+    ) -> tuple[float, int]:
+        """Return sum and number of the capped differences of planes (F, 2): a's frame t beside b's
+        frame t + lag. Without `steady`, what is the same in all frames is left out: what a wrong
+        calibration does, and not a lag."""
+        first, end = max(0, -lag), min(len(a), len(b) - lag)
+        if end <= first:
+            return 0.0, 0
+        apart = (a[first:end] - b[first + lag : end + lag]) / self.size
+        known = np.isfinite(apart)
+        if not steady:
+            for column, there in zip(apart.T, known.T, strict=True):
+                column -= np.median(column[there]) if there.any() else 0.0
+        return float(np.minimum(np.abs(apart[known]), CAP).sum()), int(known.sum())
+
+    def turned(self, camera: int, rotation: np.ndarray) -> float:
+        """Return the cost of one camera's pairs if its rays are turned by `rotation` (3, 3)."""
+        rays, total, count = self.rays(camera, camera) @ rotation.T, 0.0, 0
+        for other in range(len(self.rig)):
+            if other == camera or not self.comparable(camera, other):
+                continue
+            mine = self._of_rays(camera, rays, camera, other)
+            pair = self.difference(mine, self.planes(other, other, camera))
+            total, count = total + pair[0], count + pair[1]
+        return total / count if count else float("nan")
+
+    def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return two directions across the line between two cameras, the first to the scene, and
+        the scene's distance from that line."""
+        low, high = min(a, b), max(a, b)
+        line = self.rig[high].centre - self.rig[low].centre
+        line = line / max(float(np.linalg.norm(line)), 1e-12)
+        across = self._target - self.rig[low].centre
+        across = across - line * (across @ line)
+        distance = max(float(np.linalg.norm(across)), 1e-12)
+        return across / distance, np.cross(line, across / distance), distance
+
+    def _of_rays(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
+        first, second, distance = self._axis(camera, other)
+        angles = np.arctan2(rays @ second, rays @ first)
+        return distance * self._images[image].extremes(angles)
+
+
+class _Image:
+    """The outlines of one camera's pictures, one after another."""
+
+    def __init__(self, outlines: list[Outline | None]) -> None:
+        self._there = np.array([outline is not None for outline in outlines], bool)
+        found = [outline for outline in outlines if outline is not None]
+        self.points = np.concatenate([o.points for o in found]) if found else np.zeros((0, 2))
+        self._at_border = np.concatenate([o.at_border for o in found]) if found else np.zeros(0)
+        lengths = [len(outline.points) for outline in found]
+        self._starts = np.cumsum([0, *lengths])[:-1]
+
+    def extremes(self, angles: np.ndarray) -> np.ndarray:
+        """Return the least and the largest angle (F, 2) of every frame's outline; NaN where there
+        is none, or a point on the border has it."""
+        out = np.full((len(self._there), 2), np.nan)
+        if not len(angles):
+            return out
+        inside = np.where(self._at_border, np.inf, angles)
+        low = np.minimum.reduceat(inside, self._starts)
+        cut = np.minimum.reduceat(angles, self._starts) < low
+        inside = np.where(self._at_border, -np.inf, angles)
+        high = np.maximum.reduceat(inside, self._starts)
+        cut_high = np.maximum.reduceat(angles, self._starts) > high
+        whole = np.maximum.reduceat(angles, self._starts) - np.minimum.reduceat(
+            angles, self._starts
+        )
+        found = np.column_stack([np.where(cut, np.nan, low), np.where(cut_high, np.nan, high)])
+        found[whole > _WIDEST] = np.nan
+        out[self._there] = found
+        return out
+
+
+def _mean(sums: np.ndarray, counts: np.ndarray) -> float:
+    return float(sums.sum() / counts.sum()) if counts.sum() else float("nan")

@@ -1,0 +1,265 @@
+"""One rig in every format: `psfs info` says the same of all."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from cl import InputError
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cli import main
+from psfs.diagnostics.sequence_info import sequence_info
+from psfs.sequence import Sequence
+
+MIRROR = np.diag([-1.0, 1, 1])
+Write = Callable[[Path, CameraRig], None]
+
+
+def plain_rig() -> CameraRig:
+    """Pinholes with square pixels whose axes pass the middle of their pictures: what the poorest of
+    the formats can say."""
+    width, height = footage.SIZE
+    K = np.array([[60.0, 0, (width - 1) / 2], [0, 60.0, (height - 1) / 2], [0, 0, 1]])
+    cameras = (replace(camera, K=K, distortion=np.zeros(5)) for camera in footage.rig(4))
+    return CameraRig(tuple(cameras))
+
+
+def projection(camera: Camera) -> np.ndarray:
+    return camera.K @ np.column_stack([camera.R, camera.t])
+
+
+def words(values) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
+
+
+def rows(matrix: np.ndarray) -> str:
+    return "\n".join(words(row) for row in matrix)
+
+
+def toml(folder: Path, rig: CameraRig) -> None:
+    footage.write_toml(folder / "calibration.toml", footage.tables(rig))
+
+
+def middlebury(folder: Path, rig: CameraRig) -> None:
+    lines = [f"{c.name}.png {words(c.K)} {words(c.R)} {words(c.t)}" for c in rig]
+    (folder / "calib.txt").write_text("\n".join([str(len(rig)), *lines]))
+
+
+def surrey(folder: Path, rig: CameraRig) -> None:
+    text = f"{len(rig)} 1\n"
+    for camera in rig:
+        (width, height), K = camera.size, camera.K
+        text += f"0 {height - 1} 0 {width - 1}\n{words([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])}\n"
+        text += f"{words(camera.distortion[:1])}\n{rows(camera.R)}\n{words(camera.t)}\n"
+    (folder / "calibration.txt").write_text(text)
+
+
+def krt(folder: Path, rig: CameraRig) -> None:
+    (folder / "calib").mkdir()
+    for c in rig:
+        text = f"{rows(c.K)}\n\n{rows(c.R)}\n\n{words(c.t)}\n\n{words(c.distortion)}\n"
+        (folder / "calib" / f"{c.name}.krtd").write_text(text)
+
+
+def k_and_rt(folder: Path, rig: CameraRig) -> None:
+    (folder / "calib").mkdir()
+    (folder / "calib" / "readme.txt").write_text("K, then [R | t]")
+    for c in rig:
+        text = f"# K\n{rows(c.K)}\n# [R | t]\n{rows(np.column_stack([c.R, c.t]))}\n"
+        (folder / "calib" / f"{c.name}.txt").write_text(text)
+
+
+def pa(folder: Path, rig: CameraRig) -> None:
+    for camera in rig:
+        (folder / f"{camera.name}.pa").write_text(rows(3 * projection(camera)))
+
+
+def matlab_cells(folder: Path, rig: CameraRig) -> None:
+    cells = np.empty((1, len(rig)), object)
+    for view, camera in enumerate(rig):
+        cells[0, view] = -2 * projection(camera)
+    savemat(folder / "dino_Ps.mat", {"P": cells})
+
+
+def matlab_stacks(folder: Path, rig: CameraRig) -> None:
+    stacks = {key: np.stack([getattr(c, key) for c in rig], -1) for key in ("K", "R")}
+    t = np.stack([camera.t[:, None] for camera in rig], -1)
+    savemat(folder / "calib.mat", {**stacks, "t": t, "names": np.array(rig.names, object)})
+
+
+def colmap(folder: Path, rig: CameraRig) -> None:
+    model = folder / "sparse" / "0"
+    model.mkdir(parents=True)
+    cameras, images = "# cameras\n", "# images\n"
+    for index, c in enumerate(rig, 1):
+        K, (width, height) = c.K, c.size
+        lens = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *c.distortion[:4]]
+        cameras += f"{index} OPENCV {width} {height} {words(lens)}\n"
+        x, y, z, w = Rotation.from_matrix(c.R).as_quat()
+        images += f"{index} {words([w, x, y, z, *c.t])} {index} {c.name}/0001.png\n"
+        images += "1.0 2.0 -1\n" if index % 2 else "\n"
+    (model / "cameras.txt").write_text(cameras)
+    (model / "images.txt").write_text(images)
+
+
+def nerf(folder: Path, rig: CameraRig, angle: bool = True) -> None:
+    frames = []
+    for camera in rig:
+        pose = np.eye(4)
+        pose[:3, :3] = camera.R.T @ np.diag([1.0, -1, -1])
+        pose[:3, 3] = camera.centre
+        frames.append({"file_path": f"./{camera.name}", "transform_matrix": pose.tolist()})
+    K, (width, height) = rig[0].K, rig[0].size
+    lens: dict = {
+        "fl_x": K[0, 0],
+        "cx": K[0, 2] + 0.5,
+        "cy": K[1, 2] + 0.5,
+        "w": width,
+        "h": height,
+    }
+    if angle:
+        lens = {"camera_angle_x": 2 * math.atan(width / 2 / K[0, 0])}
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+
+
+def nerf_lens(folder: Path, rig: CameraRig) -> None:
+    nerf(folder, rig, angle=False)
+
+
+def projections(folder: Path, rig: CameraRig) -> None:
+    text = "\n".join(f"{c.name} {words(projection(c))}" for c in rig)
+    (folder / "projections.txt").write_text(text)
+
+
+def by_columns(folder: Path, rig: CameraRig) -> None:
+    text = "\n".join(f"{c.name} {words(projection(c).T)}" for c in rig)
+    (folder / "projections.txt").write_text("# layout: columns\n" + text)
+
+
+def unsaid_columns(folder: Path, rig: CameraRig) -> None:
+    text = "\n".join(f"{c.name} {words(projection(c).T)}" for c in rig)
+    (folder / "projections.txt").write_text(text)
+
+
+def transposed(folder: Path, rig: CameraRig) -> None:
+    (folder / "projections.txt").write_text("\n".join(rows(projection(c).T) for c in rig))
+
+
+FORMATS: list[Write] = [
+    middlebury,
+    surrey,
+    krt,
+    k_and_rt,
+    pa,
+    matlab_cells,
+    matlab_stacks,
+    colmap,
+    nerf,
+    nerf_lens,
+    projections,
+    by_columns,
+    unsaid_columns,
+    transposed,
+]
+
+
+def sequence_in(folder: Path, write: Write, rig: CameraRig) -> Path:
+    folder.mkdir()
+    for camera in rig:
+        footage.write_image(folder / "images" / camera.name / "0000.png", 90)
+    write(folder, rig)
+    return folder
+
+
+@pytest.mark.parametrize("write", FORMATS, ids=lambda write: write.__name__)
+def test_info_says_the_same_of_all(
+    tmp_path: Path, write: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = sequence_info(Sequence.open(sequence_in(tmp_path / "toml", toml, plain_rig())))
+    folder = sequence_in(tmp_path / "other", write, plain_rig())
+    found = sequence_info(Sequence.open(folder))
+    for a, b in zip(found.cameras, expected.cameras, strict=True):
+        assert (a.name, a.size, a.frames) == (b.name, b.size, b.frames)
+        np.testing.assert_allclose(
+            [a.focal, a.distance, a.height], [b.focal, b.distance, b.height], rtol=1e-6
+        )
+    np.testing.assert_allclose(found.centre, expected.centre, atol=1e-6)
+    assert found.warnings == expected.warnings
+    printed = []
+    for name in ("toml", "other"):
+        assert main(["info", str(tmp_path / name), "--no-pictures"]) == 0
+        said = [line.strip() for line in capsys.readouterr().out.splitlines()]
+        own = ("folder", "by columns")  # where it lies, and what one format alone needs said
+        printed.append([line for line in said if not any(word in line for word in own)])
+    assert printed[0] == printed[1]
+
+
+#: COLMAP's quaternions know no other hand.
+BOTH_HANDS = [write for write in FORMATS if write is not colmap]
+
+
+@pytest.mark.parametrize("write", BOTH_HANDS, ids=lambda write: write.__name__)
+def test_left_handed_worlds_are_mended(tmp_path: Path, write: Write) -> None:
+    """Mirrored in the file, as programs with other axes write them; the pictures stay the same."""
+    rig, mirrored = plain_rig(), []
+    for camera in rig:
+        fake = object.__new__(Camera)  # which would refuse such a rotation
+        fake.__dict__.update({**vars(camera), "R": camera.R @ MIRROR})
+        mirrored.append(fake)
+    sequence = Sequence.open(sequence_in(tmp_path / "a", write, CameraRig(tuple(mirrored))))
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
+    for found, camera in zip(sequence.rig, rig, strict=True):
+        np.testing.assert_allclose(found.project(points)[0], camera.project(points)[0], atol=1e-5)
+    assert "left-handed" in " ".join(sequence.notes)
+
+
+def test_worlds_of_both_hands_are_refused(tmp_path: Path) -> None:
+    lines = [
+        f"{c.name} {words(c.K)} {words(c.R @ (MIRROR if k else np.eye(3)))} {words(c.t)}"
+        for k, c in enumerate(plain_rig())
+    ]
+    (tmp_path / "x_par.txt").write_text("\n".join(["4", *lines]))
+    with pytest.raises(InputError, match=r"x_par\.txt: 3 of 4 rotations have determinant -1"):
+        read_calibration(tmp_path / "x_par.txt", sizes=footage.SIZE)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.mat", b"nothing", "expected a MATLAB"),
+        ("transforms.json", b'{"frames": []}', "frames"),
+        ("transforms.json", b'{"frames": [{"file_path": "a"}]}', "transform_matrix"),
+        ("cameras.txt", b"1 FISHEYE 10 10 1 2 3", "camera model FISHEYE"),
+        ("calib.txt", b"1 0\n0 9 0 9 1 2 3 4 5 6 7 8 9 0 1 2 3 4 5", "3x4"),
+    ],
+)
+def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    if name == "cameras.txt":
+        (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    with pytest.raises(InputError, match=rf"{name}.*{message}"):
+        read_calibration(tmp_path / name, sizes=(64, 48))
+
+
+def test_picture_sizes_of_a_flat_folder_by_order(tmp_path: Path) -> None:
+    """Pictures whose names are not the cameras': taken in order, and said so."""
+    rig = plain_rig()
+    matlab_cells(tmp_path, rig)
+    for number in range(4):
+        footage.write_image(tmp_path / f"viff.{number:03d}.png", 40 * number)
+    sequence = Sequence.open(tmp_path)
+    assert any("viff.002" in note and "order" in note for note in sequence.notes)
+    images = sequence.read(0).images
+    assert images is not None and [int(image.mean()) for image in images] == [0, 40, 80, 120]
+    assert cv2.imread(str(tmp_path / "viff.001.png")).mean() == 40

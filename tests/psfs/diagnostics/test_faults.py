@@ -1,0 +1,169 @@
+"""Wrong footage is named: a walking block in masks, spoilt in one way each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import footage, scenes
+from helpers.shared import shared_data
+
+from apf.synthetic.generate import write_calibration
+from cl import NumpyDevice
+from psfs.cameras.camera import CameraRig
+from psfs.cli import main
+from psfs.diagnostics.faults import diagnosed
+from psfs.diagnostics.picture_faults import Fault
+from psfs.sequence import Sequence
+
+FRAMES = 36
+NAMES = [f"c{k}" for k in range(5)]
+
+
+@pytest.fixture(scope="module")
+def masks() -> np.ndarray:
+    """(F, V, h, w) uint8: a block that walks, turns and bobs, past five cameras of one size."""
+    out = np.zeros((FRAMES, len(NAMES), 120, 160), np.uint8)
+    corners = np.stack(np.meshgrid([-0.3, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
+    for frame in range(FRAMES):
+        turn = cv2.Rodrigues(np.array([0, 0, 0.12 * frame]))[0]
+        place = np.array([0.02 * (frame - 18), 0.3 * np.sin(frame / 5), 0.1 * np.sin(frame / 2)])
+        for view, camera in enumerate(rig()):
+            pixels, _ = camera.project(corners @ turn.T + place)
+            hull = cv2.convexHull(np.rint(pixels).astype(np.int32))
+            cv2.fillConvexPoly(out[frame, view], hull, 255)
+    return out
+
+
+def rig() -> CameraRig:
+    cameras = []
+    for k, name in enumerate(NAMES):
+        angle = 1.1 * k + 0.3
+        centre = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.4 * k])
+        looking = scenes.looking_at(name, centre, np.array([0, 0, 0.9]), (160, 120), 140.0)
+        cameras.append(replace(looking, distortion=np.zeros(5)))
+    return CameraRig(tuple(cameras))
+
+
+def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_calibration(folder / "calibration.toml", cameras or rig())
+    for view, name in enumerate(NAMES):
+        (folder / "masks" / name).mkdir(parents=True)
+        for frame, mask in enumerate(masks[:, view]):
+            assert cv2.imwrite(str(folder / "masks" / name / f"{frame:04d}.png"), mask)
+    (folder / "sequence.toml").write_text("fps = 30\n")
+    return folder
+
+
+def faults(folder: Path, **settings) -> list[Fault]:
+    return diagnosed(Sequence.open(folder, **settings), NumpyDevice()).faults
+
+
+def test_sound_footage_has_no_faults(tmp_path: Path, masks: np.ndarray) -> None:
+    diagnosis = diagnosed(Sequence.open(write(tmp_path / "a", masks)), NumpyDevice())
+    assert diagnosis.faults == []
+    assert diagnosis.disagreement < 0.01 and 1.2 < diagnosis.size < 1.9
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 4)])
+def test_exchanged_cameras(tmp_path: Path, masks: np.ndarray, pair: tuple[int, int]) -> None:
+    spoilt = masks.copy()
+    spoilt[:, list(pair)] = masks[:, list(pair[::-1])]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "exchange" and fault.cameras == tuple(NAMES[view] for view in pair)
+
+
+@pytest.mark.parametrize("late", [3, 8, -6])
+def test_late_cameras_are_named_and_mended(tmp_path: Path, masks: np.ndarray, late: int) -> None:
+    spoilt = masks.copy()
+    spoilt[:, 2] = np.roll(masks[:, 2], late, axis=0)
+    kept = slice(max(late, 0), FRAMES + min(late, 0))
+    folder = write(tmp_path / "a", spoilt[kept])
+    diagnosis = diagnosed(Sequence.open(folder), NumpyDevice())
+    assert diagnosis.late == {"c2": late}
+    assert "--sync auto" in str(diagnosis.faults[0]) and "c2" in str(diagnosis.faults[0])
+    mended = Sequence.open(folder).synchronised(diagnosis.late)
+    assert len(mended) == FRAMES - 2 * abs(late)
+    assert diagnosed(mended, NumpyDevice()).faults == []
+    shown = mended.read(0).masks
+    assert shown is not None
+    first = max(late, 0) + max(0, -late)
+    np.testing.assert_array_equal(shown > 0, masks[first] > 0)
+
+
+def test_sync_auto_is_applied_and_remembered(
+    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoilt = masks.copy()
+    spoilt[8:, 1] = masks[:-8, 1]
+    folder, out = write(tmp_path / "a", spoilt[8:]), tmp_path / "out"
+    command = ["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05"]
+    assert main([*command, "--sync", "auto", "--no-colour", "--frames", "0:3"]) == 0
+    assert "c1 +8" in capsys.readouterr().err
+    assert main(["check", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "late" not in said and "disagrees" not in said
+
+
+def test_a_unit_wrong_by_a_power_of_ten(tmp_path: Path, masks: np.ndarray) -> None:
+    large = CameraRig(tuple(replace(camera, t=100 * camera.t) for camera in rig()))
+    folder = write(tmp_path / "a", masks, large)
+    (fault,) = faults(folder)
+    assert fault.kind == "unit" and "--unit cm" in str(fault)
+    assert faults(folder, unit="cm") == [] and faults(folder, subject="object") == []
+
+
+def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:
+    (fault,) = faults(write(tmp_path / "a", masks[..., ::-1]))
+    assert fault.kind == "mirrored" and "all cameras" in str(fault)
+
+
+def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:
+    inverse = CameraRig(tuple(replace(c, R=c.R.T, t=-c.R.T @ c.t) for c in rig()))
+    (fault,) = faults(write(tmp_path / "a", masks, inverse))
+    assert fault.kind == "convention" and "camera to the world" in str(fault)
+
+
+def test_a_turned_camera(tmp_path: Path, masks: np.ndarray) -> None:
+    turn = cv2.Rodrigues(np.array([0.02, 0.06, 0.0]))[0]
+    cameras = list(rig())
+    cameras[3] = replace(cameras[3], R=turn @ cameras[3].R, t=turn @ cameras[3].t)
+    (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
+    assert fault.kind == "moved" and fault.cameras == ("c3",)
+    assert "3.6 degrees" in str(fault)
+
+
+def test_frame_rates_that_differ_pair_by_time(tmp_path: Path) -> None:
+    """The grey levels say which frame is shown."""
+    folder = footage.native(tmp_path / "a", views=3, frames=12)
+    levels = [footage.grey(frame, 1) for frame in range(0, 12, 2)]
+    footage.write_video(folder / "videos" / "cam02.mp4", levels, fps=12.5)
+    sequence = Sequence.open(folder, background="gaussian")
+    assert sequence.fps == pytest.approx(12.5) and len(sequence) == 6
+    assert any("cam02 12.5" in note and "paired by time" in note for note in sequence.notes)
+    for frame in (0, 3, 5):
+        images = sequence.read(frame).images
+        assert images is not None
+        for view in range(3):
+            level = footage.grey(2 * frame, view)
+            assert abs(int(images[view].mean()) - level) <= footage.LOSS
+    stated = Sequence.open(folder, fps=25.0)
+    assert stated.fps == 25 and not stated.timing_notes
+
+
+def test_as_many_frames_at_other_rates_are_taken_one_by_one(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path / "a", views=2, frames=12)
+    levels = [footage.grey(frame, 1) for frame in range(12)]
+    footage.write_video(folder / "videos" / "cam02.mp4", levels, fps=50)
+    sequence = Sequence.open(folder)
+    assert len(sequence) == 12 and "state `fps`" in sequence.timing_notes[0]
+
+
+@pytest.mark.parametrize("name", ["synth_box_4cam", "dancer8", "middlebury_dino"])
+def test_untouched_recordings_have_no_faults(device, name: str) -> None:
+    found = diagnosed(Sequence.open(shared_data(name)), device).faults
+    assert [str(fault) for fault in found if fault.serious] == []
