@@ -62,12 +62,8 @@ def track(
     DeviceError where the device cannot be used.
     """
     device = chosen_device(device)
-<<<<<<< HEAD
-    if not all_cameras and (method is None or method.objective != "keypoints"):
-        sequence = trusted(sequence, device)
-=======
-    sequence = trusted(sequence, device, all_cameras)
->>>>>>> 9d9c6b9 (Wrong footage is named in a line each (exchanged, late, mirrored, turned cameras, units, flicker, backgrounds), --sync auto, mixed rates paired by time; calibrations as they come: K [R|t], Surrey, .pa, MATLAB, COLMAP, NeRF, left-handed worlds)
+    if method is None or method.objective != "keypoints":
+        sequence = trusted(sequence, device, all_cameras)
     chosen = range(len(sequence))[frames or slice(None)]
     if not chosen:
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")

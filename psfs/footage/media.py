@@ -202,6 +202,8 @@ def _name_for_opencv(path: Path) -> str:
     except UnicodeEncodeError:
         return cast(str, os.fsencode(path))
     return str(path)
+
+
 class PickingDecoder:
     """Some frames of another decoder, in an order of their own."""
 
