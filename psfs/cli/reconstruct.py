@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import time
 from collections import defaultdict
 from contextlib import suppress
@@ -178,7 +177,6 @@ class _Job:
         self.colour = not args.no_colour
         self.normals: bool = args.normals
         self.args, self.stated = args, stated(args)
-        self.folder: str = args.folder
         self.sequence, self.grid, self.device = sequence, grid, device
         self.config = _config(args)
         # Sparse: the same voxels, in less time and memory.
@@ -242,18 +240,9 @@ class _Job:
 
     def _summary(self) -> dict[str, Any]:
         return {
-            "sequence": {
-                "folder": self.folder,
-                "absolute": os.path.realpath(self.folder),
-                "relative": os.path.relpath(
-                    os.path.realpath(self.folder), os.path.realpath(self.out)
-                ),
-                "overrides": self.stated,
-                "cameras": self.sequence.rig.names,
-                "left_out": {suspect.camera: str(suspect) for suspect in self.left_out},
-                "background": self.sequence.background_kind,
-                "fps": self.sequence.fps,
-            },
+            "sequence": runs.sequence_facts(
+                self.sequence, self.out, self.stated, {s.camera: str(s) for s in self.left_out}
+            ),
             "complete": len(self.done) == self.expected,
             "grid": runs.grid_facts(self.grid),
             "config": self.config.to_dict(),

@@ -242,7 +242,8 @@ def _plain(action: argparse.Action, value: Any) -> Any:
     if action.nargs == 0:
         return bool(value == action.const)
     if isinstance(value, list):
-        return [_plain(action, entry) for entry in value]
+        several = [_plain(action, entry) for entry in value]
+        return several if action.nargs in ("+", "*") else ",".join(map(str, several))
     if action.type in (int, float, path_or_name) and isinstance(value, str):
         return action.type(value)
     if isinstance(value, Path) or action.type is Path:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os.path
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -45,6 +46,47 @@ def versions() -> dict[str, str]:
     return found
 
 
+def sequence_facts(
+    sequence: Sequence, out: Path, overrides: Mapping[str, Any], left_out: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what a summary in `out` says of a sequence, enough to open it again; overrides: those
+    of `Sequence.open`; left_out: cameras by name, with the reasons."""
+    folder = os.path.realpath(sequence.folder)
+    return {
+        "folder": str(sequence.folder),
+        "absolute": folder,
+        "relative": os.path.relpath(folder, os.path.realpath(out)),
+        "overrides": dict(overrides),
+        "cameras": sequence.rig.names,
+        "left_out": dict(left_out),
+        "background": sequence.background_kind,
+        "fps": sequence.fps,
+    }
+
+
+def reopened(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:
+    """Open the sequence of `sequence_facts` again; `file` holds them, `last` is a frame that there
+    must be. Raises MissingFileError if its folder has gone, InputError if another lies in its
+    place."""
+    folders = [Path(facts["absolute"])]
+    if "relative" in facts:  # where both were moved or copied together
+        folders.append(file.parent / facts["relative"])
+    folder = next((folder for folder in folders if folder.is_dir()), None)
+    if folder is None:
+        raise MissingFileError(
+            f"{file}: its sequence {facts['absolute']} is gone; expected a folder"
+        )
+    with naming(file):
+        sequence = Sequence.open(folder, **facts["overrides"])
+    names = facts.get("cameras", sequence.rig.names)
+    if sequence.rig.names != names or last >= len(sequence):
+        raise InputError(
+            f"{file}: made of {last + 1} or more frames of {listed(names)}; {folder} now has "
+            f"{len(sequence)} of {listed(sequence.rig.names)}; expected the same sequence"
+        )
+    return sequence
+
+
 def device_facts(device: Device | NumpyDevice) -> dict[str, Any]:
     return dict(vars(device.info)) if isinstance(device, Device) else {"name": device.name}
 
@@ -58,8 +100,10 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
     }
 
 
-class _SequenceFacts(Table):
-    absolute: Annotated[str, Field(pattern="^/")]
+class SequenceFacts(Table):
+    """What is read of `sequence_facts`."""
+
+    absolute: Annotated[str, Field(min_length=1)]
     overrides: dict[str, Any]
     relative: str = ""
     cameras: list[Name] | None = None
@@ -81,7 +125,7 @@ class _FrameFacts(Table):
 class _Summary(Table):
     """What is read of a summary."""
 
-    sequence: _SequenceFacts
+    sequence: SequenceFacts
     grid: _GridFacts
     config: dict[str, Any]
     frames: list[_FrameFacts]
@@ -163,24 +207,6 @@ class Run:
         return read_cloud(cloud_stem(self.out, index).with_suffix(".npz"))
 
     def sequence(self) -> Sequence:
-        """Open the sequence again. Raises MissingFileError if its folder has gone, InputError if
-        another lies in its place."""
-        stated, path = self.summary["sequence"], self.out / SUMMARY
-        folders = [Path(stated["absolute"])]
-        if "relative" in stated:  # where both were moved or copied together
-            folders.append(self.out / stated["relative"])
-        folder = next((folder for folder in folders if folder.is_dir()), None)
-        if folder is None:
-            raise MissingFileError(
-                f"{path}: its sequence {stated['absolute']} is gone; expected a folder"
-            )
-        with naming(path):
-            sequence = Sequence.open(folder, **stated["overrides"])
-        names = stated.get("cameras", sequence.rig.names)
+        """Open the sequence again. Raises as `reopened` does."""
         last = self.indices[-1] if self.indices else -1
-        if sequence.rig.names != names or last >= len(sequence):
-            raise InputError(
-                f"{path}: made of {last + 1} or more frames of {listed(names)}; {folder} now has "
-                f"{len(sequence)} of {listed(sequence.rig.names)}; expected the same sequence"
-            )
-        return sequence
+        return reopened(self.summary["sequence"], self.out / SUMMARY, last)

@@ -22,7 +22,7 @@ _KEY_FRAMES = 15
 class Video:
     """A video that is being written; see `written_video`. count: pictures so far."""
 
-    def __init__(self, path: Path, fps: float, quality: int) -> None:
+    def __init__(self, path: Path, fps: float, quality: int, most: float | None) -> None:
         self.count = 0
         options = {"movflags": "+faststart"}  # playable before all of it is read
         self._container = av.open(str(path), "w", format="mp4", container_options=options)
@@ -32,6 +32,8 @@ class Video:
         self._stream.options = {
             "crf": str(quality), "preset": "veryfast", "g": str(_KEY_FRAMES)
         }  # fmt: skip
+        if most is not None:
+            self._stream.options |= {"maxrate": str(int(most)), "bufsize": str(int(most))}
 
     def write(self, picture: np.ndarray) -> None:
         """Add a picture (h, w, 3) uint8 BGR, of the first one's size."""
@@ -51,17 +53,19 @@ class Video:
 
 
 @contextmanager
-def written_video(path: str | Path, fps: float, quality: int = QUALITY) -> Iterator[Video]:
+def written_video(
+    path: str | Path, fps: float, quality: int = QUALITY, most: float | None = None
+) -> Iterator[Video]:
     """Give a video to `write` to, that has its name once it is whole: closed, read again and its
     pictures counted.
 
-    fps: pictures per second. quality: x264's constant rate factor. Raises InputError if it cannot
-    be written, or if nothing was.
+    fps: pictures per second. quality: x264's constant rate factor. most: bits per second. Raises
+    InputError if it cannot be written, or if nothing was.
     """
     path = Path(path)
     with written_whole(path) as temporary:
         try:
-            video = Video(temporary, fps, quality)
+            video = Video(temporary, fps, quality, most)
             whole = False
             try:
                 yield video

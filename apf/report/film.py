@@ -1,0 +1,48 @@
+"""The overlay's video as a page holds it: H.264, and no larger than a page should be."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import av
+import cv2
+
+from cl import InputError
+from psfs.output.video import written_video
+
+#: Bytes of a video of up to `_SHORT` s; of a longer one in proportion.
+_BYTES, _SHORT = 4_000_000, 60.0
+#: px, width of one that is made smaller.
+_WIDTH = 1280
+#: bits/s below which nothing can be made out.
+_LEAST_RATE = 1e5
+
+
+def page_video(path: Path) -> bytes:
+    """Return the video at `path` as MP4 with H.264, encoded anew where it is not or is too large.
+    Raises InputError if it cannot be read."""
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            seconds = float(stream.frames / (stream.average_rate or 25))
+            allowed = _BYTES * max(1.0, seconds / _SHORT)
+            if stream.codec_context.name == "h264" and path.stat().st_size <= allowed:
+                return path.read_bytes()
+            with tempfile.TemporaryDirectory() as folder:
+                smaller = Path(folder) / "smaller.mp4"
+                _encode(container, smaller, 0.9 * 8 * allowed / max(seconds, 0.1))
+                return smaller.read_bytes()
+    except (av.FFmpegError, IndexError) as error:
+        raise InputError(f"{path}: cannot be read as a video: {error}") from None
+
+
+def _encode(source: av.container.InputContainer, path: Path, bits_per_second: float) -> None:
+    stream = source.streams.video[0]
+    factor = min(1.0, _WIDTH / stream.width)
+    size = (round(stream.width * factor), round(stream.height * factor))
+    rate = float(stream.average_rate or 25)
+    with written_video(path, rate, most=max(bits_per_second, _LEAST_RATE)) as video:
+        for frame in source.decode(stream):
+            picture = frame.to_ndarray(format="bgr24")
+            video.write(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))

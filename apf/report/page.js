@@ -1,0 +1,307 @@
+"use strict";
+const page = JSON.parse(document.getElementById("content").textContent);
+const byId = (id) => document.getElementById(id);
+const COLOURS = ["#2f6fb5", "#d9661f", "#3d9b52", "#9355b0", "#c0392b", "#7a5c3e", "#d36ba6", "#5d6d7e"];
+const config = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage", "lasso2d", "select2d"] };
+
+function bytes(text) {
+  const raw = atob(text), out = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+  return out;
+}
+
+function element(kind, text, parent) {
+  const made = document.createElement(kind);
+  made.textContent = text;
+  parent.append(made);
+  return made;
+}
+
+function table(id, rows) {
+  for (const [name, value] of rows) {
+    if (value === null || value === undefined || value === "") continue;
+    const row = element("tr", "", byId(id));
+    element("td", name, row);
+    element("td", value, row);
+  }
+}
+
+// The state: one row of the track is shown -------------------------------------------------------
+
+const nRows = page.frames.length;
+let row = 0;
+const listeners = [];
+
+function show(wanted) {
+  row = Math.max(0, Math.min(nRows - 1, Math.round(wanted)));
+  for (const listener of listeners) listener(row);
+}
+
+/** The number, among the frames that were judged, of the last one up to a row. */
+function judged(wanted) {
+  let low = 0, high = page.rows.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (page.rows[middle] <= wanted) low = middle; else high = middle - 1;
+  }
+  return low;
+}
+
+// The player -------------------------------------------------------------------------------------
+
+const scene = page.scene;
+const joints = new Float32Array(bytes(scene.joints).buffer);
+const nJoints = scene.joint_names.length;
+
+function joint(at, number) {
+  const start = 3 * (at * nJoints + number);
+  return joints.subarray(start, start + 3);
+}
+
+function skeleton(at) {
+  const x = [], y = [], z = [], colour = [];
+  scene.edges.forEach(([a, b], number) => {
+    const shade = page.lost[at] ? "#c0392b" : scene.edge_colours[number];
+    for (const point of [joint(at, a), joint(at, b)]) {
+      x.push(point[0]); y.push(point[1]); z.push(point[2]); colour.push(shade);
+    }
+    x.push(null); y.push(null); z.push(null); colour.push(shade);
+  });
+  return { x: [x], y: [y], z: [z], "line.color": [colour] };
+}
+
+function markers(at) {
+  const points = scene.joint_names.map((_, number) => joint(at, number));
+  return { x: [points.map((p) => p[0])], y: [points.map((p) => p[1])], z: [points.map((p) => p[2])] };
+}
+
+let cells, shades;
+const first = [0];
+if (scene.voxels) {
+  const packed = bytes(scene.voxels.cells);
+  cells = scene.voxels.bytes === 1 ? packed : new Uint16Array(packed.buffer);
+  shades = bytes(scene.voxels.colours);
+  for (const count of scene.voxels.counts) first.push(first[first.length - 1] + count);
+}
+
+function voxels(at) {
+  const number = judged(at), x = [], y = [], z = [], colour = [];
+  const { origin, size } = scene.voxels;
+  for (let i = 3 * first[number]; i < 3 * first[number + 1]; i += 3) {
+    x.push(origin[0] + size * cells[i]);
+    y.push(origin[1] + size * cells[i + 1]);
+    z.push(origin[2] + size * cells[i + 2]);
+    colour.push(`rgb(${shades[i]},${shades[i + 1]},${shades[i + 2]})`);
+  }
+  return { x: [x], y: [y], z: [z], "marker.color": [colour] };
+}
+
+function makePlayer() {
+  const plain = (update) => ({ x: update.x[0], y: update.y[0], z: update.z[0] });
+  const bones = skeleton(0), ends = markers(0);
+  const traces = [
+    { type: "scatter3d", mode: "lines", ...plain(bones), hoverinfo: "skip",
+      line: { width: 9, color: bones["line.color"][0] } },
+    { type: "scatter3d", mode: "markers", ...plain(ends), text: scene.joint_names,
+      hovertemplate: "%{text}<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
+      marker: { size: 4, color: "#11151a" } },
+  ];
+  if (scene.voxels) {
+    const cloud = voxels(0);
+    traces.push({ type: "scatter3d", mode: "markers", ...plain(cloud), hoverinfo: "skip",
+      marker: { size: 2.6, color: cloud["marker.color"][0], opacity: 0.8 } });
+  }
+  const axis = (k, name) => ({ range: [scene.low[k], scene.high[k]], title: { text: name },
+    backgroundcolor: "#f5f7f9", showbackground: k === 2, gridcolor: "#d9dee5", zeroline: false });
+  const range = [0, 1, 2].map((k) => scene.high[k] - scene.low[k]);
+  const largest = Math.max(...range);
+  const layout = {
+    margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: "kept",
+    scene: { xaxis: axis(0, "x, m"), yaxis: axis(1, "y, m"), zaxis: axis(2, "z, m"),
+      aspectmode: "manual", dragmode: "orbit",
+      aspectratio: { x: range[0] / largest, y: range[1] / largest, z: range[2] / largest },
+      camera: { eye: { x: 1.1, y: 1.1, z: 0.5 } } },
+  };
+  return Plotly.newPlot("player", traces, layout, config);
+}
+
+let drawing = false, waiting = null;
+
+/** Draw the newest row; rows that come while one is drawn wait, the last of them only. */
+async function draw(at) {
+  if (drawing) { waiting = at; return; }
+  drawing = true;
+  const bones = byId("show-skeleton").checked, cloud = scene.voxels && byId("show-voxels").checked;
+  if (bones) {
+    await Plotly.restyle("player", skeleton(at), [0]);
+    await Plotly.restyle("player", markers(at), [1]);
+  }
+  if (cloud) await Plotly.restyle("player", voxels(at), [2]);
+  drawing = false;
+  byId("player").dataset.row = at;
+  if (waiting !== null) { const next = waiting; waiting = null; draw(next); }
+}
+
+// The video --------------------------------------------------------------------------------------
+
+const film = document.querySelector("video");
+const steps = page.frames.slice(1).map((frame, i) => frame - page.frames[i]).sort((a, b) => a - b);
+const rate = Math.max(1, page.fps / Math.max(1, steps.length ? steps[steps.length >> 1] : 1));
+if (page.video) {
+  film.src = URL.createObjectURL(new Blob([bytes(page.video)], { type: "video/mp4" }));
+  listeners.push((at) => { if (film.paused) film.currentTime = (at + 0.5) / rate; });
+} else {
+  byId("film").remove();
+  document.querySelector(".views").classList.add("alone");
+}
+
+// Playing ----------------------------------------------------------------------------------------
+
+let playing = false, began = 0;
+const speed = () => Number(byId("speed").value);
+
+function play(on) {
+  playing = on;
+  byId("play").textContent = on ? "pause" : "play";
+  if (on && row >= nRows - 1) show(0);
+  began = performance.now() - (1000 * row) / (rate * speed());
+  if (page.video) {
+    film.playbackRate = speed();
+    if (on) { film.currentTime = (row + 0.5) / rate; film.play(); } else film.pause();
+  }
+  if (on) requestAnimationFrame(tick);
+}
+
+function tick(now) {
+  if (!playing) return;
+  const clock = page.video ? film.currentTime * rate : ((now - began) / 1000) * rate * speed();
+  const at = Math.floor(clock);
+  if (at >= nRows || (page.video && film.ended)) { play(false); show(nRows - 1); return; }
+  if (at !== row) show(at);
+  requestAnimationFrame(tick);
+}
+
+byId("play").onclick = () => play(!playing);
+byId("speed").onchange = () => { if (playing) play(true); };
+byId("slider").max = nRows - 1;
+byId("slider").oninput = (event) => { play(false); show(Number(event.target.value)); };
+document.addEventListener("keydown", (event) => {
+  if (event.target.matches("input, select, button")) return;
+  if (event.key === " ") { event.preventDefault(); play(!playing); }
+  if (event.key === "ArrowRight") { play(false); show(row + 1); }
+  if (event.key === "ArrowLeft") { play(false); show(row - 1); }
+});
+
+listeners.push((at) => {
+  byId("slider").value = at;
+  const frame = byId("frame");
+  const confidence = page.confidence.frames[at];
+  frame.textContent = `frame ${page.frames[at]}, ${(page.frames[at] / page.fps).toFixed(2)} s` +
+    (page.lost[at] ? ": LOST" : confidence === null ? "" : `, confidence ${confidence.toFixed(2)}`);
+  frame.classList.toggle("lost", Boolean(page.lost[at]));
+});
+
+// The charts -------------------------------------------------------------------------------------
+
+const judgedFrames = page.rows.map((at) => page.frames[at]);
+
+function layout(y, more) {
+  return { margin: { l: 110, r: 16, t: 8, b: 36 }, hovermode: "x unified",
+    xaxis: { title: { text: "frame" }, range: [page.frames[0], page.frames[nRows - 1]] },
+    yaxis: { title: { text: y } }, legend: { orientation: "h", y: 1.12 }, ...more };
+}
+
+/** Draw a chart over the frames with a line at the frame shown; a click shows that frame. */
+function chart(id, traces, look) {
+  const box = byId(id);
+  Plotly.react(box, traces, look, config);
+  if (box.querySelector(".now")) return;
+  const line = element("div", "", box);
+  line.className = "now";
+  const place = () => {
+    const axis = box._fullLayout.xaxis, x = axis.l2p(page.frames[row]);
+    line.style.display = x >= 0 && x <= axis._length ? "" : "none";
+    line.style.left = `${axis._offset + x}px`;
+  };
+  listeners.push(place);
+  box.on("plotly_afterplot", place);
+  box.on("plotly_click", (event) => {
+    const frame = Number(event.points[0].x);
+    play(false);
+    show(page.frames.findIndex((other) => other >= frame));
+  });
+}
+
+function curve(x, y, name, number, more) {
+  return { x, y, name, mode: "lines", line: { color: COLOURS[number % COLOURS.length], width: 1.6 },
+    hovertemplate: "%{y}", ...more };
+}
+
+chart("parts", [{ type: "heatmap", x: judgedFrames, y: page.confidence.parts,
+  z: page.confidence.values, zmin: 0, zmax: 1, colorscale: [[0, "#8e1b1b"], [0.5, "#e08a3c"],
+    [page.doubtful_below, "#f1dc8a"], [1, "#3d9b6a"]], colorbar: { thickness: 12 },
+  hovertemplate: "frame %{x}, %{y}: %{z:.2f}<extra></extra>" }],
+layout("", { hovermode: "closest" }));
+chart("confidence", [curve(page.frames, page.confidence.frames, "whole body", 0)],
+  layout("confidence", { yaxis: { title: { text: "confidence" }, range: [0, 1.02] } }));
+byId("confidence-note").textContent =
+  "Of head, trunk and limbs, 0 to 1: how much of the worst part lies in the silhouettes, and how " +
+  `firmly its end is known. Below ${page.doubtful_below}, look at it. Below: how well the voxels ` +
+  "are explained, as the tracker judged while it tracked.";
+
+if (page.agreement) {
+  const { cameras, body, voxels: hulls } = page.agreement;
+  chart("agreement", cameras.flatMap((camera, i) => [
+    curve(judgedFrames, body[i], camera, i, { legendgroup: camera }),
+    curve(judgedFrames, hulls[i], `${camera}, voxels`, i, { legendgroup: camera, showlegend: false,
+      line: { color: COLOURS[i % COLOURS.length], width: 1, dash: "dot" } }),
+  ]), layout("IoU", { yaxis: { title: { text: "IoU" }, range: [0, 1.02] } }));
+} else byId("agreement-section").remove();
+
+function angles() {
+  const group = page.angles[byId("joint").value];
+  chart("angles", group.curves.map((one, i) => curve(page.frames, one.values, one.name, i)),
+    layout("degrees", { showlegend: true }));
+}
+page.angles.forEach((group, i) => { element("option", group.name, byId("joint")).value = i; });
+byId("joint").onchange = angles;
+angles();
+
+// Texts ------------------------------------------------------------------------------------------
+
+const { summary } = page;
+byId("name").textContent = page.name;
+byId("verdict").textContent = page.verdict;
+byId("verdict").className = page.verdict;
+element("li", page.lines[0], byId("lines"));
+for (const [what, rows] of Object.entries(page.look_at)) {
+  const item = element("li", page.lines.find((line) => line.startsWith(`look at ${what}:`)) + " ", byId("lines"));
+  element("a", "show", item).onclick = () => { play(false); show(rows[0]); };
+}
+for (const warning of summary.warnings) element("p", warning, byId("warnings"));
+const { body } = summary;
+table("body", [["model", body.name], ["height", body.height_m && `${body.height_m.toFixed(2)} m`],
+  ...Object.entries(body.lengths_m).map(([name, length]) => [name, `${length.toFixed(3)} m`])]);
+table("joints", Object.entries(summary.quality.joint_deviation_mm)
+  .map(([name, value]) => [name.replaceAll("_", " "), value === null ? null : `± ${value.toFixed(0)} mm`]));
+table("run", [["sequence", summary.sequence.folder], ["cameras", summary.sequence.cameras.join(", ")],
+  ["left out", Object.keys(summary.sequence.left_out).join(", ")],
+  ["frames", `${nRows}${summary.complete ? "" : ` of ${summary.frames_wanted}, interrupted`}`],
+  ["frames per second", summary.sequence.fps], ["took", summary.seconds && `${summary.seconds} s`],
+  ["files", summary.files.join(", ")]]);
+table("versions", [["device", summary.device.name], ...Object.entries(summary.versions)]);
+byId("settings").textContent = page.settings;
+
+// Begin ------------------------------------------------------------------------------------------
+
+makePlayer().then(() => {
+  listeners.push(draw);
+  for (const id of ["show-voxels", "show-skeleton"]) {
+    byId(id).onchange = () => {
+      const shown = byId(id).checked, traces = id === "show-voxels" ? [2] : [0, 1];
+      if (traces[0] < 2 || scene.voxels) Plotly.restyle("player", { visible: shown }, traces).then(() => draw(row));
+    };
+  }
+  show(0);
+  document.body.dataset.ready = "yes";
+});

@@ -1,0 +1,69 @@
+"""The report as one HTML page that holds all it needs: scripts, data and video."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from plotly.offline import get_plotlyjs
+
+from apf.report.curves import agreement_curves, angle_curves, confidence_curves
+from apf.report.film import page_video
+from apf.report.player import player_scene
+from apf.report.quality import DOUBTFUL, Quality
+from psfs.common.files import written_whole
+
+PAGE = "report.html"
+
+
+def write_page(
+    path: Path, name: str, quality: Quality, summary: dict[str, Any], settings: str, video: Path
+) -> None:
+    """Write the page of a track.
+
+    summary: of `summary.json`. settings: the text of settings.toml. video: the overlay's, left out
+    where there is none. Raises InputError if it cannot be written.
+    """
+    track = quality.track
+    content = {
+        "name": name,
+        "verdict": quality.verdict,
+        "lines": quality.lines(),
+        "frames": track.frames.tolist(),
+        "rows": quality.rows.tolist(),
+        "fps": track.fps,
+        "lost": track.lost.astype(int).tolist(),
+        "doubtful_below": DOUBTFUL,
+        "look_at": {what: rows.tolist() for what, rows in quality.doubtful.items()},
+        "scene": player_scene(quality),
+        "confidence": confidence_curves(quality),
+        "agreement": agreement_curves(quality),
+        "angles": angle_curves(track),
+        "summary": summary,
+        "settings": settings,
+        "video": base64.b64encode(page_video(video)).decode() if video.exists() else None,
+    }
+    parts = {
+        "title": html.escape(name),
+        "style": _text("page.css"),
+        "plotly": get_plotlyjs(),
+        "script": _text("page.js"),
+        "content": _in_script(content),
+    }
+    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        for number, piece in enumerate(_text("page.html").split("@@")):
+            file.write(parts[piece] if number % 2 else piece)
+
+
+def _text(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+def _in_script(content: dict[str, Any]) -> str:
+    """Return JSON that cannot end the script element it stands in."""
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

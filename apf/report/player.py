@@ -1,0 +1,70 @@
+"""What the page's player shows: joints and voxels of every frame, packed."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+
+from apf.body.model import side_of
+from apf.report.quality import Quality
+from apf.results.overlay import COLOURS
+
+#: Voxels of all frames together, and of one: 12 MB and 60 kB of page for the positions of more
+#: would show no more at the size of a player.
+_MOST_VOXELS, _MOST_OF_A_FRAME = 400_000, 4_000
+_GREY = 150
+
+
+def player_scene(quality: Quality) -> dict[str, Any]:
+    """Return the skeleton in all frames and, where there are, the voxels in those judged.
+
+    Arrays are base64 of little-endian numbers: joints float32 (F, J, 3) m;
+    voxels' cells uint8 or uint16 (N, 3) of a grid, `origin` and `size` m, frame after frame by
+    `counts`, and RGB uint8 (N, 3).
+    """
+    track = quality.track
+    joints = track.joints.reshape(-1, 3)
+    names = [track.joint_names[b] for _, b in track.edges]
+    low, high = joints.min(axis=0), joints.max(axis=0)
+    scene: dict[str, Any] = {
+        "joint_names": list(track.joint_names),
+        "edges": track.edges.tolist(),
+        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[side_of(n)][::-1]) for n in names],
+        "joints": _packed(track.joints, "<f4"),
+        "low": (low - 0.2).round(3).tolist(),
+        "high": (high + 0.2).round(3).tolist(),
+        "voxels": None,
+    }
+    if quality.agreement is not None:
+        scene["voxels"] = _voxels(quality)
+    return scene
+
+
+def _voxels(quality: Quality) -> dict[str, Any]:
+    assert quality.agreement is not None
+    clouds = quality.agreement.clouds
+    most = min(_MOST_OF_A_FRAME, _MOST_VOXELS // max(1, len(clouds)))
+    rng = np.random.default_rng(0)
+    cells, colours = [], []
+    for cloud in clouds:
+        picked = rng.permutation(len(cloud))[:most]
+        grid = cloud.grid
+        cells.append(np.stack(np.unravel_index(cloud.indices[picked], grid.shape), -1))
+        colour = cloud.colour if cloud.colour is not None else np.full((len(cloud), 3), _GREY)
+        colours.append(colour[picked])
+    grid = clouds[0].grid
+    kind = "u1" if max(grid.shape) <= 256 else "<u2"
+    return {
+        "counts": [len(cell) for cell in cells],
+        "bytes": 1 if kind == "u1" else 2,
+        "cells": _packed(np.concatenate(cells), kind),
+        "colours": _packed(np.concatenate(colours), "u1"),
+        "origin": (grid.origin + grid.voxel_size / 2).round(5).tolist(),
+        "size": grid.voxel_size,
+    }
+
+
+def _packed(values: np.ndarray, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()

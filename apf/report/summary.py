@@ -1,0 +1,82 @@
+"""`summary.json` beside a track: what made it, how good it is, which files hold it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.model import BodyModel, sideless
+from apf.body.stature import stature
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.common.files import read_json
+from psfs.common.schema import Table, checked
+from psfs.output.runs import SequenceFacts, reopened
+from psfs.reconstructor import ReconstructionConfig
+from psfs.sequence import Sequence
+from psfs.voxels.grid import VoxelGrid
+
+SUMMARY = "summary.json"
+
+
+def body_facts(body: BodyModel) -> dict[str, Any]:
+    """Return the body's name, the person's height (None for a part of one) and the lengths between
+    joined joints, m; left and right, which are alike, as one."""
+    joints = posed_joints(body, body.rest_pose[None])[0]
+    lengths = {}
+    for a, b in body.edges:
+        first, second = (sideless(body.joint_names[i]).replace("_", " ") for i in (a, b))
+        lengths[f"{first} to {second}"] = round(float(np.linalg.norm(joints[a] - joints[b])), 3)
+    try:
+        height: float | None = round(stature(body), 3)
+    except InputError:
+        height = None
+    return {"name": body.name, "height_m": height, "lengths_m": lengths}
+
+
+class _Summary(Table):
+    """What is read of a summary."""
+
+    sequence: SequenceFacts
+    config: dict[str, Any]
+    warnings: list[str]
+    complete: bool = True
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return what `apf track` wrote into `folder`. Raises InputError, or MissingFileError."""
+    path, what = folder / SUMMARY, "the summary of an `apf track`"
+    summary: dict[str, Any] = read_json(path, what)
+    try:
+        checked(_Summary, summary)
+    except InputError as error:
+        raise InputError(f"{path}: not {what}: {error}") from None
+    return summary
+
+
+def tracked_sequence(folder: Path, summary: Mapping[str, Any], last: int) -> Sequence:
+    """Open the sequence that the track in `folder` was made of; `last` is a frame that there must
+    be. Raises InputError."""
+    return reopened(summary["sequence"], folder / SUMMARY, last)
+
+
+def tracked_with(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConfig:
+    """Return the settings of the track's reconstruction. Raises InputError."""
+    try:
+        return ReconstructionConfig.from_dict(summary["config"])
+    except InputError as error:
+        raise InputError(f"{folder / SUMMARY}: {error}; run apf track again") from None
+
+
+def tracked_grid(track: Track) -> VoxelGrid | None:
+    """Return the grid whose voxels a track was found in, None where it had none."""
+    grid = json.loads(track.provenance).get("grid")
+    if grid is None:
+        return None
+    nx, ny, nz = grid["shape"]
+    return VoxelGrid(np.array(grid["origin"]), float(grid["voxel_size"]), (nx, ny, nz))
