@@ -91,7 +91,16 @@ def test_reconstruct_takes_a_volume_frames_and_no_colour(walk: Path) -> None:
 
 def test_track_gives_the_track_of_the_command(walk: Path, tmp_path: Path) -> None:
     truth = walk / "truth.npz"
-    command = ["track", str(walk), "-o", str(tmp_path), "--init", str(truth), "--no-overlay"]
+    command = [
+        "track",
+        str(walk),
+        "-o",
+        str(tmp_path),
+        "--init",
+        str(truth),
+        "--no-overlay",
+        "--no-report",
+    ]
     assert apf.cli.main([*command, "--particles", "60", "--layers", "4"]) == 0
     stages: list[str] = []
     track = apf.track(

@@ -12,8 +12,8 @@ import numpy as np
 
 import psfs.cli
 from apf.cli import evaluate, synth, track
-from apf.cli.program import run_program
 from psfs.cli.commandline import add_command, add_device_flag, stdout
+from psfs.cli.program import run_program
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 
@@ -56,7 +56,7 @@ def _demonstrate(args: argparse.Namespace, out: Path) -> None:
 
 
 def _apf(argv: list[str]) -> int:
-    return run_program((synth, track, evaluate), argv)
+    return run_program("apf", "The commands of the demo.", (synth, track, evaluate), argv)
 
 
 def _step(program: str, main: Callable[[list[str]], int], argv: list[str]) -> None:

@@ -10,11 +10,13 @@ from typing import Protocol
 from rich.progress import Progress
 from rich.table import Table
 
+from apf.report.agreement import shown_rows
+from apf.report.quality import Quality
 from apf.tracking.batch import Take
 from psfs.cli.commandline import stdout
 
 #: Stages that report after every frame; the others once.
-_BY_FRAMES = ("tracking", "overlay")
+_BY_FRAMES = ("tracking", "overlay", "judging")
 
 
 class Line(Protocol):
@@ -55,12 +57,23 @@ class TakeLine:
     def begin(self, stage: str) -> None:
         """Show that a stage has no frame yet."""
         total = self.n_frames if stage in _BY_FRAMES else None
+        if stage == "judging":
+            total = len(shown_rows(self.n_frames))
         self._bar.reset(self._task, total=total, description=f"{self._prefix}{stage}")
         self._stage = stage
 
     def close(self) -> None:
         """Take the line out of the bar."""
         self._bar.remove_task(self._task)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is said of one seed's track: its folder, its quality and the names of its files."""
+
+    folder: Path
+    quality: Quality
+    files: list[str]
 
 
 @dataclass
@@ -73,23 +86,30 @@ class TakeReport:
     errors: dict[str, str] = field(default_factory=dict)
 
     def tracked(
-        self, name: str, take: Take, n_frames: int, folders: list[Path], spread: list[str]
+        self, name: str, take: Take, n_frames: int, judgements: list[Judgement], spread: list[str]
     ) -> None:
-        """Of `n_frames` that were to be tracked; every seed's files are in its folder. spread:
-        lines on how the seeds differ."""
+        """Of `n_frames` that were to be tracked, judged seed by seed. spread: lines on how the
+        seeds differ."""
         start = "given" if take.start is None else f"{take.start.registration_error:.2f}"
         done = len(take.tracks[0])
         frames = str(done) if done == n_frames else f"{done} of {n_frames}"
         self.rows[name] = [
-            (frames, f"{done / take.seconds:.1f}", str(track.lost.sum()), start, str(folder))
-            for track, folder in zip(take.tracks, folders, strict=True)
+            (
+                frames,
+                f"{done / take.seconds:.1f}",
+                str(one.quality.track.lost.sum()),
+                start,
+                one.quality.verdict,
+                str(one.folder),
+            )
+            for one in judgements
         ]
         self.spreads[name] = spread
 
     def failed(self, name: str, error: Exception) -> None:
         """Its input is bad."""
         self.errors[name] = f"{name} failed: {error}"
-        self.rows[name] = [("-", "-", "-", "-", "failed")]
+        self.rows[name] = [("-", "-", "-", "-", "-", "failed")]
 
     def line(self, name: str) -> str:
         """One take that is done, in a line."""
@@ -99,11 +119,12 @@ class TakeReport:
         """Print a table of all takes, in the order given, how far the seeds of each differ, and why
         some failed."""
         table = Table()
-        for heading in ("take", "frames", "frames/s", "lost frames", "start's error", "results"):
-            words = heading in ("take", "results")
+        figures = ("frames", "frames/s", "lost frames", "start's error")
+        for heading in ("take", *figures, "looks", "results"):
+            words = heading in ("take", "looks", "results")
             table.add_column(heading, justify="left" if words else "right", overflow="fold")
         for name in self.names:
-            for row in self.rows.get(name, [("-", "-", "-", "-", "not tracked")]):
+            for row in self.rows.get(name, [("-", "-", "-", "-", "-", "not tracked")]):
                 style = "red" if name in self.errors else None
                 table.add_row(name, *row, style=style)
         stdout.print(table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,13 @@ from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_
 from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
-from apf.cli.take_report import Line, TakeLine, TakeReport
+from apf.cli.take_report import Judgement, Line, TakeLine, TakeReport
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
+from apf.report.judged import FILES, judged, run_facts, write_judged
+from apf.report.page import PAGE
+from apf.report.quality import Quality
+from apf.report.summary import SUMMARY
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
 from apf.tracking.batch import BatchConfig, Take, at_once, track_take
@@ -31,15 +36,16 @@ from psfs.cli.sequence_flags import (
     open_sequence,
     open_trusted,
     selected_frames,
+    stated,
 )
-from psfs.cli.settings import FILE, add_configs, write_settings
+from psfs.cli.settings import add_configs, write_settings
 from psfs.common.outputs import OutputFolder, output_folder
+from psfs.diagnostics.camera_consistency import Suspect
+from psfs.output.runs import sequence_facts
 from psfs.reconstructor import ReconstructionConfig
 
-_RECONSTRUCTION = ReconstructionConfig()
-
 #: What a take is written to.
-RESULTS = ("track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "overlay.mp4", FILE)
+RESULTS = (*FILES, SUMMARY, PAGE)
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -85,6 +91,11 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
+    parser.add_argument(
+        "--no-report",
+        action="store_true",
+        help=f"write no {PAGE}, and leave the track uncompared with the silhouettes",
+    )
     add_device_flag(parser)
 
 
@@ -127,12 +138,12 @@ def track_one(
     job = argparse.Namespace(**{**vars(args), "folder": args.folders[0]})
     with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
         try:
-            take = _tracked(out, job, device, method, seeds, line)
-            draw_overlays(job, take, seeds, line)
+            take, left_out = _tracked(out, job, device, method, seeds, line)
+            judgements = finish_take(job, device, take, left_out, seeds, line)
         finally:
             before_words()
-        for track, folder in zip(take.tracks, seed_folders(job, seeds), strict=True):
-            print_outcome(track, line.n_frames, folder)
+        for judgement in judgements:
+            print_outcome(judgement, line.n_frames)
         if len(take.tracks[0]) < line.n_frames:
             raise KeyboardInterrupt
         for line_of_spread in spread_of(take):
@@ -158,11 +169,11 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
             closing(TakeLine(bar, name, check)) as line,
             output_folder(job.output, args.parser.prog, _inputs(job), RESULTS) as out,
         ):
-            take = _tracked(out, job, own, method, seeds, line)
-            report.tracked(name, take, line.n_frames, seed_folders(job, seeds), spread_of(take))
+            take, left_out = _tracked(out, job, own, method, seeds, line)
+            judgements = finish_take(job, own, take, left_out, seeds, line)
+            report.tracked(name, take, line.n_frames, judgements, spread_of(take))
             if len(take.tracks[0]) < line.n_frames:
                 raise KeyboardInterrupt
-            draw_overlays(job, take, seeds, line)
 
     folders = [Path(folder) for folder in args.folders]
     try:
@@ -197,16 +208,19 @@ def _tracked(
     method: Method,
     seeds: list[int],
     line: Line,
-) -> Take:
-    """The take in `args.folder`, its files written but for the overlays."""
+) -> tuple[Take, list[Suspect]]:
+    """The take in `args.folder`, its files written but for those of `finish_take`, and the cameras
+    left out."""
+    left_out: list[Suspect] = []
     if method.objective == "keypoints":  # nothing is seen of the background
         sequence = open_sequence(args)
     else:
-        sequence, _ = open_trusted(args, device)
+        sequence, left_out = open_trusted(args, device)
     out.keep_off(sequence.inputs)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
     template, own_shape = template_of(args.body)
+    config = _config(args)
     with naming_init():
         take = track_take(
             device, sequence, method, seeds,
@@ -214,8 +228,7 @@ def _tracked(
             template=template, keep_shape=own_shape, height=args.height,
             voxel_size=args.voxel_size,
             selection=slice(frames.start, frames.stop, frames.step),
-            reconstruction=args.configs.get("reconstruction"), progress=line,
-            keypoints=keypoints_of(args, sequence),
+            reconstruction=config, progress=line, keypoints=keypoints_of(args, sequence),
         )  # fmt: skip
     write_track_settings(args, method)
     if take.start is not None:
@@ -223,17 +236,55 @@ def _tracked(
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
         write_pose(folder / "start.txt", take.pose)
         write_files(folder, track, take.body)
-    return take
+    return take, left_out
+
+
+def finish_take(
+    args: argparse.Namespace,
+    device: Device | NumpyDevice,
+    take: Take,
+    left_out: list[Suspect],
+    seeds: list[int],
+    line: Line,
+) -> list[Judgement]:
+    """Write overlay.mp4, summary.json and report.html beside the other files of every seed, as the
+    flags say. A track that was interrupted gets a summary only, without being compared with the
+    silhouettes."""
+    n_done = len(take.tracks[0])
+    whole = n_done == line.n_frames
+    if whole:
+        _draw_overlays(args, take, seeds, line)
+    reasons = {suspect.camera: str(suspect) for suspect in left_out}
+    doubts = take.start.doubts if take.start is not None else []
+    warnings = [*(f"left out: {reason}" for reason in reasons.values()), *doubts]
+    sequence = sequence_facts(take.sequence, seed_folders(args, seeds)[0], stated(args), reasons)
+    facts = run_facts(
+        device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds
+    )
+    found = []
+    for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
+        quality = Quality(track, None)
+        compared = whole and not args.no_report
+        if compared:
+            line.begin("judging")
+            progress = partial(line, "judging")
+            quality = judged(device, take.sequence, track, _config(args), progress)
+        files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
+        found.append(Judgement(folder, quality, files))
+    return found
+
+
+def _config(args: argparse.Namespace) -> ReconstructionConfig:
+    return args.configs.get("reconstruction") or ReconstructionConfig()
 
 
 def write_track_settings(args: argparse.Namespace, method: Method) -> None:
     """Write the settings of all tracks beside them."""
-    reconstruction = args.configs.get("reconstruction", _RECONSTRUCTION)
-    configs = {"method": method, "reconstruction": reconstruction}
+    configs = {"method": method, "reconstruction": _config(args)}
     write_settings(args.output, args, configs, METHOD_FLAGS)
 
 
-def draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: Line) -> None:
+def _draw_overlays(args: argparse.Namespace, take: Take, seeds: list[int], line: Line) -> None:
     """overlay.mp4 beside the other files of every seed, unless the flags say none."""
     if args.no_overlay:
         return
@@ -276,16 +327,19 @@ def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
     return seeds
 
 
-def print_outcome(track: Track, n_frames: int, folder: Path) -> None:
-    """Print what became of `n_frames` that were to be tracked."""
+def print_outcome(judgement: Judgement, n_frames: int) -> None:
+    """Print what became of `n_frames` that were to be tracked: how good the track is, what to look
+    at, and which files were written."""
+    track, folder = judgement.quality.track, judgement.folder
     if len(track) < n_frames:
         stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
         return
     stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)
-    if track.lost.any():
-        stdout.print(f"the person was lost in frames {spans(track.frames[track.lost].tolist())}")
     if len(track.restarts):
         stdout.print(f"found again by a new search in frames {spans(track.restarts.tolist())}")
+    for line in judgement.quality.lines():
+        stdout.print(line, soft_wrap=True)
+    stdout.print(f"wrote {', '.join(judgement.files)}", soft_wrap=True)
 
 
 def spread_of(take: Take) -> list[str]:

@@ -26,6 +26,9 @@ function table(id, rows) {
   }
 }
 
+/** A joint's name as people say it. */
+const plain = (name) => name.replace(/^l_/, "left ").replace(/^r_/, "right ").replaceAll("_", " ");
+
 // The state: one row of the track is shown -------------------------------------------------------
 
 const nRows = page.frames.length;
@@ -59,20 +62,23 @@ function joint(at, number) {
 }
 
 function skeleton(at) {
-  const x = [], y = [], z = [], colour = [];
+  const x = [], y = [], z = [], color = [];
   scene.edges.forEach(([a, b], number) => {
     const shade = page.lost[at] ? "#c0392b" : scene.edge_colours[number];
     for (const point of [joint(at, a), joint(at, b)]) {
-      x.push(point[0]); y.push(point[1]); z.push(point[2]); colour.push(shade);
+      x.push(point[0]); y.push(point[1]); z.push(point[2]); color.push(shade);
     }
-    x.push(null); y.push(null); z.push(null); colour.push(shade);
+    x.push(null); y.push(null); z.push(null); color.push(shade);
   });
-  return { x: [x], y: [y], z: [z], "line.color": [colour] };
+  return { type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { width: 9, color } };
 }
 
-function markers(at) {
+function ends(at) {
   const points = scene.joint_names.map((_, number) => joint(at, number));
-  return { x: [points.map((p) => p[0])], y: [points.map((p) => p[1])], z: [points.map((p) => p[2])] };
+  const [x, y, z] = [0, 1, 2].map((k) => points.map((point) => point[k]));
+  return { type: "scatter3d", mode: "markers", x, y, z, text: scene.joint_names.map(plain),
+    hovertemplate: "%{text}<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
+    marker: { size: 4, color: "#11151a" } };
 }
 
 let cells, shades;
@@ -82,48 +88,40 @@ if (scene.voxels) {
   cells = scene.voxels.bytes === 1 ? packed : new Uint16Array(packed.buffer);
   shades = bytes(scene.voxels.colours);
   for (const count of scene.voxels.counts) first.push(first[first.length - 1] + count);
-}
+} else byId("show-voxels").parentElement.remove();
 
-function voxels(at) {
-  const number = judged(at), x = [], y = [], z = [], colour = [];
+function cloud(at) {
+  const number = judged(at), x = [], y = [], z = [], color = [];
   const { origin, size } = scene.voxels;
   for (let i = 3 * first[number]; i < 3 * first[number + 1]; i += 3) {
     x.push(origin[0] + size * cells[i]);
     y.push(origin[1] + size * cells[i + 1]);
     z.push(origin[2] + size * cells[i + 2]);
-    colour.push(`rgb(${shades[i]},${shades[i + 1]},${shades[i + 2]})`);
+    color.push(`rgb(${shades[i]},${shades[i + 1]},${shades[i + 2]})`);
   }
-  return { x: [x], y: [y], z: [z], "marker.color": [colour] };
+  // Thin enough that the skeleton within is seen.
+  return { type: "scatter3d", mode: "markers", x, y, z, hoverinfo: "skip",
+    marker: { size: 2.2, color, opacity: byId("show-skeleton").checked ? 0.22 : 0.9 } };
 }
 
-function makePlayer() {
-  const plain = (update) => ({ x: update.x[0], y: update.y[0], z: update.z[0] });
-  const bones = skeleton(0), ends = markers(0);
-  const traces = [
-    { type: "scatter3d", mode: "lines", ...plain(bones), hoverinfo: "skip",
-      line: { width: 9, color: bones["line.color"][0] } },
-    { type: "scatter3d", mode: "markers", ...plain(ends), text: scene.joint_names,
-      hovertemplate: "%{text}<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
-      marker: { size: 4, color: "#11151a" } },
-  ];
-  if (scene.voxels) {
-    const cloud = voxels(0);
-    traces.push({ type: "scatter3d", mode: "markers", ...plain(cloud), hoverinfo: "skip",
-      marker: { size: 2.6, color: cloud["marker.color"][0], opacity: 0.8 } });
-  }
-  const axis = (k, name) => ({ range: [scene.low[k], scene.high[k]], title: { text: name },
-    backgroundcolor: "#f5f7f9", showbackground: k === 2, gridcolor: "#d9dee5", zeroline: false });
-  const range = [0, 1, 2].map((k) => scene.high[k] - scene.low[k]);
-  const largest = Math.max(...range);
-  const layout = {
-    margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: "kept",
-    scene: { xaxis: axis(0, "x, m"), yaxis: axis(1, "y, m"), zaxis: axis(2, "z, m"),
-      aspectmode: "manual", dragmode: "orbit",
-      aspectratio: { x: range[0] / largest, y: range[1] / largest, z: range[2] / largest },
-      camera: { eye: { x: 1.1, y: 1.1, z: 0.5 } } },
-  };
-  return Plotly.newPlot("player", traces, layout, config);
+function traces(at) {
+  const shown = [];
+  if (byId("show-skeleton").checked) shown.push(skeleton(at), ends(at));
+  if (scene.voxels && byId("show-voxels").checked) shown.push(cloud(at));
+  return shown;
 }
+
+const axis = (k, name) => ({ range: [scene.low[k], scene.high[k]], title: { text: name },
+  backgroundcolor: "#eef1f5", showbackground: k === 2, gridcolor: "#d9dee5", zeroline: false });
+const extent = [0, 1, 2].map((k) => scene.high[k] - scene.low[k]);
+const largest = Math.max(...extent);
+const room = {
+  margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, uirevision: "kept",
+  scene: { xaxis: axis(0, "x, m"), yaxis: axis(1, "y, m"), zaxis: axis(2, "z, m"),
+    aspectmode: "manual", dragmode: "orbit",
+    aspectratio: { x: extent[0] / largest, y: extent[1] / largest, z: extent[2] / largest },
+    camera: { eye: { x: 1.1, y: 1.1, z: 0.5 } } },
+};
 
 let drawing = false, waiting = null;
 
@@ -131,12 +129,7 @@ let drawing = false, waiting = null;
 async function draw(at) {
   if (drawing) { waiting = at; return; }
   drawing = true;
-  const bones = byId("show-skeleton").checked, cloud = scene.voxels && byId("show-voxels").checked;
-  if (bones) {
-    await Plotly.restyle("player", skeleton(at), [0]);
-    await Plotly.restyle("player", markers(at), [1]);
-  }
-  if (cloud) await Plotly.restyle("player", voxels(at), [2]);
+  await Plotly.react("player", traces(at), room, config);
   drawing = false;
   byId("player").dataset.row = at;
   if (waiting !== null) { const next = waiting; waiting = null; draw(next); }
@@ -206,7 +199,7 @@ listeners.push((at) => {
 const judgedFrames = page.rows.map((at) => page.frames[at]);
 
 function layout(y, more) {
-  return { margin: { l: 110, r: 16, t: 8, b: 36 }, hovermode: "x unified",
+  return { margin: { l: 110, r: 70, t: 8, b: 36 }, hovermode: "x unified",
     xaxis: { title: { text: "frame" }, range: [page.frames[0], page.frames[nRows - 1]] },
     yaxis: { title: { text: y } }, legend: { orientation: "h", y: 1.12 }, ...more };
 }
@@ -283,7 +276,7 @@ const { body } = summary;
 table("body", [["model", body.name], ["height", body.height_m && `${body.height_m.toFixed(2)} m`],
   ...Object.entries(body.lengths_m).map(([name, length]) => [name, `${length.toFixed(3)} m`])]);
 table("joints", Object.entries(summary.quality.joint_deviation_mm)
-  .map(([name, value]) => [name.replaceAll("_", " "), value === null ? null : `± ${value.toFixed(0)} mm`]));
+  .map(([name, value]) => [plain(name), value === null ? null : `± ${value.toFixed(0)} mm`]));
 table("run", [["sequence", summary.sequence.folder], ["cameras", summary.sequence.cameras.join(", ")],
   ["left out", Object.keys(summary.sequence.left_out).join(", ")],
   ["frames", `${nRows}${summary.complete ? "" : ` of ${summary.frames_wanted}, interrupted`}`],
@@ -294,14 +287,7 @@ byId("settings").textContent = page.settings;
 
 // Begin ------------------------------------------------------------------------------------------
 
-makePlayer().then(() => {
-  listeners.push(draw);
-  for (const id of ["show-voxels", "show-skeleton"]) {
-    byId(id).onchange = () => {
-      const shown = byId(id).checked, traces = id === "show-voxels" ? [2] : [0, 1];
-      if (traces[0] < 2 || scene.voxels) Plotly.restyle("player", { visible: shown }, traces).then(() => draw(row));
-    };
-  }
-  show(0);
-  document.body.dataset.ready = "yes";
-});
+listeners.push(draw);
+for (const id of ["show-voxels", "show-skeleton"]) if (byId(id)) byId(id).onchange = () => draw(row);
+show(0);
+document.body.dataset.ready = "yes";

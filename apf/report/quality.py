@@ -24,8 +24,8 @@ DOUBTFUL = 0.7
 #: evaluate` calls a lost limb.
 _HALVED, _STEEPNESS = 0.1, 4
 #: Share of the surface voxels at the body below which a frame is to be looked at: something as
-#: large as an arm is not explained.
-_EXPLAINED = 0.95
+#: large as an arm is not explained. Hulls of few cameras leave up to 0.06 by themselves.
+_EXPLAINED = 0.9
 #: A track is good if at most this share of its frames is doubtful in any way, bad from that on.
 _GOOD, _BAD = 0.02, 0.25
 #: Ranges of frames that a line names; the page shows all.

@@ -103,7 +103,7 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
 class SequenceFacts(Table):
     """What is read of `sequence_facts`."""
 
-    absolute: Annotated[str, Field(min_length=1)]
+    absolute: Annotated[str, Field(pattern=r"^(/|[A-Za-z]:)")]
     overrides: dict[str, Any]
     relative: str = ""
     cameras: list[Name] | None = None

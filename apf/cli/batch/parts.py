@@ -15,7 +15,7 @@ from apf.body import load_body, save_body
 from apf.cli.batch.take import TakeDone, TakeJob, do_take, finished, written_take
 from apf.cli.first_pose import naming_init, warn_of_doubts
 from apf.cli.method_flags import chosen_method
-from apf.cli.track import draw_overlays, write_files, write_track_settings
+from apf.cli.track import finish_take, write_files, write_track_settings
 from apf.cluster.courses import Course
 from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
 from apf.cluster.pool import Task
@@ -89,6 +89,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
             f"--voxel-size={grid.voxel_size!r}",
             f"--cameras={','.join(sequence.rig.names)}",
             "--no-overlay",
+            "--no-report",
         )
         return tuple(
             replace(
@@ -129,7 +130,7 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
 
         def write(args: argparse.Namespace, device: Any) -> Take:
             args.folder = str(job.source)
-            sequence, _ = open_trusted(args, device)
+            sequence, left_out = open_trusted(args, device)
             body = load_body(str(parts[0].out.parent / "body.toml"))
             pose = read_pose(parts[0].out.parent / START, body)
             take = Take(sequence, body, pose, None, [whole], 1.0)
@@ -137,7 +138,7 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
             write_files(args.output, whole, body)
             write_track_settings(args, chosen_method(args))
             progress.n_frames = len(whole)
-            draw_overlays(args, take, [0], progress)
+            finish_take(args, device, take, left_out, [0], progress)
             return take
 
         done = written_take(progress, job, write, parts=apart)

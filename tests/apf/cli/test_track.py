@@ -38,6 +38,8 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
         "start.txt",
         "settings.toml",
         "overlay.mp4",
+        "summary.json",
+        "report.html",
     }
     found = Track.open(tmp_path / "out")
     assert len(found) == FRAMES and found.poses.shape == (FRAMES, 31)
@@ -52,7 +54,7 @@ def test_everything_is_written(walk: Path, tmp_path: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_track(walk: Path, tmp_path: Path) -> None:
-    few = ["--frames", "0:3", "--no-overlay"]
+    few = ["--frames", "0:3", "--no-overlay", "--no-report"]
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         assert track(walk, tmp_path / name, "--seed", seed, *few) == 0
     a, b, c = (Track.open(tmp_path / name).poses for name in "abc")
@@ -64,7 +66,7 @@ def test_several_seeds_at_once(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each as alone, in a folder of its own; how far they differ and err is said."""
-    few = ["--frames", "0:3", "--no-overlay"]
+    few = ["--frames", "0:3", "--no-overlay", "--no-report"]
     assert track(walk, tmp_path / "all", *few, "--seed", "3", "--seeds", "2") == 0
     said = capsys.readouterr().out
     assert "2 runs: joints lie" in said and "mean error:" in said
@@ -81,12 +83,12 @@ def test_several_seeds_at_once(
 
 
 def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
-    assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay") == 0
+    assert track(walk, tmp_path / "a", "--frames", "0:2", "--no-overlay", "--no-report") == 0
     first = Track.open(tmp_path / "a")
     pose = tmp_path / "pose.txt"
     pose.write_text(" ".join(f"{value:.6f}" for value in first.poses[1]))
     body = str(tmp_path / "a" / "body.toml")
-    more = ["--body", body, "--init", str(pose), "--frames", "1:", "--no-overlay"]
+    more = ["--body", body, "--init", str(pose), "--frames", "1:", "--no-overlay", "--no-report"]
     assert track(walk, tmp_path / "b", *more) == 0
     second = Track.open(tmp_path / "b")
     assert second.frames.tolist() == [1, 2, 3, 4]
@@ -104,7 +106,7 @@ def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             yield frame
 
     monkeypatch.setattr(apf.tracking.pipeline.Sequence, "frames", two)
-    assert track(walk, tmp_path / "out", "--no-overlay") == 130
+    assert track(walk, tmp_path / "out", "--no-overlay", "--no-report") == 130
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
@@ -165,7 +167,7 @@ def test_bad_flags(
 def test_nothing_but_the_folder(walk: Path, tmp_path: Path) -> None:
     """Started by itself; what it found can be given again, and gives the same track."""
     few = ["--frames", "0:4", "--particles", "60", "--layers", "5", "--voxel-size", "0.03"]
-    plain = [*few, "--no-overlay", "-o"]
+    plain = [*few, "--no-overlay", "--no-report", "-o"]
     assert main(["track", str(walk), *plain, str(tmp_path / "a")]) == 0
     found, truth = Track.open(tmp_path / "a"), load_truth(walk / "truth.npz")
     for name in ("pelvis", "neck", "head_top", "l_hip", "l_knee", "l_ankle", "r_knee", "r_ankle"):

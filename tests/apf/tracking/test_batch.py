@@ -28,6 +28,7 @@ from apf.synthetic.scene import SceneConfig
 from apf.tracking.batch import Take, at_once, track_take, track_takes
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
+from psfs.common.outputs import MANIFEST
 from psfs.sequence import Sequence
 
 Check = Callable[[], None]
@@ -40,6 +41,7 @@ FLAGS = [
     "--voxel-size",
     "0.06",
     "--no-overlay",
+    "--no-report",
     "--all-cameras",
 ]
 
@@ -247,17 +249,18 @@ def test_the_command_tracks_every_take_and_names_those_that_failed(
     said = capsys.readouterr()
     assert said.err.splitlines()[-1] == "apf: error: 2 of 4 takes failed: broken, absent"
     assert f"{walks[1].name}: he is seen twice" in said.err
-    assert {path.name for path in out.iterdir()} == {walks[0].name, walks[1].name}
+    assert {path.name for path in out.iterdir()} == {walks[0].name, walks[1].name, MANIFEST}
     rows = [line for line in said.out.splitlines() if line.startswith("│ ")]
     cells = {row.split("│")[1].strip(): [c.strip() for c in row.split("│")[2:]] for row in rows}
     assert cells[walks[0].name][0] == str(FRAMES) and float(cells[walks[0].name][1]) > 0
     assert cells[walks[0].name][2:4] == ["0", "0.25"]
-    assert cells["broken"][4] == "failed" and "broken failed: " in said.out
+    assert cells["broken"][5] == "failed" and "broken failed: " in said.out
     alone = tmp_path / "alone"
     assert main(["track", folders[0], "-o", str(alone), *FLAGS]) == 0
-    for path in alone.iterdir():
-        assert (out / walks[0].name / path.name).read_bytes() == path.read_bytes(), path
-    assert len(list(alone.iterdir())) == len(list((out / walks[0].name).iterdir())) == 5
+    for name in ("track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt"):
+        assert (out / walks[0].name / name).read_bytes() == (alone / name).read_bytes(), name
+    names = [{path.name for path in folder.iterdir()} for folder in (alone, out / walks[0].name)]
+    assert names[0] == names[1] and len(names[0]) == 8
 
 
 def test_several_seeds_of_several_takes(
@@ -293,7 +296,7 @@ def test_interrupted_takes_leave_whole_results(
     folders = [str(folder) for folder in walks]
     assert main(["track", *folders, "-o", str(tmp_path), *FLAGS, "--at-once", "1"]) == 130
     said = capsys.readouterr()
-    assert {path.name for path in tmp_path.iterdir()} == {walks[0].name}
+    assert {path.name for path in tmp_path.iterdir()} == {walks[0].name, MANIFEST}
     assert Track.open(tmp_path / walks[0].name).frames.tolist() == [0, 1]
     assert f"2 of {FRAMES}" in said.out and said.out.count("not tracked") == 2
     assert said.err.splitlines()[-1] == "apf: interrupted"
@@ -307,7 +310,7 @@ def test_takes_of_one_name_are_told_apart(
         shutil.copytree(folder, day)
     out = tmp_path / "out"
     assert main(["track", *map(str, days), "-o", str(out), *FLAGS, "--frames", "0:1"]) == 0
-    assert {path.name for path in out.iterdir()} == {"monday_walk", "tuesday_walk"}
+    assert {path.name for path in out.iterdir()} == {"monday_walk", "tuesday_walk", MANIFEST}
 
 
 @pytest.mark.parametrize(

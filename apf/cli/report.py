@@ -1,0 +1,65 @@
+"""`apf report`: how good a track is, on a page with a player, the video and curves."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+
+from apf.report.agreement import shown_rows
+from apf.report.judged import OVERLAY, judged, write_judged
+from apf.report.page import PAGE
+from apf.report.summary import read_summary, tracked_sequence, tracked_with
+from apf.results.overlay import write_overlay
+from apf.tracking.track import Track
+from cl import InputError, select_device
+from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.common.outputs import MANIFEST, output_folder
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    parser = add_command(
+        commands,
+        "report",
+        run,
+        "Judge a track and write its page, report.html, as `apf track` does: a 3-D player, the "
+        "overlay, confidence, agreement with the silhouettes, angles.",
+    )
+    parser.add_argument("track", type=Path, metavar="OUT", help="folder that `apf track` wrote")
+    parser.add_argument("--no-overlay", action="store_true", help="draw no overlay that is missing")
+    add_device_flag(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    folder: Path = args.track
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no folder; expected one that `apf track` wrote")
+    track, summary = Track.open(folder), read_summary(folder)
+    if not len(track):
+        raise InputError(f"{folder}: holds no tracked frame; expected at least one")
+    last = int(track.frames.max())
+    sequence, config = tracked_sequence(folder, summary, last), tracked_with(folder, summary)
+    device = select_device(args.device)
+    draw = not args.no_overlay and not (folder / OVERLAY).exists()
+    # The folder of a seed belongs to that of all.
+    owner = folder if (folder / MANIFEST).exists() else folder.parent
+    with output_folder(owner, args.parser.prog, addition=True, replaces=True), ExitStack() as stack:
+        bar = progress_bar()
+        steps = len(shown_rows(len(track))) + (len(track) if draw else 0)
+        task = bar.add_task("judging", total=steps)
+
+        def advance() -> None:
+            if not bar.live.is_started:  # not before: an error must stay a single line
+                stack.enter_context(bar)
+            bar.advance(task)
+
+        quality = judged(device, sequence, track, config, advance)
+        if draw:
+            write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
+        stack.close()
+        write_judged(folder, sequence.name, quality, summary)
+    for warning in summary["warnings"]:
+        warn(warning, stdout)
+    for line in quality.lines():
+        stdout.print(line, soft_wrap=True)
+    stdout.print(f"wrote {folder / PAGE}", soft_wrap=True)

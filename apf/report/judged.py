@@ -1,0 +1,88 @@
+"""A track judged, its summary and its page written beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from apf.report.agreement import Agreement, agreement
+from apf.report.page import PAGE, write_page
+from apf.report.quality import Quality
+from apf.report.summary import SUMMARY, body_facts, tracked_grid
+from apf.tracking.track import Track
+from cl import Device, NumpyDevice
+from psfs.common.files import write_json
+from psfs.output.runs import device_facts, versions
+from psfs.reconstructor import ReconstructionConfig
+from psfs.sequence import Sequence
+
+OVERLAY = "overlay.mp4"
+#: Files of a track beside summary and page, as the summary lists them.
+FILES = (
+    "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
+)  # fmt: skip
+
+
+def judged(
+    device: Device | NumpyDevice,
+    sequence: Sequence,
+    track: Track,
+    config: ReconstructionConfig,
+    progress: Callable[[], object] | None = None,
+) -> Quality:
+    """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
+    of no voxels. progress: called after each frame that is compared."""
+    grid = tracked_grid(track)
+    found: Agreement | None = None
+    if grid is not None and len(track):
+        found = agreement(device, sequence, grid, config, track, progress)
+    return Quality(track, found)
+
+
+def write_judged(
+    folder: Path, name: str, quality: Quality, facts: Mapping[str, Any], page: bool = True
+) -> list[str]:
+    """Write summary.json, and the `page`, into the `folder` of a track; return the names of all
+    files there that belong to it.
+
+    facts: what made it, see `run_facts`; name: of the take, the page's title.
+    """
+    written = [file for file in FILES if (folder / file).exists()]
+    written += [SUMMARY, *([PAGE] if page else [])]
+    summary = {
+        **facts,
+        "body": body_facts(quality.track.its_body),
+        "quality": quality.facts(),
+        "says": quality.lines(),
+        "files": written,
+    }
+    write_json(folder / SUMMARY, summary)
+    if page:
+        settings = folder / "settings.toml"
+        text = settings.read_text(encoding="utf-8") if settings.exists() else ""
+        write_page(folder / PAGE, name, quality, summary, text, folder / OVERLAY)
+    return written
+
+
+def run_facts(
+    device: Device | NumpyDevice,
+    sequence: Mapping[str, Any],
+    config: ReconstructionConfig,
+    n_frames: tuple[int, int],
+    warnings: list[str],
+    seconds: float,
+) -> dict[str, Any]:
+    """Return what made a track: `sequence` as of `sequence_facts`; n_frames: that
+    there are, and that were wanted; seconds: that it took."""
+    return {
+        "complete": n_frames[0] == n_frames[1],
+        "frames": n_frames[0],
+        "frames_wanted": n_frames[1],
+        "sequence": dict(sequence),
+        "config": config.to_dict(),
+        "device": device_facts(device),
+        "versions": versions(),
+        "seconds": round(seconds, 2),
+        "warnings": warnings,
+    }

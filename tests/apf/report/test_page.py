@@ -1,0 +1,191 @@
+"""The report's page in a browser: the player follows the slider, and nothing is asked for."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.browser import browser
+
+from apf.cli import main
+from apf.report.agreement import Agreement
+from apf.report.film import page_video
+from apf.report.page import write_page
+from apf.report.quality import Quality
+from apf.report.summary import body_facts
+from cl import InputError
+from psfs.output.video import frames_of, written_video
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+
+FRAMES = 200
+#: Bytes, of a page of so many frames.
+MOST = 15_000_000
+SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
+
+
+def quality_of(n_frames: int, n_voxels: int) -> Quality:
+    """A track with random voxels, and an arm that is doubtful in frames 3 and 4."""
+    track = tracks.walker(n_frames)
+    lost = np.arange(n_frames) == 7
+    track = replace(track, diagnostics={"lost": lost, "confidence": np.full(n_frames, 0.9)})
+    rng = np.random.default_rng(0)
+    grid = VoxelGrid(np.array([-2.0, -2.0, 0.0]), 0.02, (200, 200, 100))
+    clouds = []
+    for _ in range(n_frames):
+        indices = np.sort(rng.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
+        colour = rng.integers(0, 256, (n_voxels, 3), np.uint8)
+        clouds.append(VoxelCloud(grid, indices, np.ones(n_voxels, np.float32), colour))
+    inside = np.full((n_frames, 6), 0.95)
+    inside[3:5, 3] = 0.3
+    iou = np.full((n_frames, 3), 0.8)
+    iou[0, 1] = np.nan
+    cameras = ("cam01", 'a"b</script><script>alert(1)</script>', "cam03")
+    rows, explained = np.arange(n_frames), np.ones(n_frames)
+    return Quality(
+        track, Agreement(rows, cameras, iou, iou + 0.1, inside, explained, tuple(clouds))
+    )
+
+
+def noise_video(path: Path, n_frames: int, size: tuple[int, int]) -> Path:
+    """A video as hard to compress as a recording's noise."""
+    rng = np.random.default_rng(0)
+    base = cv2.resize(rng.integers(0, 256, (40, 60, 3), np.uint8), size)
+    with written_video(path, 25) as video:
+        for number in range(n_frames):
+            shifted = np.roll(base, 3 * number, axis=1)
+            video.write(cv2.add(shifted, rng.integers(0, 12, shifted.shape, np.uint8)))
+    return path
+
+
+def page_of(quality: Quality, path: Path, video: Path) -> Path:
+    summary = {
+        "sequence": {"folder": "walk", "cameras": ["cam01"], "left_out": {}, "fps": 60.0},
+        "complete": True,
+        "frames_wanted": len(quality.track),
+        "seconds": 1.0,
+        "warnings": ["left out: cam09 <b>disagrees</b>"],
+        "device": {"name": "a device"},
+        "versions": {"psfs-apf": "0"},
+        "body": body_facts(quality.track.its_body),
+        "quality": quality.facts(),
+        "files": ["track.npz"],
+    }
+    write_page(path, "a <walk>", quality, summary, "particles = 200\n", video)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    video = noise_video(folder / "overlay.mp4", FRAMES, (640, 480))
+    return page_of(quality_of(FRAMES, 5000), folder / "report.html", video)
+
+
+def test_a_page_of_200_frames_is_small(page_file: Path) -> None:
+    assert page_file.stat().st_size < MOST
+    text = page_file.read_text(encoding="utf-8")
+    own = text.replace(re.search(r"<script>/\*.*?</script>", text, re.DOTALL)[0], "")  # type: ignore[index]
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", own)
+
+
+def test_in_a_browser(page_file: Path) -> None:
+    """The slider moves skeleton, voxels and video; the list of doubts leads to its frames; no
+    request leaves the page; nothing in a name is run."""
+    with browser() as chromium:
+        page = chromium.new_page(viewport={"width": 1400, "height": 900})
+        asked: list[str] = []
+        wrong: list[str] = []
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("dialog", lambda dialog: wrong.append(dialog.message))
+        page.goto(page_file.as_uri())
+        shown = "document.getElementById('player').dataset.row === '{}'"
+        page.wait_for_function(shown.format(0), timeout=120_000)
+        first = page.evaluate("[0, 2].map((i) => document.getElementById('player').data[i].x[0])")
+        slider = page.locator("#slider")
+        assert slider.get_attribute("max") == str(FRAMES - 1)
+        slider.fill("120")
+        page.wait_for_function(shown.format(120), timeout=60_000)
+        moved = page.evaluate("[0, 2].map((i) => document.getElementById('player').data[i].x[0])")
+        assert np.all(np.array(moved) != first)
+        assert page.locator("#frame").inner_text().startswith("frame 120, 2.00 s")
+        page.wait_for_function("document.querySelector('video').readyState >= 2", timeout=60_000)
+        assert page.evaluate("document.querySelector('video').videoWidth") == 640
+        assert page.evaluate("document.querySelector('video').currentTime") == pytest.approx(
+            120.5 / 60, abs=0.01
+        )
+        page.locator("#lines a").nth(1).click()
+        page.wait_for_function(shown.format(3), timeout=60_000)
+        assert "left arm" in page.locator("#lines").inner_text()
+        assert page.locator("#warnings").inner_text() == "left out: cam09 <b>disagrees</b>"
+        page.locator("#slider").focus()
+        page.keyboard.press("ArrowRight")
+        page.wait_for_function(shown.format(4), timeout=60_000)
+    assert not wrong
+    assert [url for url in asked if not url.startswith(("file:", "blob:", "data:"))] == []
+
+
+def test_videos_are_made_to_fit(tmp_path: Path) -> None:
+    """Those of other codecs and those that are too large are encoded anew, frame for frame."""
+    small = noise_video(tmp_path / "small.mp4", 5, (320, 240))
+    assert page_video(small) == small.read_bytes()
+    old = tmp_path / "old.mp4"
+    writer = cv2.VideoWriter(str(old), cv2.VideoWriter.fourcc(*"mp4v"), 25, (320, 240))
+    for _ in range(7):
+        writer.write(np.full((240, 320, 3), 90, np.uint8))
+    writer.release()
+    (tmp_path / "new.mp4").write_bytes(page_video(old))
+    assert frames_of(tmp_path / "new.mp4") == 7
+    assert page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(InputError, match=r"text\.mp4: cannot be read as a video"):
+        page_video(tmp_path / "text.mp4")
+
+
+def test_tracks_are_judged_and_reports_made_again(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last lines say what summary.json holds; `apf report` gives the same again."""
+    out, init = tmp_path / "out", ["--init", str(walk / "truth.npz")]
+    assert main(["track", str(walk), "-o", str(out), *SMALL, *init]) == 0
+    said = capsys.readouterr().out.splitlines()
+    summary = json.loads((out / "summary.json").read_text())
+    assert said[-1] == f"wrote {', '.join(summary['files'])}"
+    assert said[1:-1] == summary["says"] and said[1].startswith("the track looks ")
+    assert {path.name for path in out.iterdir()} - {"manifest.txt"} == set(summary["files"])
+    assert summary["complete"] and summary["frames"] == 5
+    assert set(summary["quality"]["body_iou"]) == {"cam01", "cam02", "cam03", "cam04"}
+    assert summary["body"]["height_m"] == pytest.approx(1.75, abs=0.15)
+
+    other = tmp_path / "other"
+    plain = ["--no-overlay", "--no-report", "--frames", "0:2", *init]
+    assert main(["track", str(walk), "-o", str(other), *SMALL, *plain]) == 0
+    assert not (other / "report.html").exists()
+    assert json.loads((other / "summary.json").read_text())["quality"]["body_iou"] is None
+
+    capsys.readouterr()
+    page = (out / "report.html").read_bytes()
+    (out / "report.html").unlink()
+    (out / "overlay.mp4").unlink()
+    assert main(["report", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {out / 'report.html'}"
+    again = json.loads((out / "summary.json").read_text())
+    assert again["quality"] == summary["quality"]
+    assert (out / "overlay.mp4").exists() and len((out / "report.html").read_bytes()) == len(page)
+
+
+def test_reports_of_what_is_no_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(tmp_path / "absent")]) == 2
+    assert "no folder" in capsys.readouterr().err
+    tracks.walker().save(tmp_path / "track.npz")
+    assert main(["report", str(tmp_path)]) == 2
+    assert "summary.json: no such file" in capsys.readouterr().err
+    (tmp_path / "summary.json").write_text("{}")
+    assert main(["report", str(tmp_path)]) == 2
+    assert "summary.json: not the summary of an `apf track`" in capsys.readouterr().err

@@ -1,0 +1,136 @@
+"""A track judged without truth: what is right is believed, what is wrong is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import tracks
+
+from apf.body import BodyModel, load_body
+from apf.body.kinematics import posed_joints
+from apf.initialisation.from_joints import fit_to_joints
+from apf.report.agreement import agreement, shown_rows
+from apf.report.parts import parts_of, plain_name
+from apf.report.quality import DOUBTFUL, Quality
+from apf.results.evaluate import load_truth
+from apf.tracking.track import Track
+from cl import Device
+from psfs.reconstructor import ReconstructionConfig
+from psfs.sequence import Sequence
+from psfs.volume import automatic_grid
+from psfs.voxels.grid import VoxelGrid
+
+Scene = tuple[Device, Sequence, VoxelGrid, Track]
+
+
+@pytest.fixture(scope="module")
+def scene(walk: Path) -> Scene:
+    """The small walk with a track that is its truth."""
+    device, sequence = Device.best(), Sequence.open(walk)
+    truth = load_truth(walk / "truth.npz")
+    body, poses = load_body("song31"), []
+    for joints in truth.joints:
+        named = dict(zip(truth.joint_names, joints, strict=True))
+        body, pose, _ = fit_to_joints(body, named)
+        poses.append(pose)
+    grid = automatic_grid(sequence, device=device)
+    return device, sequence, grid, tracked(body, np.array(poses))
+
+
+def tracked(body: BodyModel, poses: np.ndarray) -> Track:
+    return replace(
+        tracks.walker(len(poses)),
+        poses=poses,
+        joints=posed_joints(body, poses),
+        body=body,
+        diagnostics={"covariance": np.tile(0.02**2 * np.eye(3), (len(poses), 15, 1, 1))},
+    )
+
+
+def judged(scene: Scene, track: Track) -> Quality:
+    device, sequence, grid, _ = scene
+    return Quality(track, agreement(device, sequence, grid, ReconstructionConfig(), track))
+
+
+def test_the_truth_looks_good(scene: Scene) -> None:
+    quality = judged(scene, scene[3])
+    print(
+        quality.doubtful,
+        quality.confidence,
+        quality.agreement.inside,
+        quality.agreement.explained,
+        quality.agreement.body_iou,
+    )
+    assert quality.verdict == "good" and not quality.doubtful
+    assert quality.confidence.min() > DOUBTFUL
+    facts = quality.facts()
+    assert min(facts["body_iou"].values()) > 0.6 and min(facts["voxel_iou"].values()) > 0.7
+    assert facts["voxels_explained"] > 0.9 and facts["look_at"] == {}
+    assert quality.lines()[0].startswith("the track looks good: no frame lost; body and silhouett")
+
+
+@pytest.mark.parametrize(
+    ("dof", "by", "part"),
+    [
+        ("l_upper_arm.ry", -0.9, "left arm"),
+        ("r_forearm.ry", 1.5, "right arm"),
+        ("l_thigh.ry", 0.7, "left leg"),
+    ],
+)
+def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> None:
+    """In the frames in which it is wrong."""
+    track = scene[3]
+    poses = track.poses.copy()
+    poses[1:4, track.dof_names.index(dof)] += by
+    quality = judged(scene, tracked(track.its_body, poses))
+    assert list(quality.doubtful[part]) == [1, 2, 3]
+    others = [name for name in quality.parts if name in quality.doubtful and name != part]
+    assert not others and quality.verdict == "bad"
+    assert f"look at {part}: frames 1-3" in quality.lines()
+    assert quality.facts()["look_at"][part] == [(1, 3)]
+
+
+def test_lost_frames_and_unsure_ends() -> None:
+    """Without any pictures."""
+    track = tracks.walker(30, start=10)
+    covariance = np.tile(0.02**2 * np.eye(3), (30, 15, 1, 1))
+    covariance[4, track.joint_names.index("r_wrist")] *= 100
+    covariance[20:22] = np.nan
+    lost = np.zeros(30, bool)
+    lost[20:22] = True
+    quality = Quality(replace(track, diagnostics={"covariance": covariance, "lost": lost}), None)
+    assert {what: rows.tolist() for what, rows in quality.doubtful.items()} == {
+        "the person, lost": [20, 21],
+        "right arm": [4],
+    }
+    assert quality.verdict == "doubtful" and quality.confidence[20].max() == 0
+    assert "2 of 30 frames lost" in quality.lines()[0]
+    assert quality.lines()[1:] == [
+        "look at the person, lost: frames 30-31",
+        "look at right arm: frames 14",
+    ]
+    assert quality.facts()["body_iou"] is None
+
+
+@pytest.mark.parametrize("name", ["song31", "rymut31", "rymut31_upper", "rymut31_lower"])
+def test_parts_of_shipped_bodies(name: str) -> None:
+    body = load_body(name)
+    parts = parts_of(body)
+    seen = sorted(cone for part in parts for cone in part.cones)
+    assert seen == list(range(len(body.cones)))
+    names = [part.name for part in parts]
+    assert names[0] == "trunk" and len(set(names)) == len(names)
+    assert ("left arm" in names) == (name != "rymut31_lower")
+    ends = {part.name: body.joint_names[part.end] for part in parts}
+    assert (
+        ends.get("right leg", "r_ankle") == "r_ankle" and ends.get("head", "head_top") == "head_top"
+    )
+
+
+def test_names_and_rows() -> None:
+    assert plain_name("l_upper_arm") == "left upper arm" and plain_name("head_top") == "head top"
+    assert shown_rows(5).tolist() == [0, 1, 2, 3, 4] and shown_rows(0).size == 0
+    assert len(shown_rows(401)) <= 200 and shown_rows(401)[1] == 3

@@ -1,0 +1,26 @@
+"""A headless Chromium, where one is installed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Give the browser (playwright's); skip the test where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip(f"no browser is installed; looked for {', '.join(NAMES)}")
+    with playwright.sync_playwright() as running:
+        launched = running.chromium.launch(executable_path=path, args=_FLAGS)
+        yield launched
+        launched.close()
