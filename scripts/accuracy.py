@@ -5,7 +5,8 @@
 
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
-    scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4] [-o OUT]
+    scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4]
+        [--by triangulation voxels keypoints both] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
 first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others
@@ -32,7 +33,7 @@ from accuracy.processes import do_jobs, workers_of
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
-from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, Setting, Table
+from accuracy.settings import DEFAULT_TABLES, DIMENSIONS, WITNESSES, Setting, Table
 from accuracy.suite import (
     STARTS,
     Job,
@@ -118,6 +119,14 @@ def main() -> int:
     )
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
+    group.add_argument(
+        "--by",
+        nargs="+",
+        choices=WITNESSES,
+        default=["voxels"],
+        help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
+        "place, both; those of keypoints where a sequence has some (voxels)",
+    )
     group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
     group.add_argument("--scheduler", metavar="ADDRESS", help="on the workers of a Dask cluster")
     parser.add_argument(
@@ -204,7 +213,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
-    settings = dict(suite_settings(folders, args.start, first))
+    settings = dict(suite_settings(folders, args.start, args.by, first))
     conditions = _conditions(args, device, folders)
     results = Results.resumed(args.out / "results.json", conditions)
     same = {name: conditions[name] for name in ("version", "commit", "device")}

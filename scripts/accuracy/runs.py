@@ -43,8 +43,10 @@ class Run:
     The others are known of the runs of a suite, NaN of others. wrists: mean of both. heading:
     degrees between the hips' axis at the start and the truth's, seen from above. stature: % that
     the body is too tall. limb_frames: share of frames in which a limb's end is farther than
-    `LOST_LIMB` from the truth. seconds of such a run are those of all that it took, start and
-    reconstruction as well. failed: why there is no track; figures are NaN then.
+    `LOST_LIMB` from the truth. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of the
+    twelve joints that keypoints have as well, shoulders to ankles. seconds of such a run are those
+    of all that it took, start and reconstruction as well. failed: why there is no track; figures
+    are NaN then.
     """
 
     setting: Setting
@@ -66,6 +68,9 @@ class Run:
     heading: float = math.nan
     stature: float = math.nan
     limb_frames: float = math.nan
+    limbs: float = math.nan
+    limbs_rest: float = math.nan
+    limbs_far: float = math.nan
     failed: str = ""
 
     @property

@@ -13,7 +13,8 @@ from cl import InputError
 @dataclass(frozen=True)
 class Setting:
     """All that distinguishes runs but their seed. step: every so many frames are used. start: the
-    first pose, "true" from the true joints, "found" from the pictures alone."""
+    first pose, "true" from the true joints, "found" from the pictures alone, "none" for
+    triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`."""
 
     sequence: str
     cameras: int
@@ -23,8 +24,12 @@ class Setting:
     particles: int
     layers: int
     start: str = "true"
+    witness: str = "voxels"
 
 
+#: What a suite's runs look at: keypoints triangulated, without a body; the voxels; the keypoints in
+#: the place of voxels; voxels and keypoints.
+WITNESSES = ("triangulation", "voxels", "keypoints", "both")
 #: What a table can be over, with its heading.
 DIMENSIONS = {
     "cameras": "cameras",

@@ -1,5 +1,5 @@
-"""A suite: every sequence with truth in a folder, tracked from nothing but its pictures and from
-the true first joints."""
+"""A suite: every sequence with truth in a folder, tracked from nothing but its pictures, or its
+keypoints, and from the true first joints; and its keypoints triangulated."""
 
 from __future__ import annotations
 
@@ -22,17 +22,33 @@ from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
 from apf.formats.trc import JointSeries
 from apf.initialisation import StartError
-from apf.results.evaluate import LIMB_ENDS, LOST_LIMB, Evaluation, evaluate, load_truth
+from apf.keypoints import Keypoints
+from apf.results.evaluate import (
+    LIMB_ENDS,
+    LOST_JOINT,
+    LOST_LIMB,
+    Evaluation,
+    evaluate,
+    load_truth,
+)
 from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints
 from apf.tracking.batch import Take, track_take
+from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import Device, InputError
 from psfs.api import trusted
 from psfs.common.files import write_json
+from psfs.diagnostics.sequence_info import keypoints_in
 from psfs.diagnostics.silhouettes import followed_silhouettes, truth_frames
 from psfs.sequence import Sequence
 
 TRUTH = "truth.npz"
 STARTS = ("found", "true")
+#: Of the triangulation, Hz: what is usual.
+LOW_PASS = 6.0
+#: Those of `WITNESSES` that need silhouettes.
+_VOXELS = ("voxels", "both")
+#: Joints that keypoints have, too.
+_LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
 @dataclass(frozen=True)
@@ -66,13 +82,15 @@ def lacking_jobs(
 
     Seeds from the true start share one reconstruction; a start is found for each seed anew.
     """
+    seen = [folder for setting, folder in settings.items() if setting.witness in _VOXELS]
     jobs = [
         Job(folder)
-        for folder in dict.fromkeys(settings.values())
+        for folder in dict.fromkeys(seen)
         if not kept(folder.name) and (folder / "truth_masks").is_dir()
     ]
     for setting, folder in settings.items():
-        rest = [seed for seed in range(seeds) if results.lacks(setting, seed)]
+        count = 1 if setting.start == "none" else seeds  # triangulation knows no chance
+        rest = [seed for seed in range(count) if results.lacks(setting, seed)]
         parts = [tuple(rest)] if setting.start == "true" else [(seed,) for seed in rest]
         jobs += [Job(folder, setting, part) for part in parts if part]
     return sorted(jobs, key=lambda job: job.seeds[:1])
@@ -81,10 +99,14 @@ def lacking_jobs(
 def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError
     where the sequence cannot be tracked, but for a start that is not found, which is a run too."""
-    sequence = trusted(Sequence.open(job.folder), device)
+    sequence = Sequence.open(job.folder)
     if job.setting is None:
-        return silhouettes_of(device, sequence, check)
+        return silhouettes_of(device, trusted(sequence, device), check)
     truth = load_truth(job.folder / TRUTH)
+    if job.setting.witness == "triangulation":
+        return [_triangulated(sequence, job.setting, truth)]
+    if job.setting.witness in _VOXELS:
+        sequence = trusted(sequence, device)
     began = time.perf_counter()
     try:
         take = _take(device, sequence, job.setting, job.seeds, check)
@@ -96,8 +118,21 @@ def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     runs = []
     for seed, track in zip(job.seeds, take.tracks, strict=True):
         run = run_of(track, truth, job.setting, seed, seconds)
-        runs.append(replace(run, **_of_suite(take, job.folder, truth, evaluate(track, truth))))
+        found = evaluate(track, truth)
+        body = stature(take.body) / true_stature(job.folder, truth)
+        figures = {"heading": heading_error(take, truth), "stature": 100 * (body - 1)}
+        runs.append(replace(run, **figures, **_of_suite(found)))
     return runs
+
+
+def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> Run:
+    """What users have without a body: keypoints triangulated and low-passed."""
+    began = time.perf_counter()
+    keypoints = Keypoints.open(sequence.folder, sequence)
+    track = triangulated_track(sequence, keypoints, TriangulatedConfig(low_pass=LOW_PASS))
+    run = run_of(track, truth, setting, 0, time.perf_counter() - began)
+    first = {"heading": _heading(track.joint_names, track.joints[:1], truth, track.frames[0])}
+    return replace(run, **first, **_of_suite(evaluate(track, truth)))
 
 
 def _take(
@@ -107,37 +142,52 @@ def _take(
     seeds: Items[int],
     check: Callable[[], object],
 ) -> Take:
-    """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`."""
+    """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints`
+    where they are looked at."""
     init = sequence.folder / TRUTH if setting.start == "true" else None
     given = given_start(sequence.folder, 0, DEFAULT_BODY if init else None, init)
-    method = method_of(setting, seeds[0])
-    return track_take(device, sequence, method, seeds, given=given, progress=lambda stage: check())
+    keypoints = None
+    if setting.witness != "voxels":
+        keypoints = Keypoints.open(sequence.folder, sequence)
+    if setting.witness == "keypoints":
+        setting = replace(setting, objective="keypoints")
+    return track_take(
+        device, sequence, method_of(setting, seeds[0]), seeds, given=given, keypoints=keypoints,
+        progress=lambda stage: check(),
+    )  # fmt: skip
 
 
-def _of_suite(take: Take, folder: Path, truth: JointSeries, found: Evaluation) -> dict[str, float]:
-    """The figures that only the runs of a suite have."""
-    ends = [found.joint_names.index(e) for e in LIMB_ENDS.values() if e in found.joint_names]
-    wrists = [k for k, name in enumerate(found.joint_names) if name.endswith("wrist")]
-    true = true_stature(folder, truth)
+def _of_suite(found: Evaluation) -> dict[str, float]:
+    """The figures of the joints that only the runs of a suite have."""
+    names = found.joint_names
+    ends = [names.index(end) for end in LIMB_ENDS.values() if end in names]
+    wrists = [k for k, name in enumerate(names) if name.endswith("wrist")]
+    limbs = [k for k, name in enumerate(names) if name[2:] in _LIMBS]
+    errors, known = found.errors[:, limbs], np.isfinite(found.errors[:, limbs])
     return {
         "wrists": 1000 * float(np.nanmean(found.errors[:, wrists])) if wrists else np.nan,
-        "heading": heading_error(take, truth),
-        "stature": 100 * (stature(take.body) / true - 1),
         "limb_frames": float((found.errors[:, ends] > LOST_LIMB).any(axis=1).mean()),
+        "limbs": 1000 * float(np.nanmean(errors)),
+        "limbs_rest": 1000 * float(np.nanmean(found.constant_and_rest[1][limbs])),
+        "limbs_far": float((errors[known] > LOST_JOINT).mean()),
     }
 
 
 def heading_error(take: Take, truth: JointSeries) -> float:
     """Degrees between the hips' left-right axes, seen from above, of the start and of the truth in
     the first frame tracked; NaN where it does not say."""
-    frame = take.tracks[0].frames[0]
+    ours = posed_joints(take.body, take.pose[None])
+    return _heading(take.body.joint_names, ours, truth, take.tracks[0].frames[0])
+
+
+def _heading(names: Items[str], joints: np.ndarray, truth: JointSeries, frame: int) -> float:
+    """The same of joints (1, J, 3) in that frame."""
     rows = np.flatnonzero(truth.frames == frame)
     if not rows.size:
         return float("nan")
-    ours = posed_joints(take.body, take.pose[None])
     axes = []
-    for names, joints in ((take.body.joint_names, ours), (truth.joint_names, truth.joints[rows])):
-        evaluated, _, _ = evaluated_joints(names, joints[:1])
+    for of, places in ((names, joints), (truth.joint_names, truth.joints[rows])):
+        evaluated, _, _ = evaluated_joints(of, places[:1])
         left, right = (evaluated[0, EVALUATED_JOINTS.index(f"{side}_hip"), :2] for side in "lr")
         axes.append(left - right)
     (a, b), (c, d) = axes
@@ -211,10 +261,21 @@ class KeptSilhouettes:
 
 
 def suite_settings(
-    folders: Items[Path], starts: Items[str], first: dict[str, Any]
+    folders: Items[Path], starts: Items[str], witnesses: Items[str], first: dict[str, Any]
 ) -> Iterator[tuple[Setting, Path]]:
-    """A setting per sequence and start, `first` being all but its sequence, cameras and step."""
+    """A setting per sequence, witness and start, `first` being all but its sequence, cameras and
+    step; without those of keypoints where a sequence has none. Raises InputError if none is left.
+    """
+    left = False
     for folder in folders:
-        cameras = len(Sequence.open(folder).rig)
-        for start in starts:
-            yield Setting(folder.name, cameras, 1, **first, start=start), folder
+        sequence = Sequence.open(folder)
+        lacking = keypoints_in(sequence.folder) is None
+        for witness in witnesses:
+            if lacking and witness != "voxels":
+                continue
+            for start in ("none",) if witness == "triangulation" else starts:
+                left = True
+                setting = Setting(folder.name, len(sequence.rig), 1, **first, start=start)
+                yield replace(setting, witness=witness), folder
+    if not left:
+        raise InputError(f"no sequence has keypoints; expected some, for {', '.join(witnesses)}")

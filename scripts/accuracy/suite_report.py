@@ -20,27 +20,42 @@ from accuracy.settings import Setting
 from psfs.common.files import written_whole
 
 _NOTE = (
+    "by: what is looked at, triangulation having neither body nor start. "
     "mm, mean ± standard deviation of the seeds' means; all other figures are means over the "
     "seeds. offset-free: without the offset that a joint keeps in the body's own frame. > 150 mm: "
-    "share of joint-frames. heading: runs whose start looks within 90 degrees of the truth. "
+    "share of joint-frames. 12: the same of shoulders, elbows, wrists, hips, knees and ankles, "
+    "which keypoints have, too. heading: runs whose start looks within 90 degrees of the truth. "
     "stature: of the body, % too tall. IoU: of the silhouettes with the true masks. limb lost: "
     "share of frames in which a limb's end is farther than 200 mm. s: all that a run took."
 )
-_COLOURS = {"found": "#C44E1B", "true": "#2B6CA3"}
+#: By witness and start.
+_COLOURS = {
+    ("triangulation", "none"): "#777777",
+    ("voxels", "found"): "#C44E1B",
+    ("voxels", "true"): "#2B6CA3",
+    ("keypoints", "found"): "#2E7D32",
+    ("keypoints", "true"): "#81B784",
+    ("both", "found"): "#6A2E91",
+    ("both", "true"): "#B08CC6",
+}
 
 
 @dataclass(frozen=True)
 class Row:
-    """The runs of a sequence from one start, in the columns of `_NOTE`."""
+    """The runs of a sequence by one witness from one start, in the columns of `_NOTE`."""
 
     sequence: str
     cameras: int
+    witness: str
     start: str
     runs: int
     failed: int
     mean: float
     std: float
     rest: float
+    limbs: float
+    limbs_rest: float
+    limbs_far: float
     wrists: float
     lost_joints: float
     heading_right: int
@@ -58,10 +73,14 @@ class Row:
             return float(np.mean([figure(run) for run in tracked])) if tracked else float("nan")
 
         return cls(
-            setting.sequence, setting.cameras, setting.start, len(runs), len(runs) - len(tracked),
+            setting.sequence, setting.cameras, setting.witness, setting.start,
+            len(runs), len(runs) - len(tracked),
             mean=over(lambda run: run.mean),
             std=float(np.std([run.mean for run in tracked], ddof=1)) if len(tracked) > 1 else 0.0,
             rest=over(lambda run: run.rest),
+            limbs=over(lambda run: run.limbs),
+            limbs_rest=over(lambda run: run.limbs_rest),
+            limbs_far=over(lambda run: run.limbs_far),
             wrists=over(lambda run: run.wrists),
             lost_joints=over(lambda run: run.lost_joints),
             heading_right=sum(run.heading < 90 for run in tracked),
@@ -76,10 +95,14 @@ class Row:
         return [
             self.sequence,
             str(self.cameras),
+            self.witness,
             self.start,
             f"{self.runs}{failed}",
             f"{_shown(self.mean, '.1f')} ± {self.std:.1f}",
             _shown(self.rest, ".1f"),
+            _shown(self.limbs, ".1f"),
+            _shown(self.limbs_rest, ".1f"),
+            _shown(100 * self.limbs_far, ".1f", " %"),
             _shown(self.wrists, ".0f"),
             _shown(100 * self.lost_joints, ".1f", " %"),
             f"{self.heading_right}/{self.runs}",
@@ -90,8 +113,9 @@ class Row:
         ]
 
 
-_COLUMNS = ("sequence", "cameras", "start", "runs", "mean", "offset-free", "wrists", "> 150 mm",
-            "heading right", "stature", "IoU", "limb lost", "s")  # fmt: skip
+_COLUMNS = ("sequence", "cameras", "by", "start", "runs", "mean", "offset-free", "12: mean",
+            "12: offset-free", "12: > 150 mm", "wrists", "> 150 mm", "heading right", "stature",
+            "IoU", "limb lost", "s")  # fmt: skip
 
 
 def _shown(value: float, how: str, unit: str = "") -> str:
@@ -101,18 +125,23 @@ def _shown(value: float, how: str, unit: str = "") -> str:
 def suite_rows(
     results: Results, settings: Sequence[Setting], iou: Callable[[str], float]
 ) -> list[Row]:
-    """A row per sequence and start that has runs."""
+    """A row per sequence, witness and start that has runs."""
     return [Row.of(s, results.of(s), iou(s.sequence)) for s in settings if results.of(s)]
 
 
 def suite_grid(rows: Sequence[Row]) -> Grid:
-    """The table, last a row of means over the sequences for each start of several."""
+    """The table, last a row of means over the sequences for each witness and start of several."""
     cells = [row.cells() for row in rows]
-    for start in dict.fromkeys(row.start for row in rows):
-        of = [row for row in rows if row.start == start]
+    for group in _groups(rows):
+        of = [row for row in rows if (row.witness, row.start) == group]
         if len(of) > 1:
             cells.append(["all", "", *_mean_row(of).cells()[2:]])
     return Grid("Errors over the suite", _COLUMNS, cells, _NOTE)
+
+
+def _groups(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """The witnesses and starts that there are, as the rows have them."""
+    return list(dict.fromkeys((row.witness, row.start) for row in rows))
 
 
 def _mean_row(rows: Sequence[Row]) -> Row:
@@ -123,10 +152,12 @@ def _mean_row(rows: Sequence[Row]) -> Row:
         known = [value for value in values if not np.isnan(value)]
         return float(np.mean(known)) if known else float("nan")
 
-    names = ("mean", "rest", "wrists", "lost_joints", "iou", "limb_frames", "seconds")
+    names = ("mean", "rest", "limbs", "limbs_rest", "limbs_far", "wrists", "lost_joints", "iou",
+             "limb_frames", "seconds")  # fmt: skip
     means = {name: over([getattr(row, name) for row in rows]) for name in names}
     return Row(
-        "all", 0, rows[0].start, sum(row.runs for row in rows), sum(row.failed for row in rows),
+        "all", 0, rows[0].witness, rows[0].start,
+        sum(row.runs for row in rows), sum(row.failed for row in rows),
         std=float(np.nanstd([row.mean for row in rows], ddof=1)),
         heading_right=sum(row.heading_right for row in rows),
         stature=over([abs(row.stature) for row in rows]),
@@ -135,9 +166,13 @@ def _mean_row(rows: Sequence[Row]) -> Row:
 
 
 def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
-    """suite.md, suite.csv (a row per sequence and start), runs.csv (a row per run), suite.png."""
+    """suite.md, suite.csv (a row per sequence, witness and start), runs.csv (a row per run) and
+    suite.png."""
     runs = [run for run in results.runs if run.failed]
-    failed = [f"- {r.setting.sequence}, seed {r.seed}, {r.setting.start}: {r.failed}" for r in runs]
+    failed = [
+        f"- {r.setting.sequence}, {r.setting.witness}, seed {r.seed}, {r.setting.start}: {r.failed}"
+        for r in runs
+    ]
     about = (
         f"{results.conditions['device']}, {results.made}, commit "
         f"{results.conditions['commit'] or 'unknown'}"
@@ -158,9 +193,9 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
-    """A row per sequence; a dot per run, a bar for the mean of its start."""
-    sequences = list(dict.fromkeys(row.sequence for row in rows))
-    size = (12, 1.4 + 0.55 * len(sequences))
+    """A row per sequence; a dot per run, a bar for the mean of its witness and start."""
+    sequences, groups = list(dict.fromkeys(row.sequence for row in rows)), _groups(rows)
+    size = (12, 1.4 + len(sequences) * max(0.55, 0.2 * len(groups)))
     panels: tuple[tuple[str, Callable[[Run], float]], ...] = (
         ("mean error, mm", lambda run: run.mean),
         ("offset-free, mm", lambda run: run.rest),
@@ -177,11 +212,10 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     ]
     axes[0].set_yticks(range(len(sequences)), labels, fontsize=8)
     axes[0].invert_yaxis()
-    starts = dict.fromkeys(row.start for row in rows)
-    marks = [plt.Line2D([], [], marker="o", ls="", color=_COLOURS[start]) for start in starts]
+    marks = [plt.Line2D([], [], marker="o", ls="", color=_COLOURS[group]) for group in groups]
+    named = [by if start == "none" else f"{by}, start {start}" for by, start in groups]
     figure.legend(
-        marks, [f"start {start}" for start in starts], loc="outside lower center", ncols=2,
-        frameon=False, fontsize=9,
+        marks, named, loc="outside lower center", ncols=4, frameon=False, fontsize=9
     )  # fmt: skip
     with written_whole(path) as temporary:
         figure.savefig(temporary, dpi=130)
@@ -195,13 +229,18 @@ def _panel(
     sequences: list[str],
     figure_of: Callable[[Run], float],
 ) -> None:
+    groups = _groups(rows)
+    pitch = 0.68 / len(groups)
     for row in rows:
+        group = row.witness, row.start
         runs = [r for r in results.runs if not r.failed and r.setting.sequence == row.sequence]
-        values = [figure_of(run) for run in runs if run.setting.start == row.start]
-        at = sequences.index(row.sequence) + (0.17 if row.start == "true" else -0.17)
+        values = [
+            figure_of(run) for run in runs if (run.setting.witness, run.setting.start) == group
+        ]
+        at = sequences.index(row.sequence) + pitch * (groups.index(group) - (len(groups) - 1) / 2)
         if values:
-            axes.barh(at, np.mean(values), 0.26, color=_COLOURS[row.start], alpha=0.25)
-            axes.plot(values, [at] * len(values), "o", ms=4, color=_COLOURS[row.start])
+            axes.barh(at, np.mean(values), 0.8 * pitch, color=_COLOURS[group], alpha=0.25)
+            axes.plot(values, [at] * len(values), "o", ms=4, color=_COLOURS[group])
     axes.set_xlim(left=0)
     axes.grid(axis="x", color="#DDDDDD", lw=0.6)
     axes.tick_params(axis="y", length=0)

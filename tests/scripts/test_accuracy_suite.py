@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 from helpers.shared import ROOT
 
+import psfs
 from apf.body import load_body
 from apf.formats.trc import JointSeries
+from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.tracking.batch import Take
@@ -29,7 +31,14 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import accuracy.suite as suite
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
-from accuracy.suite import Job, KeptSilhouettes, heading_error, lacking_jobs, suite_folders
+from accuracy.suite import (
+    Job,
+    KeptSilhouettes,
+    heading_error,
+    lacking_jobs,
+    suite_folders,
+    suite_settings,
+)
 from accuracy.suite_report import Row, suite_grid, suite_rows, write_suite
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
@@ -51,7 +60,7 @@ def a_run(setting: Setting, seed: int, mean: float, heading: float = 5.0) -> Run
     return Run(
         setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, ["left arm"], 0.25, 0, 0.9, 1.5,
         {"pelvis": [mean, 1.0, float("nan")]}, wrists=70.0, heading=heading, stature=-2.0,
-        limb_frames=0.5,
+        limb_frames=0.5, limbs=mean - 1, limbs_rest=15.0, limbs_far=0.125,
     )  # fmt: skip
 
 
@@ -88,12 +97,57 @@ def test_a_suite_from_both_starts_in_processes(folder: Path, tmp_path: Path) -> 
     more = Results.read(out / "results.json")
     assert more.runs[:2] == results.runs and len(more.runs) == 3
     assert (out / "silhouettes" / "walk.json").stat().st_mtime_ns == before
-    assert "IoU" in again.stdout and "| walk | 4 | true | 2 |" in (out / "suite.md").read_text()
+    assert (
+        "IoU" in again.stdout
+        and "| walk | 4 | voxels | true | 2 |" in (out / "suite.md").read_text()
+    )
     with (out / "suite.csv").open() as file:
         (row,) = csv.DictReader(file)
     assert row["runs"] == "2" and float(row["iou"]) == pytest.approx(kept["mean_iou"], abs=1e-3)
     assert (out / "suite.png").stat().st_size > 10_000
     assert len((out / "runs.csv").read_text().splitlines()) == 4
+
+
+def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_path: Path) -> None:
+    """Keypoints at the true joints: triangulated they are the truth; without any there is none of
+    them."""
+    takes = tmp_path / "takes"
+    shutil.copytree(folder, takes, ignore=shutil.ignore_patterns("truth_masks"))
+    shutil.copytree(takes / "walk", takes / "without")
+    truth, rig = load_truth(takes / "walk" / "truth.npz"), psfs.open_sequence(takes / "walk").rig
+    points = np.ones((len(rig), *truth.joints.shape))
+    for view, camera in zip(points, rig, strict=True):
+        view[..., :2] = camera.project(truth.joints)[0]
+    np.savez(
+        takes / "walk" / "keypoints.npz", keypoints=points, keypoint_names=truth.joint_names,
+        camera_names=rig.names,
+    )  # fmt: skip
+    by = ("triangulation", "voxels", "keypoints", "both")
+    first = {"method": "apf", "objective": "voxel", "particles": 60, "layers": 4}
+    folders = [takes / "walk", takes / "without"]
+    settings = dict(suite_settings(folders, ["true"], by, first))
+    assert [(s.sequence, s.witness, s.start) for s in settings] == [
+        ("walk", "triangulation", "none"), *(("walk", name, "true") for name in by[1:]),
+        ("without", "voxels", "true"),
+    ]  # fmt: skip
+    results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
+    jobs = lacking_jobs(settings, results, 2, lambda name: True)
+    assert [job.seeds for job in jobs] == [(0,), *4 * [(0, 1)]]
+    device = Device.best()
+    for setting in list(settings)[:4]:
+        (found,) = suite.done(device, Job(takes / "walk", setting, (0,)), lambda: None)
+        results.add(found)
+    exact, voxels, keypoints, both = results.runs
+    assert exact.limbs < 0.1 and exact.heading < 0.1 and exact.seconds > 0
+    assert exact.limbs_far == 0 and np.isnan(exact.stature)
+    for one in (voxels, keypoints, both):
+        assert one.limbs < 100 and one.frames == FRAMES and abs(one.stature) < 5
+    assert keypoints.limbs_rest < voxels.limbs_rest
+    write_suite(tmp_path, results, suite_rows(results, list(settings), lambda name: float("nan")))
+    table = (tmp_path / "suite.md").read_text()
+    assert all(f"| walk | 4 | {name} |" in table for name in by)
+    with pytest.raises(InputError, match="no sequence has keypoints"):
+        list(suite_settings([takes / "without"], ["found"], ["both"], first))
 
 
 def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
@@ -157,7 +211,7 @@ def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:
     assert (run.seed, run.frames, run.failed) == (7, 0, "nobody stands there")
     row = Row.of(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
     assert (row.runs, row.failed, row.mean, row.heading_right) == (2, 1, 40.0, 1)
-    assert row.cells()[3] == "2, 1 failed" and row.cells()[8] == "1/2"
+    assert row.cells()[4] == "2, 1 failed" and row.cells()[12] == "1/2"
 
 
 def test_runs_are_kept_whole(tmp_path: Path) -> None:
@@ -180,13 +234,14 @@ def test_the_report(tmp_path: Path) -> None:
     rows = suite_rows(results, [FOUND, TRUE, other], {"walk": 0.9, "run": float("nan")}.__getitem__)
     text = suite_grid(rows).markdown()
     assert (
-        f"| walk | 4 | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 70 | 25.0 % | 1/2 | -2.0 % | "
-        "0.900 | 50 % | 2 |"
+        f"| walk | 4 | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 41.0 | 15.0 | "
+        "12.5 % | 70 | 25.0 % | 1/2 | -2.0 % | 0.900 | 50 % | 2 |"
     ) in text
-    assert "| run | 4 | found | 1 | 60.0 ± 0.0 |" in text
+    assert "| run | 4 | voxels | found | 1 | 60.0 ± 0.0 |" in text
     # The mean of both sequences, and how far they are apart.
     assert (
-        f"| all |  | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 70 | 25.0 % | 2/3 |" in text
+        f"| all |  | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 50.0 | 15.0 | "
+        "12.5 % | 70 | 25.0 % | 2/3 |" in text
     )
     write_suite(tmp_path, results, rows)
     assert "abacus, 20" in (tmp_path / "suite.md").read_text()
