@@ -36,10 +36,11 @@ def joint_angles(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
     """Return angles (N,), degrees, of poses (N, D), by clinical name; those of sides begin with l_
     and r_.
 
-    Only what the body has: one whose feet do not bend has no angle of the ankle, one whose forearms
-    do not turn no pronation. pelvis_rotation counts from the world's x axis to the left, without
-    jumps by whole turns; pelvis_obliquity is positive where the left side is higher. A plane of
-    elevation and its axial rotation are NaN where the arm hangs within `HANGING` degrees.
+    Only what the body has: one whose feet do not bend has no angle of the ankle (but see
+    `standing_ankles`), one whose forearms do not turn no pronation. pelvis_rotation counts from the
+    world's x axis to the left, without jumps by whole turns; pelvis_obliquity is positive where the
+    left side is higher. A plane of elevation and its axial rotation are NaN where the arm hangs
+    within `HANGING` degrees.
     """
     frames = anatomical_frames(body, poses)
     angles: dict[str, np.ndarray] = {}
@@ -54,6 +55,25 @@ def joint_angles(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
             angles |= _named(joint, names, zxy(relative(frames, near, far)), (-1, 1, 1))
     for side in ("l_", "r_"):
         angles |= _of_side(frames, side)
+    return angles
+
+
+def standing_ankles(body: BodyModel, poses: np.ndarray, flat: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the dorsiflexion (N,), degrees, of the ankles of a body whose feet do not bend, in
+    poses (N, D) in which the left and the right foot stand flat on a level floor, `flat` (N, 2);
+    else NaN. There the foot is known: it is level, and points where the knee does."""
+    frames = anatomical_frames(body, poses)
+    angles: dict[str, np.ndarray] = {}
+    for column, side in enumerate(("l_", "r_")):
+        shank = frames.get(f"{side}shank")
+        if shank is None or f"{side}foot" in frames:
+            continue
+        right = shank[:, :, 2] * (1, 1, 0)
+        right /= np.linalg.norm(right, axis=1, keepdims=True)
+        up = np.broadcast_to([0.0, 0, 1], right.shape)
+        foot = np.stack([np.cross(up, right), up, right], -1)
+        turned = np.degrees(zxy(shank.transpose(0, 2, 1) @ foot)[:, 0])
+        angles[f"{side}ankle_dorsiflexion"] = np.where(flat[:, column], turned, np.nan)
     return angles
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, joint_angles, relative, zxy
+from apf.body.angles import WORLD, relative, zxy
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import TO_Y_UP
+from apf.formats.trc import JointSeries
 from psfs.common.files import written_whole
 
 #: OpenSim's coordinates about Z, X' and Y'' from one segment to another, and their signs.
@@ -26,14 +28,15 @@ _COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
 )
 
 
-def write_angle_csv(path: str | Path, motion: BodyMotion) -> None:
-    """Write one row per frame: frame, time_s, then a column <angle>_deg for each of
-    `joint_angles`, empty where lost. Raises InputError where the file cannot be written."""
-    angles = joint_angles(motion.body, motion.poses)
-    table = np.stack([np.where(motion.lost, np.nan, values) for values in angles.values()], -1)
+def write_angle_csv(
+    path: str | Path, angles: Mapping[str, np.ndarray], series: JointSeries
+) -> None:
+    """Write one row per frame of `series`: frame, time_s, then a column <angle>_deg for each of
+    `angles` (F,), degrees, empty where NaN. Raises InputError where the file cannot be written."""
+    table = np.stack(list(angles.values()), -1)
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
-        for frame, time, row in zip(motion.points.frames, motion.points.times, table, strict=True):
+        for frame, time, row in zip(series.frames, series.times, table, strict=True):
             cells = ("" if np.isnan(value) else f"{value:.5f}" for value in row)
             file.write(",".join([f"{frame}", f"{time:.6f}", *cells]) + "\n")
 

@@ -77,7 +77,7 @@ def export(
 def _write(track: Track, gait: Gait | None, kind: str, path: Path, axes: str) -> Path | None:
     """Write one file; None where there is nothing to write."""
     if kind == "csv":
-        write_angle_csv(path, track.motion)
+        write_angle_csv(path, track.angles, track.points)
     elif kind == "c3d":
         events = gait.events if gait is not None else ()
         labelled = [C3dEvent(_LABELS[e.kind], e.side.capitalize(), e.time) for e in events]

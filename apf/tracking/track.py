@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from apf.body import BodyModel, load_body
-from apf.body.angles import joint_angles
+from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_points
 from apf.body.markers import virtual_markers
 from apf.body.toml import body_from_text, body_text
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
 from apf.formats.trc import CONVENTIONS, write_trc
+from apf.tracking.foot_contact import feet, flat
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
@@ -187,8 +188,13 @@ class Track:
     @property
     def angles(self) -> dict[str, np.ndarray]:
         """Angles (F,) of the joints, degrees, by clinical name (`l_knee_flexion`), NaN where lost;
-        see `apf.body.angles`. Raises InputError where the track does not hold its body."""
+        see `apf.body.angles`. Ankles of a body whose feet do not bend are known only of smoothed
+        tracks, where a foot stands flat. Raises InputError where the track does not hold its body.
+        """
         angles = joint_angles(self.its_body, self.poses)
+        if self.standing.any() and (ankles := feet(self.its_body)):
+            level = flat(self.joints[:, ankles], self.standing)
+            angles |= standing_ankles(self.its_body, self.poses, level)
         return {name: np.where(self.lost, np.nan, values) for name, values in angles.items()}
 
     @property

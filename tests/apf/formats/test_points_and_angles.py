@@ -143,7 +143,7 @@ def test_mot_of_lost_frames_and_of_parts_of_bodies(tmp_path: Path) -> None:
 
 def test_angle_csv(tmp_path: Path) -> None:
     track = replace(walk(), frames=np.arange(50, 60))
-    write_angle_csv(tmp_path / "angles.csv", track.motion)
+    write_angle_csv(tmp_path / "angles.csv", track.angles, track.points)
     with (tmp_path / "angles.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:3] == ["frame", "time_s", "pelvis_rotation_deg"]

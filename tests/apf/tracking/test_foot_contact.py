@@ -9,12 +9,13 @@ import pytest
 from helpers.striders import SONG, Stride, strider, track_of_poses
 
 from apf.body import load_body
-from apf.tracking.foot_contact import ContactConfig, feet, stances, standing
+from apf.tracking.foot_contact import ContactConfig, feet, flat, stances, standing
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
 from cl import InputError
 
 ANKLES = feet(SONG)
+JOINTS = ("knee", "ankle")
 
 
 def travel(track: Track, stands: np.ndarray) -> float:
@@ -85,6 +86,31 @@ def test_lifted_feet_and_gaps() -> None:
     assert stances(found[:, 0]) == [slice(0, 20), slice(30, 60)]
     assert not standing(np.full((5, 2, 3), np.nan), np.arange(5.0)).any()
     assert standing(np.zeros((1, 2, 3)), np.zeros(1)).shape == (1, 2)
+
+
+def test_ankles_are_known_where_a_foot_stands_flat() -> None:
+    """Then the foot is level, and the angle is by how much the shank leans forward."""
+    true = strider()
+    assert "l_ankle_dorsiflexion" not in true.angles
+    held = smoothed(strider(noise=0.01))
+    for foot, side in enumerate("lr"):
+        knee, ankle = (true.joints[:, SONG.joint_names.index(f"{side}_{j}")] for j in JOINTS)
+        lean = np.degrees(np.arctan2(knee[:, 0] - ankle[:, 0], knee[:, 2] - ankle[:, 2]))
+        found = held.angles[f"{side}_ankle_dorsiflexion"]
+        known = np.isfinite(found)
+        assert (
+            known[held.standing[:, foot]].mean() > 0.9 and not known[~held.standing[:, foot]].any()
+        )
+        assert np.abs(found - lean)[known].mean() < 2
+        assert np.ptp(lean[known]) > 20
+
+
+def test_a_risen_heel_is_not_flat() -> None:
+    ankles = np.zeros((30, 2, 3))
+    ankles[20:, 0, 2] = np.linspace(0, 0.1, 10)
+    stands = np.ones((30, 2), bool)
+    found = flat(ankles, stands)
+    assert found[:22].all() and not found[23:, 0].any() and found[:, 1].all()
 
 
 def test_lost_frames_are_neither_standing_nor_changed() -> None:
