@@ -20,6 +20,7 @@ from psfs.background.gaussian import Background, background_from_frames, backgro
 from psfs.background.mixture import Mixture
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import turned_rig, z_up_from
+from psfs.common.files import full_path
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
 from psfs.footage.prefetch import prefetched
@@ -64,7 +65,7 @@ class Sequence:
 
     def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
         self.folder = folder
-        self.name = folder.resolve().name
+        self.name = full_path(folder).name
         self.layout = layout
         self.settings = settings
         self.notes = list(footage.notes)
@@ -94,7 +95,7 @@ class Sequence:
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = replace(stated, calibration=str(Path(stated.calibration).resolve()))
+            stated = replace(stated, calibration=str(full_path(stated.calibration)))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)

@@ -20,6 +20,7 @@ from apf.results.evaluation_plot import write_plot
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, stdout, warn
+from psfs.common.files import full_path
 from psfs.common.outputs import output_folder
 
 _FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
@@ -78,7 +79,7 @@ def _written(
         evaluation.write_csv(written[-1])
     if "plot" in wanted:
         written.append(folder / "evaluation.png")
-        title = f"{args.track.resolve().name} against {args.truth.name}"
+        title = f"{full_path(args.track).name} against {args.truth.name}"
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")

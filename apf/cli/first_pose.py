@@ -15,6 +15,7 @@ from apf.formats.trc import CONVENTIONS
 from apf.initialisation import Start, StartError, start_of
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import path_or_name, warn
+from psfs.cli.sequence_flags import voxel_edge
 from psfs.common.ranges import check_range
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
@@ -43,7 +44,7 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC (default: y-up)"
     )
-    group.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, m")
+    group.add_argument("--voxel-size", type=voxel_edge, metavar="M", help="edge of a voxel, m")
 
 
 def check_height(args: argparse.Namespace) -> None:

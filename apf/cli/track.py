@@ -39,11 +39,14 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.cli.settings import add_configs, write_settings
+from psfs.common.files import full_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output.runs import sequence_facts
 from psfs.reconstructor import ReconstructionConfig
 
+#: Runs that --seeds may ask for.
+MOST_SEEDS = 1000
 #: What a take is written to.
 RESULTS = (*FILES, SUMMARY, PAGE)
 
@@ -305,7 +308,7 @@ def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
 def take_names(folders: list[Path]) -> list[str]:
     """Return a name for each of the takes: its folder's, with as many of the folders above as
     distinguish them. Raises InputError if one is given twice."""
-    paths = [folder.resolve() for folder in folders]
+    paths = [full_path(folder) for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
             raise InputError(f"{path} is given twice; expected different takes")
@@ -319,8 +322,8 @@ def take_names(folders: list[Path]) -> list[str]:
 def chosen_seeds(args: argparse.Namespace, method: Method) -> list[int]:
     """Return the seeds of the runs to make. Raises InputError."""
     n_runs = 1 if args.seeds is None else args.seeds
-    if n_runs < 1:
-        raise InputError(f"--seeds is {n_runs}; expected at least 1")
+    if not 1 <= n_runs <= MOST_SEEDS:
+        raise InputError(f"--seeds is {n_runs}; expected 1 to {MOST_SEEDS}")
     first = method.filter.search.seed
     seeds = list(range(first, first + n_runs))
     seeded(method, seeds[-1:])

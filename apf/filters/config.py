@@ -52,8 +52,8 @@ class SearchConfig:
     """Of the random numbers, 0 to 2^64 - 1: the same seed gives the same track."""
 
     def __post_init__(self) -> None:
-        check_range("n_particles", self.n_particles, 2, ends=True)
-        check_range("n_layers", self.n_layers, 1, ends=True)
+        check_range("n_particles", self.n_particles, 2, 1_000_000, ends=True)
+        check_range("n_layers", self.n_layers, 1, 1000, ends=True)
         if not 0 <= self.seed < 2**64:
             raise InputError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")
         for name in ("first_survival", "last_survival"):
@@ -64,9 +64,9 @@ class SearchConfig:
                     f"{1 / self.n_particles:.3g} and 1"
                 )
         for name in ("noise", "noise_decay"):
-            check_range(name, getattr(self, name), 0)
+            check_range(name, getattr(self, name), 0, 100)
         for name in ("spread", "velocity", "trunk_layers"):
-            check_range(name, getattr(self, name), 0, ends=True)
+            check_range(name, getattr(self, name), 0, 1000, ends=True)
 
     @property
     def survival_rates(self) -> np.ndarray:

@@ -26,6 +26,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cl import InputError
+from psfs.common.files import full_path
 from psfs.common.names import printable
 
 #: Columns of a file or a pipe, which has no width of its own: room for the widest table.
@@ -35,10 +36,18 @@ _UNLIMITED = 160
 class Messages(Console):
     """A console whose texts and tables also go into the log file, where there is one."""
 
+    def on_broken_pipe(self) -> None:
+        raise  # rich would exit; it calls this where it handles the error
+
     def print(self, *objects: Any, **options: Any) -> None:
+        objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
         super().print(*objects, **options)
         if _state.log is not None and all(isinstance(item, (str, Text, Table)) for item in objects):
             _state.log.print(*objects, soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    return "\n".join(printable(line) for line in text.split("\n"))
 
 
 @dataclass
@@ -176,7 +185,7 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 def path_or_name(text: str) -> str:
     """Return a path in full where there is such a file or folder, else the text (argparse type)."""
     path = Path(text)
-    return str(path.resolve()) if path.exists() else text
+    return str(full_path(path)) if path.exists() else text
 
 
 def progress_bar() -> Progress:

@@ -39,6 +39,8 @@ def exit_code(program: str, run: Callable[[], None]) -> int:
             run()
         sys.stdout.flush()
         return DONE
+    except SystemExit as exit:  # of the parser, which has said why
+        return exit.code if isinstance(exit.code, int) else DONE
     except BrokenPipeError:  # `psfs info x | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE

@@ -21,6 +21,7 @@ from psfs.cli.sequence_flags import (
     open_trusted,
     selected_frames,
     stated,
+    voxel_edge,
 )
 from psfs.cli.settings import FILE, add_configs, write_settings
 from psfs.common.files import write_json, write_picture
@@ -35,6 +36,8 @@ from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
+#: Voxels along an axis that --grid may ask for.
+_MOST_ALONG = 10_000
 #: s between two summaries while a run goes on.
 _SUMMARY_EVERY = 1.0
 #: Voxels this much smaller than a pixel are warned of.
@@ -56,7 +59,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     size.add_argument(
         "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
     )
-    size.add_argument("--voxel-size", type=float, metavar="M", help="edge of a voxel, metres")
+    size.add_argument("--voxel-size", type=voxel_edge, metavar="M", help="edge of a voxel, metres")
     parser.add_argument(
         "--debris",
         type=float,
@@ -79,8 +82,12 @@ def register(commands: argparse._SubParsersAction) -> None:
 def _shape(text: str) -> tuple[int, int, int]:
     try:
         nx, ny, nz = (int(word) for word in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no grid; expected NX,NY,NZ") from None
+        VoxelGrid(np.zeros(3), 1.0, (nx, ny, nz))
+        if max(nx, ny, nz) > _MOST_ALONG:
+            raise InputError(f"at most {_MOST_ALONG} along each axis")
+    except ValueError as error:
+        told = f": {error}" if isinstance(error, InputError) else ""
+        raise argparse.ArgumentTypeError(f"{text!r} is no grid{told}; expected NX,NY,NZ") from None
     return nx, ny, nz
 
 
@@ -134,7 +141,6 @@ def _grid(
     selection = slice(frames.start, frames.stop, frames.step)
     if args.grid is None:
         return automatic_grid(sequence, selection, args.voxel_size, _config(args), device)
-    VoxelGrid(np.zeros(3), 1.0, args.grid)  # complains before the search
     low, high = sequence.volume or foreground_box(sequence, selection, _config(args), device)
     voxel_size = float(np.max((np.asarray(high) - low) / args.grid))
     origin = (np.asarray(low) + high - voxel_size * np.array(args.grid)) / 2

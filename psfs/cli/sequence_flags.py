@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import re
-from pathlib import Path
 from typing import Any
 
 from cl import Device, InputError, NumpyDevice
 from psfs.api import examined, remarks
 from psfs.cli.commandline import frame_range, path_or_name, warn
+from psfs.common.files import full_path
+from psfs.common.ranges import check_range
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.sequence import Sequence
+from psfs.voxels.grid import VOXEL_EDGES
 
 #: The flags that become overrides of `Sequence.open`.
 _KEYS = (
@@ -106,6 +108,16 @@ def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def voxel_edge(text: str) -> float:
+    """Return the edge of a voxel, m (argparse type)."""
+    try:
+        check_range("the edge of a voxel, m,", float(text), *VOXEL_EDGES, ends=True)
+    except ValueError as error:
+        told = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
+        raise argparse.ArgumentTypeError(str(told)) from None
+    return float(text)
+
+
 def volume_box(text: str) -> list[list[float]]:
     """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
     try:
@@ -121,7 +133,7 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
     """Return what the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
-        flags["calibration"] = str(Path(flags["calibration"]).resolve())
+        flags["calibration"] = str(full_path(flags["calibration"]))
     return flags
 
 

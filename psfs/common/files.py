@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,11 @@ from psfs.common.outputs import claim, temporary_name
 
 #: Of a JSON file: a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
+
+
+def full_path(path: str | Path) -> Path:
+    """Return the path in full, links followed as far as they lead somewhere."""
+    return Path(os.path.realpath(path))
 
 
 def unreadable(path: Path, error: OSError) -> InputError:

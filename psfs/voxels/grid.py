@@ -9,6 +9,10 @@ import numpy as np
 
 from cl import InputError
 
+#: Edges of voxels, m, and how far the grid may lie from the origin, m.
+VOXEL_EDGES = (1e-6, 100.0)
+_FARTHEST = 1e6
+
 
 @dataclass(frozen=True, eq=False)
 class VoxelGrid:
@@ -26,10 +30,15 @@ class VoxelGrid:
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
         if len(self.shape) != 3 or min(self.shape) < 1:
             raise InputError(f"the grid has shape {self.shape}; expected three positive numbers")
-        if not (np.isfinite(self.voxel_size) and self.voxel_size > 0):
-            raise InputError(f"the voxel size is {self.voxel_size}; expected a positive length, m")
-        if not np.isfinite(self.origin).all():
-            raise InputError(f"the grid's origin is {self.origin}; expected finite numbers")
+        if not VOXEL_EDGES[0] <= self.voxel_size <= VOXEL_EDGES[1]:
+            raise InputError(
+                f"the voxel size is {self.voxel_size:g} m; expected {VOXEL_EDGES[0]:g} to "
+                f"{VOXEL_EDGES[1]:g}"
+            )
+        if not (np.abs(self.origin) <= _FARTHEST).all():
+            raise InputError(
+                f"the grid's origin is {self.origin}; expected metres, up to {_FARTHEST:g}"
+            )
 
     @classmethod
     def covering(cls, low: np.ndarray, high: np.ndarray, voxel_size: float) -> VoxelGrid:
@@ -37,8 +46,8 @@ class VoxelGrid:
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         if np.any(high <= low):
             raise InputError(f"the volume from {low} to {high} is empty; expected low < high")
-        if not voxel_size > 0:
-            raise InputError(f"the voxel size is {voxel_size}; expected a positive length, m")
+        if not VOXEL_EDGES[0] <= voxel_size <= VOXEL_EDGES[1]:
+            return cls(low, float(voxel_size), (1, 1, 1))  # which complains
         shape = np.maximum(1, np.ceil((high - low) / voxel_size - 1e-9)).astype(int)
         return cls(low, float(voxel_size), (int(shape[0]), int(shape[1]), int(shape[2])))
 

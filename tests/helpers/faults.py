@@ -53,10 +53,7 @@ def run(words: list[str]) -> Outcome:
     main = {"psfs": psfs.cli.main, "apf": apf.cli.main}[words[0]]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code = main(words[1:])
-        except SystemExit as exit:  # of the parser
-            code = int(exit.code or 0)
+        code = main(words[1:])
     return Outcome(code, out.getvalue(), err.getvalue())
 
 

@@ -92,8 +92,8 @@ def test_the_twin_gives_the_same_clouds(folder: Path, tmp_path: Path) -> None:
     [
         (("--grid", "0,10,10"), "expected three positive numbers"),
         (("--grid", "5000,5000,5000"), "voxels"),
-        (("--voxel-size", "1e-7"), "voxels"),
-        (("--voxel-size", "0"), "voxel size is 0"),
+        (("--voxel-size", "1e-7"), "edge of a voxel"),
+        (("--voxel-size", "0"), "edge of a voxel, m, is 0"),
         (("--frames", "0:1"), "nothing stands out"),
         (("--frames", "0:1", "--volume", "-1,1,-1,1,0,2"), "nothing stands out"),
         (("--frames", "40:50"), "none of the 4 frames"),

@@ -1,0 +1,277 @@
+"""Flags with values that nobody can mean, and paths that no file has."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import faults
+from helpers.faults import refused, run
+
+#: What no flag for a number takes.
+NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "many", "", "1e400", "9" * 401)
+
+#: Commands with all that they need, flags of numbers, and numbers out of their bounds.
+COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
+    "reconstruct": (
+        ["psfs", "reconstruct", "seq", "-o", "new"],
+        {
+            "--voxel-size": ("0", "-1", "1e-300", "1e-9"),
+            "--debris": ("-0.1", "1.1"),
+            "--fps": ("0", "-1", "1e-300"),
+            "--threshold": ("-1", "2"),
+            "--unit": ("0", "-1", "1e-300", "inch"),
+            "--volume": ("0,1,0,1,0", "0,0,0,1,0,1", "nan,1,0,1,0,1", "-1e9,1e9,0,1,0,1"),
+            "--grid": ("0,1,1", "1,1", "-1,5,5", "99999,99999,99999", "1.5,1,1"),
+            "--frames": ("1:2:0", "-1", "9:12", "a:b", "2:1"),
+        },
+    ),
+    "mesh": (["psfs", "mesh", "out"], {"--smooth": ("-1", "1001", "999999999", "1.5"),
+                                       "--frame": ("-1", "99", "2.5")}),
+    "view": (["psfs", "view", "out", "--png", "x.png"], {"--frame": ("-1", "99", "2.5")}),
+    "track": (
+        ["apf", "track", "seq", "-o", "new", "--all-cameras"],
+        {
+            "--particles": ("0", "1", "-5", "1000001", "1.5"),
+            "--layers": ("0", "-1", "1001", "1.5"),
+            "--noise": ("-1", "0", "101"),
+            "--spread": ("-1",),
+            "--seed": ("-1", "1.5", str(2**64)),
+            "--surface-weight": ("-1",),
+            "--overlap-weight": ("-1",),
+            "--edge-weight": ("-1",),
+            "--silhouette-weight": ("-1",),
+            "--height": ("0", "0.4", "2.6", "178", "17"),
+            "--voxel-size": ("0", "-1", "1e-300"),
+            "--seeds": ("0", "-1", "1.5", "100000"),
+            "--at-once": ("0", "-1"),
+            "--fps": ("0", "-1", "1e-300"),
+            "--trunk-layers": ("-1",),
+        },
+    ),
+    "smooth": (
+        ["apf", "smooth", "track", "-o", "new"],
+        {"--cutoff": ("0", "-1", "1e-300"), "--lag": ("-1", "1.5")},
+    ),
+    "render": (["apf", "render", "seq", "track", "-o", "new"], {"--vertices": ("3", "-8", "9")}),
+    "synth": (
+        ["apf", "synth", "-o", "new"],
+        {
+            "--cameras": ("0", "-1", "65", "1.5"),
+            "--frames": ("0", "-1", "1000001", "1.5"),
+            "--fps": ("0", "-1", "1e-300", "1001"),
+            "--size": ("0x0", "31x480", "100000x100000", "640", "ax480", "-640x480"),
+            "--seed": ("-1", "1.5"),
+            "--noise": ("-1", "51"),
+            "--height": ("0", "17", "-1.7"),
+        },
+    ),
+    "live": (
+        ["apf", "live", "seq", "-o", "new", "--init", "pose.txt"],
+        {"--scale": ("0", "-1", "1.1"), "--fps": ("0", "-1", "1001")},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_numbers(original: Path, command: str) -> None:
+    """Nothing is written, so that all use one stock."""
+    words, flags = COMMANDS[command]
+    for flag, values in flags.items():
+        for value in (*NUMBERS, *values):
+            try:
+                refused([*placed(original, words), f"{flag}={value}"], original)
+            except AssertionError as error:
+                raise AssertionError(f"{flag}={value}: {error}") from None
+
+
+def placed(stock: Path, words: list[str]) -> list[str]:
+    """Return the words with the stock's files in full."""
+    names = {path.name for path in stock.iterdir()} | {"new", "x.png"}
+    return [*words[:2], *(str(stock / w) if w in names else w for w in words[2:])]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["psfs"],
+        ["apf"],
+        ["psfs", "nonsense"],
+        ["apf", "track"],
+        ["apf", "track", "seq"],
+        ["psfs", "reconstruct", "-o", "new"],
+        ["psfs", "info", "seq", "--nonsense"],
+        ["psfs", "info", "seq", "--up", "w"],
+        ["psfs", "info", "seq", "--background", "x"],
+        ["psfs", "info", "seq", "--key", "green"],
+        ["psfs", "info", "seq", "--cameras", "c1,c99"],
+        ["psfs", "info", "seq", "--cameras", "c1,c1"],
+        ["psfs", "info", "seq", "--cameras", "../c1"],
+        ["psfs", "info", "seq", "--device", "abacus"],
+        ["psfs", "check", "out", "--device", "abacus"],
+        ["psfs", "check", "seq"],
+        ["psfs", "mesh", "track"],
+        ["psfs", "mesh", "out", "-o", "x.png"],
+        ["psfs", "mesh", "out", "--format", "xyz"],
+        ["psfs", "view", "out", "--png", "x.nonsense"],
+        ["apf", "track", "seq", "seq", "-o", "new"],
+        ["apf", "track", "seq", "-o", "new", "--method", "magic"],
+        ["apf", "track", "seq", "-o", "new", "--objective", "magic"],
+        ["apf", "track", "seq", "-o", "new", "--likelihood", "edge=nan"],
+        ["apf", "track", "seq", "-o", "new", "--likelihood", "edge=1e300"],
+        ["apf", "track", "seq", "-o", "new", "--likelihood", "edge=-1"],
+        ["apf", "track", "seq", "-o", "new", "--likelihood", "="],
+        ["apf", "track", "seq", "-o", "new", "--body", "nobody"],
+        ["apf", "track", "seq", "-o", "new", "--init", "nowhere.txt"],
+        ["apf", "evaluate", "out", "--truth", "truth.npz"],
+        ["apf", "evaluate", "track", "--truth", "nowhere.npz"],
+        ["apf", "evaluate", "track", "--truth", "track"],
+        ["apf", "smooth", "track", "-o", "track"],
+        ["apf", "smooth", "nowhere", "-o", "new"],
+        ["apf", "render", "seq", "track", "-o", "track"],
+        ["apf", "render", "seq", "track", "-o", "seq"],
+        ["apf", "track", "seq", "-o", "seq"],
+        ["psfs", "reconstruct", "seq", "-o", "seq"],
+        ["psfs", "reconstruct", "walk", "-o", "walk"],
+        ["psfs", "silhouettes", "seq", "-o", "seq"],
+        ["apf", "live", "seq", "-o", "seq", "--init", "pose.txt"],
+        ["apf", "live", "seq", "-o", "new", "--init", "pose.txt", "--device", "numpy"],
+        ["apf", "live", "seq", "-o", "new", "--init", "pose.txt", "--captures", "/no/video.mp4"],
+        ["apf", "synth", "-o", "pose.txt"],
+        ["psfs", "reconstruct", "seq", "-o", "pose.txt"],
+    ],
+    ids=" ".join,
+)
+def test_words(original: Path, words: list[str]) -> None:
+    refused(placed(original, words) if len(words) > 1 else words, original)
+
+
+LOOP = "loop"
+PATHS = {
+    "300 characters": "x" * 300,
+    "5000 characters": "/".join(["x" * 100] * 50),
+    "a loop": LOOP,
+    "NUL": "a\0b",
+    "brackets": "[bold][/][red]",
+    "a line break": "a\nb",
+    "an escape": "a\x1b[31mb",
+    "no UTF-8": os.fsdecode(b"\xff\xfe"),
+    "empty": "",
+    "a device": "/dev/null",
+    "a process's file": "/proc/self/mem",
+    "below a file": "pose.txt/x",
+}
+TAKERS = [
+    ["psfs", "info", "{}"],
+    ["psfs", "reconstruct", "{}", "-o", "new"],
+    ["psfs", "check", "{}"],
+    ["psfs", "mesh", "{}"],
+    ["psfs", "view", "{}"],
+    ["psfs", "silhouettes", "{}", "-o", "new"],
+    ["psfs", "info", "seq", "--calibration", "{}"],
+    ["psfs", "info", "seq", "--config", "{}"],
+    ["apf", "track", "{}", "-o", "new"],
+    ["apf", "track", "seq", "-o", "new", "--init", "{}"],
+    ["apf", "track", "seq", "-o", "new", "--body", "{}"],
+    ["apf", "evaluate", "{}", "--truth", "truth.npz"],
+    ["apf", "evaluate", "track", "--truth", "{}"],
+    ["apf", "smooth", "{}", "-o", "new"],
+    ["apf", "smooth", "track", "-o", "new", "--body", "{}"],
+    ["apf", "render", "seq", "{}", "-o", "new"],
+    ["apf", "render", "seq", "track", "-o", "new", "--mesh", "{}"],
+    ["apf", "render", "seq", "track", "-o", "new", "--bind", "{}", "--mesh", "truth.trc"],
+]
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_paths_that_are_read(stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(stock)
+    (stock / LOOP).symlink_to(stock / LOOP)
+    for words in TAKERS:
+        if kind == "a device" and "--config" in words:
+            continue  # no settings
+        if kind == "empty" and words[1] in ("check", "mesh", "view", "smooth"):
+            continue  # the folder one is in
+        refused([word.format(PATHS[kind]) for word in words], stock)
+
+
+WRITERS = [
+    [
+        "psfs",
+        "reconstruct",
+        "seq",
+        "--voxel-size",
+        "0.08",
+        "--volume=-0.6,0.6,-0.6,0.6,0,1.9",
+        "-o",
+    ],
+    ["apf", "smooth", "track", "-o"],
+    ["apf", "evaluate", "track", "--truth", "truth.npz", "--json", "-o"],
+    ["psfs", "view", "out", "--frame", "1", "--png"],
+]
+NAMES = {
+    "brackets": "[bold][/][red]",
+    "a line break": "a\nb",
+    "an escape": "a\x1b[31mb",
+    "no UTF-8": os.fsdecode(b"\xff\xfe"),
+    "spaces": " a b ",
+    "a percent": "%s %d {x}",
+    "a minus": "./-x",
+    "200 characters": "x" * 200,
+}
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_strange_names_are_written(stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(stock)
+    for words in WRITERS:
+        name = NAMES[kind] + (".png" if words[-1] == "--png" else "")
+        outcome = run([*words, name])
+        assert outcome.code == 0, outcome
+        assert Path(name).exists() and "\x1b[31m" not in outcome.out + outcome.err
+
+
+@pytest.mark.parametrize("kind", [k for k in PATHS if k not in NAMES and k != "empty"])
+def test_names_that_cannot_be_written(
+    stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(stock)
+    (stock / LOOP).symlink_to(stock / LOOP)
+    for words in WRITERS:
+        refused([*words, PATHS[kind]], stock)
+
+
+def test_a_sequence_of_strange_names(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Videos in a folder whose name is no UTF-8, on which OpenCV crashes."""
+    for name in NAMES.values():
+        folder = stock / f"take {name.replace('/', '')}"
+        (stock / "walk").rename(folder)
+        outcome = run(["psfs", "info", str(folder), "--no-pictures"])
+        assert outcome.code == 0, outcome
+        folder.rename(stock / "walk")
+
+
+def test_a_closed_standard_output(stock: Path) -> None:
+    import subprocess
+
+    command = [sys.executable, "-m", "psfs.cli", "info", str(stock / "walk"), "--no-pictures"]
+    done = subprocess.run(
+        f"{' '.join(command)} | head -c 1 >/dev/null; exit ${{PIPESTATUS[0]}}",
+        shell=True, executable="/bin/bash", capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+
+
+def test_what_is_left_is_reported(
+    stock: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("psfs.cli.info.sequence_info", lambda sequence: {}["a fault of ours"])
+    outcome = run(["psfs", "info", str(stock / "walk"), "--no-pictures"])
+    assert outcome.code == 70 and outcome.err.count("\n") == 1
+    assert "please report" in outcome.err
+    log = next(tmp_path.glob("psfs-*.log"))
+    assert str(log) in outcome.err and "a fault of ours" in log.read_text()
+    assert faults.contents(stock)
