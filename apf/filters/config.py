@@ -144,10 +144,20 @@ class LimbSearchConfig:
     least_recall: float = 2.0
     """Least weight of the silhouette recall in that error: two legs may hide in the silhouette of
     one. Tuned on the synthetic walks."""
+    point_steps: int = 6
+    """Gauss-Newton steps by observed points alone, whose pose of each limb is among those tried."""
+    point_reach: float = 60.0
+    """Deviations that observed points are weighed by in the first of them: about 250 px."""
+    point_width: float = 40.0
+    """Deviation of the prior about the mean in these, in the first layer's noise: as far as a limb
+    swings in a few frames."""
 
     def __post_init__(self) -> None:
         for name in ("reach", "near_margin", "far_margin", "least_recall"):
             check_range(f"limb_search_{name}", getattr(self, name), 0, ends=True)
+        check_range("limb_search_point_steps", self.point_steps, 1, ends=True)
+        for name in ("point_reach", "point_width"):
+            check_range(f"limb_search_{name}", getattr(self, name), 0)
 
 
 @dataclass(frozen=True)
@@ -182,6 +192,15 @@ class FilterConfig:
     def settings(self) -> dict[str, Any]:
         """Every single setting by its name in `of`."""
         return dict(_listed(self, ""))
+
+    @property
+    def by_points(self) -> FilterConfig:
+        """The settings of the refinement that brings limbs to observed points."""
+        search = self.limb_search
+        return self.changed(
+            refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
+            refinement_width=search.point_width,
+        )  # fmt: skip
 
     @property
     def searches_limbs(self) -> bool:

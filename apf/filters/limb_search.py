@@ -30,9 +30,9 @@ def n_near(n: int) -> int:
 
 class LimbSearch:
     """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
-    poses that differ from the mean in that limb, and the best of many that have it anywhere within
-    its limits; the one of these that scores best is the estimate. Does nothing with a likelihood
-    that has neither surface points nor observed ones.
+    poses that differ from the mean in that limb, one of which has it where observed points are, and
+    the best of many that have it anywhere within its limits; the one of these that scores best is
+    the estimate. Does nothing with a likelihood that has neither surface points nor observed ones.
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
@@ -64,6 +64,11 @@ class LimbSearch:
             device, body, config, n_candidates, voxels=likelihood.points is not None,
             observed=likelihood.observed,
         )  # fmt: skip
+        self._by_points: Refinement | None = None
+        if likelihood.observed is not None and self._n_limbs:
+            self._by_points = Refinement(
+                device, body, config.by_points, n_runs, voxels=False, observed=likelihood.observed
+            )
         self._candidates = device.empty((n_candidates, n), np.float32)
         self._errors = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
@@ -79,6 +84,8 @@ class LimbSearch:
     def change_body(self, body: BodyModel) -> None:
         """Search for the limbs of `body`, which differs from the one before in numbers alone."""
         self._refinement.change_body(body)
+        if self._by_points is not None:
+            self._by_points.change_body(body)
         self._sigma.set(body.sigma.astype(np.float32))
         self._limits.set(body.limits)
         self._ranges.set(limb_ranges(body).astype(np.float32))
@@ -97,7 +104,10 @@ class LimbSearch:
         )
         if self._n_limbs:
             errors = likelihood.errors
-            launches = [
+            launches = []
+            if self._by_points is not None:
+                launches = self._by_points.shift_launcher(None, result)
+            launches += [
                 self._propose(frame, result, self._poses),
                 *likelihood.rescoring_launcher(self._poses, errors, stride, least_recall),
                 self._choose(),
@@ -126,6 +136,7 @@ class LimbSearch:
             ranges=self._ranges,
             limbs=self._limbs,
             result=result,
+            seen=self._by_points.shift if self._by_points is not None else None,
             poses=poses,
         )
 

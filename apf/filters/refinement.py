@@ -30,7 +30,7 @@ class Refinement:
 
     `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
     linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
-    covariance; zero where nothing is refined.
+    covariance; zero where nothing is refined. `shift` (n_poses, D) is how far each was moved.
     Raises InputError if the body has more degrees of freedom than local memory can hold.
     """
 
@@ -67,7 +67,7 @@ class Refinement:
         self._moves = device.to_device(moves)
         self._sigma = device.to_device(prior_deviation(body, config).astype(np.float32))
         self._limits = device.to_device(body.limits)
-        self._shift = device.empty((n_poses, n), np.float32)
+        self.shift = device.empty((n_poses, n), np.float32)
         self._least = device.empty((n_poses,), np.float32)
         shape = (n_poses, self._n_parts, n * row + pack)
         # What a step reads and what it writes.
@@ -84,15 +84,25 @@ class Refinement:
     def launcher(self, points: Array | None, results: Array) -> list[Launch]:
         """Return the launches that refine `results` (n_poses, D) on the surface `points` (K, 4),
         where it looks at voxels, and what was observed; none with 0 steps."""
-        config, poses = self.config, results
-        if config.steps == 0:
+        if self.config.steps == 0:
             return []
+        launches, poses = self._met(points, results)
+        return [*launches, self._end(self.config.steps, results, poses)]
+
+    def shift_launcher(self, points: Array | None, results: Array) -> list[Launch]:
+        """Return the launches that put into `shift` (n_poses, D) how far `results` would move,
+        which stay; the pose after the last step is not judged."""
+        return self._met(points, results)[0]
+
+    def _met(self, points: Array | None, results: Array) -> tuple[list[Launch], Array]:
+        """Return the launches of all steps, and the pose after the last one."""
+        config, poses = self.config, results
         reaches = config.reaches
         launches = [self._system(points, poses, reaches[0], 0)]
         for step in range(config.steps):
             launches += self._step(step, points, results, poses, reaches[step + 1])
             poses = self._poses[step % 2]
-        return [*launches, self._end(config.steps, results, poses)]
+        return launches, poses
 
     def _step(
         self,
@@ -170,7 +180,7 @@ class Refinement:
             "poses": poses,
             "parts": self._parts[step % 2],
             "least": self._least,
-            "shifts": self._shift,
+            "shifts": self.shift,
         }
 
     def _size(self) -> tuple[int, int]:

@@ -15,10 +15,15 @@ from apf.reference.likelihood.base import NumpyLikelihood
 
 
 def propose(
-    body: BodyModel, mean: np.ndarray, config: FilterConfig, frame: int
+    body: BodyModel,
+    mean: np.ndarray,
+    config: FilterConfig,
+    frame: int,
+    seen: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1
-    (first) to `reach` (last) sigma, the others anywhere within its limits. Also the limb (N,) of
+    (first) to `reach` (last) sigma, the others anywhere within its limits; with `seen` (D,), how
+    far the mean would move to observed points, each limb's first moves so. Also the limb (N,) of
     each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
     limbs, n = limb_masks(body), config.search.n_particles
     near = n_near(n)
@@ -30,6 +35,8 @@ def propose(
     lower, upper = limb_ranges(body).T
     moved = np.where(far[:, None], lower + share * (upper - lower),
                      mean + scale[:, None] * body.sigma * noise)  # fmt: skip
+    if seen is not None:
+        moved[1 : min(near, 1 + len(limbs))] = mean + seen
     poses = np.where(limbs[which], reflected(moved, body.lower, body.upper), mean)
     poses[0] = mean
     return poses, which + len(limbs) * far
@@ -42,7 +49,11 @@ def searched(
     candidates = [mean]
     n_limbs = len(limb_masks(body)) if config.searches_limbs else 0
     if n_limbs:
-        poses, which = propose(body, mean, config, frame)
+        seen = None
+        if likelihood.observed is not None:
+            met = refined(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
+            seen = met[0] - mean
+        poses, which = propose(body, mean, config, frame, seen)
         least_recall = config.limb_search.least_recall
         errors = likelihood.rescore(poses, config.likelihood.point_turns, least_recall)
         for kind in range(2 * n_limbs):

@@ -19,6 +19,7 @@ def refined(
     points: np.ndarray | None,
     config: FilterConfig,
     observed: tuple[CameraRig, PointObservations] | None = None,
+    judge_last: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pose (D,) that fits the points (K, 3) m of the surface and what a rig
     observed best, near the particles' `mean` (D,).
@@ -31,6 +32,8 @@ def refined(
     The steps weigh voxels by a scale that shrinks from `reach` to `scale`, so that
     those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987), and
     observed points likewise.
+
+    judge_last: whether the pose after the last step may be the best one.
 
     Also return the matrix (D, D) of the last linear system, zero where nothing is refined.
     """
@@ -51,7 +54,7 @@ def refined(
             weighted = rows * weight[:, None]
             cost, matrix = cost + part_cost, matrix + weighted.T @ rows
             vector = vector + weighted.T @ miss
-        if cost < least:
+        if cost < least and (judge_last or step < refinement.steps):
             best, least = pose, cost
         if step < refinement.steps:
             pose = np.clip(pose - np.linalg.solve(matrix, vector), body.lower, body.upper)

@@ -9,12 +9,13 @@
 // Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere:
 // reach by 1 (particle 1) to `reach` (particle n_near - 1) sigma, evenly in the logarithm, or,
 // from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
-// limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb.
+// limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or how far the
+// means would move to observed points, runs x N_DOF: then each limb's first particle moves so.
 __kernel void propose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
-                      __global float *poses)
+                      __global const float *seen, __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     const int run = get_global_id(2);
@@ -22,7 +23,9 @@ __kernel void propose(int n, int n_near, int layer, float reach, __global const 
     float value = result[run * N_DOF + dof];
     if (particle > 0 && limbs[(particle - 1) % N_LIMBS * N_DOF + dof]) {
         const uint4 counter = {frames[run], layer, particle, dof};
-        if (particle < n_near) {
+        if (seen && particle < n_near && particle <= N_LIMBS) {
+            value += seen[run * N_DOF + dof];
+        } else if (particle < n_near) {
             const float scale = pow(reach, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
             const vwords counters = {counter.x, counter.y, counter.z, counter.w};
             value += scale * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);

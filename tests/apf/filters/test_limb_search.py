@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import bodies
+from helpers import bodies, scenes
 from helpers.parity import traced
+from helpers.sightings import seen_points
 
 from apf.body import BodyModel, load_body
 from apf.body.cones import distances
@@ -16,8 +18,14 @@ from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
 from apf.filters.limb_search import LimbSearch
 from apf.likelihood.base import Likelihood
+from apf.likelihood.config import KeypointConfig
+from apf.likelihood.keypoints import KeypointLikelihood
+from apf.likelihood.observations import Observed
 from apf.reference.filters.limb_search import propose, searched
+from apf.reference.filters.refinement import refined
+from apf.reference.likelihood.keypoints import NumpyKeypointLikelihood
 from apf.reference.likelihood.voxel import NumpyLikelihood, subset
+from apf.scene import Scene
 from cl import Array, Device, Launch
 
 CONFIG = FilterConfig.of(n_particles=150, n_points=400, refinement_steps=5, limb_search_reach=12.0)
@@ -219,3 +227,52 @@ def test_runs_are_searched_each_by_itself(device: Device) -> None:
     for row in range(3):
         for several, alone in zip(together, of([row]), strict=True):
             np.testing.assert_array_equal(several[row], alone[0])
+
+
+def test_an_arm_is_where_its_points_are_seen() -> None:
+    """From a mean whose arm hangs: with them among the poses that are tried, else not."""
+    body, rig = load_body("song31"), scenes.ring(4, size=(640, 480))
+    pose = body.rest_pose.copy()
+    pose[body.dof_names.index("l_upper_arm.rx")] = 2.2
+    scene = Scene(None, rig, None, body)  # type: ignore[arg-type]
+    likelihood = NumpyKeypointLikelihood(scene, KeypointConfig(weight=4.0), 0.02)
+    seen = seen_points(body, pose, rig, 60)
+    likelihood.observe(Observed(None, replace(seen, partner=np.full(len(seen), -1))))
+    wrist = body.joint_names.index("l_wrist")
+    config = CONFIG.changed(
+        limb_search_reach=1.0, limb_search_far_margin=1.0, refinement_point_reach=2.5
+    )  # which does not reach it otherwise
+
+    def miss(config: FilterConfig) -> float:
+        found, _ = searched(body, likelihood, body.rest_pose, config, 3)
+        reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
+        return float(np.linalg.norm(reached - wanted))
+
+    assert miss(config) < 0.03 < 0.2 < miss(config.changed(limb_search_point_width=1e-3))
+
+
+@pytest.mark.parity("tracking/limb_search.propose", "tracking/refinement.refine_system")
+@pytest.mark.parametrize("n_particles", [3, 150])
+def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -> None:
+    """Two runs, as each would be alone."""
+    body, rig = load_body("song31"), scenes.ring(3, size=(640, 480))
+    config = CONFIG.changed(
+        n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
+    )
+    pose = bodies.random_poses(body, 1)[0]
+    scene = Scene(device, rig, None, body)
+    term = KeypointConfig(weight=4.0)
+    kernels = KeypointLikelihood(scene, term, 0.02, n_particles)
+    twin = NumpyKeypointLikelihood(scene, term, 0.02)
+    for likelihood in (kernels, twin):
+        likelihood.observe(Observed(None, seen_points(body, pose, rig, 40)))
+    mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
+    with traced("tracking/limb_search.propose") as proposing:
+        found, shift, _ = search_limbs(device, body, kernels, mean, config)
+    expected, _ = searched(body, twin, mean, config, 7)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    np.testing.assert_allclose(shift, found - mean, atol=1e-5)
+    moved = refined(body, mean, None, config.by_points, twin.observed, judge_last=False)[0] - mean
+    np.testing.assert_allclose(proposing[0].before["seen"][0], moved, atol=1e-3)
+    poses, _ = propose(body, mean, config, 7, moved)
+    np.testing.assert_allclose(proposing[0].after["poses"], poses, atol=1e-3)
