@@ -19,6 +19,7 @@ from apf.cli import main
 from apf.formats import JointSeries
 from apf.formats.trc import read_trc
 from apf.keypoints import Keypoints, TriangulationConfig
+from apf.keypoints.estimation import write_openpose
 from apf.keypoints.readers.orders import BODY_25, MEDIAPIPE
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 
@@ -161,6 +162,31 @@ def test_command_takes_other_formats_some_cameras_and_several_takes(
     said = capsys.readouterr()
     assert "other failed" in said.out and "1 of 2 takes failed: other" in said.err
     assert len(apf.Track.open(tmp_path / "both" / "walk")) == 3
+
+
+def test_json_and_arrays_of_the_same_points_give_the_same_track(
+    folder: Path, tmp_path: Path
+) -> None:
+    """Triangulated, and by the tracker."""
+    sequence = psfs.open_sequence(folder)
+    points = of_poses(sequence.rig, BODY, POSES, noise=0.3, seed=5).points
+    np.save(tmp_path / "mediapipe.npy", points)
+    for camera, view in zip(sequence.rig.names, points, strict=True):
+        write_openpose(tmp_path / "json" / f"{camera}_json", camera, view)
+    exact = [Keypoints.open(tmp_path / name, sequence) for name in ("mediapipe.npy", "json")]
+    assert exact[0].names == exact[1].names
+    np.testing.assert_allclose(exact[0].points, exact[1].points, atol=6e-4)  # as many digits
+    np.save(tmp_path / "mediapipe.npy", exact[1].points)
+    method = apf.Method.of(objective="keypoints", n_particles=40, n_layers=3)
+    poses = []
+    for name in ("mediapipe.npy", "json"):
+        keypoints = Keypoints.open(tmp_path / name, sequence)
+        track = apf.track(
+            sequence, method=method, keypoints=keypoints, frames=slice(0, 3), device="cpu"
+        )
+        poses.append((track.poses, triangulated_track(sequence, keypoints).joints))
+    np.testing.assert_array_equal(poses[0][0], poses[1][0])
+    np.testing.assert_array_equal(poses[0][1], poses[1][1])
 
 
 def test_bad_input_is_one_line(
