@@ -1,0 +1,116 @@
+#!/usr/bin/env python3
+"""What smoothing does to tracks whose truth is known: error, jitter, sliding of standing feet.
+
+    scripts/compare_smoothing.py OUT/a=a/truth.npz OUT/b=b/truth.trc --convention pose2sim
+
+takes folders of `apf track`, not smoothed, and prints of each, as tracked, smoothed, and smoothed
+with feet held: the mean error, mm; the wrists' mean second difference, mm/frame^2; and the farthest
+that an ankle gets along the floor in any stance, mm. Stances are those of the truth where it has
+ankles and toes: frames in which both of a foot are slower than 0.3 m/s and its ankle is low; else
+those that smoothing found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from apf.formats.trc import CONVENTIONS, JointSeries
+from apf.results.evaluate import evaluate, load_truth
+from apf.tracking.foot_contact import stances
+from apf.tracking.smoothing import SmoothingConfig, smoothed
+from apf.tracking.track import Track
+from cl import InputError
+from psfs.cli.commandline import add_message_flags, stdout
+from psfs.cli.program import run_command
+
+#: m/s and m: a true foot that is slower and no higher over its lowest stands; frames of a stance.
+_STILL, _LOW, _SHORTEST = 0.3, 0.04, 6
+_SIDES = ("l", "r")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="compare_smoothing.py", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("tracks", nargs="+", metavar="OUT=TRUTH")
+    parser.add_argument(
+        "--convention", choices=tuple(CONVENTIONS), default="y-up", help="axes of a TRC"
+    )
+    parser.add_argument("--cutoff", type=float, default=SmoothingConfig.cutoff, metavar="HZ")
+    add_message_flags(parser)
+    parser.set_defaults(run=_run)
+    return run_command(parser)
+
+
+def _run(args: argparse.Namespace) -> None:
+    table = Table("track", "poses", "error", "wrists' jitter", "stances", "travel")
+    for pair in args.tracks:
+        folder, separator, file = pair.partition("=")
+        if not separator:
+            raise InputError(f"{pair}: expected OUT=TRUTH")
+        track, truth = Track.open(folder), load_truth(file, args.convention)
+        for poses, shown in variants(track, args.cutoff).items():
+            stands = true_stances(truth, track)
+            if stands is None:
+                stands = smoothed(track, SmoothingConfig(args.cutoff)).standing
+            n_stances, travel = slides(shown, stands)
+            error = 1000 * evaluate(shown, truth).mean_error
+            figures = f"{error:.2f}", f"{jitter(shown):.2f}", f"{n_stances}", f"{travel:.1f}"
+            table.add_row(Path(folder).name, poses, *figures)
+    stdout.print(table)
+
+
+def variants(track: Track, cutoff: float) -> dict[str, Track]:
+    """Return the track as it is, smoothed, and smoothed with feet held."""
+    return {
+        "as tracked": track,
+        "smoothed": smoothed(track, SmoothingConfig(cutoff, contact=None)),
+        "feet held": smoothed(track, SmoothingConfig(cutoff)),
+    }
+
+
+def jitter(track: Track) -> float:
+    """Return the wrists' mean second difference, mm/frame^2, of the worse one."""
+    wrists = [track.joint_names.index(f"{side}_wrist") for side in _SIDES]
+    second = np.diff(track.joints[:, wrists], 2, axis=0)
+    return float(1000 * np.linalg.norm(second, axis=-1).mean(0).max())
+
+
+def true_stances(truth: JointSeries, track: Track) -> np.ndarray | None:
+    """Return (F, 2) bool, where the true feet stand in the frames of `track`; None where the truth
+    lacks ankles or toes."""
+    names = list(truth.joint_names)
+    if not {f"{side}_{joint}" for side in _SIDES for joint in ("ankle", "toe")} <= set(names):
+        return None
+    still = np.zeros((len(truth.joints), 2), bool)
+    for foot, side in enumerate(_SIDES):
+        ankle, toe = (truth.joints[:, names.index(f"{side}_{j}")] for j in ("ankle", "toe"))
+        speeds = [np.linalg.norm(np.gradient(p, axis=0), axis=1) * truth.fps for p in (ankle, toe)]
+        low = ankle[:, 2] < np.percentile(ankle[:, 2], 10) + _LOW
+        still[:, foot] = (np.max(speeds, axis=0) < _STILL) & low
+    shared = np.isin(track.frames, truth.frames)
+    found = np.zeros((len(track), 2), bool)
+    found[shared] = still[np.searchsorted(truth.frames, track.frames[shared])]
+    return found
+
+
+def slides(track: Track, stands: np.ndarray) -> tuple[int, float]:
+    """Return the number of stances and the farthest, mm, that two places of an ankle in one of them
+    lie apart along the floor."""
+    travels = [0.0]
+    for foot, side in enumerate(_SIDES):
+        ankle = track.joints[:, track.joint_names.index(f"{side}_ankle"), :2]
+        for stance in stances(stands[:, foot]):
+            if stance.stop - stance.start >= _SHORTEST:
+                places = ankle[stance]
+                travels.append(np.linalg.norm(places[:, None] - places[None], axis=-1).max())
+    return len(travels) - 1, float(1000 * max(travels))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
