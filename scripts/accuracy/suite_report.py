@@ -98,7 +98,7 @@ class Row:
             self.witness,
             self.start,
             f"{self.runs}{failed}",
-            f"{_shown(self.mean, '.1f')} ± {self.std:.1f}",
+            _shown(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
             _shown(self.rest, ".1f"),
             _shown(self.limbs, ".1f"),
             _shown(self.limbs_rest, ".1f"),
@@ -202,6 +202,13 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
         ("wrists, mm", lambda run: run.wrists),
         ("joint-frames beyond 150 mm, %", lambda run: 100 * run.lost_joints),
     )
+    if {row.witness for row in rows} != {"voxels"}:  # of the joints that all have
+        panels = (
+            ("mean error of 12 joints, mm", lambda run: run.limbs),
+            ("offset-free, 12 joints, mm", lambda run: run.limbs_rest),
+            panels[2],
+            ("beyond 150 mm, 12 joints, %", lambda run: 100 * run.limbs_far),
+        )
     figure, axes = plt.subplots(1, len(panels), figsize=size, sharey=True, layout="constrained")
     for panel, (title, figure_of) in zip(axes, panels, strict=True):
         _panel(panel, results, rows, sequences, figure_of)

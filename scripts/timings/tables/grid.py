@@ -27,10 +27,15 @@ class Grid:
 
     def show(self) -> None:
         """On the terminal; the first column to the left, figures to the right."""
-        table = Table(box=box.SIMPLE)
+        table = Table(box=box.SIMPLE, collapse_padding=True, pad_edge=False)
         for k, column in enumerate(self.columns):
             justify: Literal["left", "right"] = "right" if self._is_figures(k) else "left"
-            table.add_column(column, justify=justify, no_wrap=not k, overflow="fold")
+            widest = max(
+                (len(row[k].strip("*_")) for row in self.rows), default=0
+            )  # heads may fold
+            table.add_column(
+                column, justify=justify, no_wrap=not k, overflow="fold", min_width=widest
+            )
         for row in self.rows:
             table.add_row(*(cell.strip("*_") for cell in row))
         stdout.print(f"\n{self.title}", style="bold")
