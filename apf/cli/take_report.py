@@ -19,6 +19,13 @@ from psfs.cli.commandline import stdout
 _BY_FRAMES = ("tracking", "overlay", "judging")
 
 
+def reports_of(stage: str, n_frames: int) -> int | None:
+    """Return how often a stage of so many frames reports; None where it does not go by frames."""
+    if stage == "judging":
+        return len(shown_rows(n_frames))
+    return n_frames if stage in _BY_FRAMES else None
+
+
 class Line(Protocol):
     """Whom a take tells how far it is: called with the name of the stage in work, see
     `track_take`."""
@@ -50,15 +57,13 @@ class TakeLine:
         self._check()
         if stage != self._stage:
             self.begin(stage)
-        if stage in _BY_FRAMES:
+        if stage in BY_FRAMES:
             self._bar.start()
             self._bar.advance(self._task)
 
     def begin(self, stage: str) -> None:
         """Show that a stage has no frame yet."""
-        total = self.n_frames if stage in _BY_FRAMES else None
-        if stage == "judging":
-            total = len(shown_rows(self.n_frames))
+        total = reports_of(stage, self.n_frames)
         self._bar.reset(self._task, total=total, description=f"{self._prefix}{stage}")
         self._stage = stage
 

@@ -12,6 +12,7 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch.take import TakeDone
+from apf.cli.take_report import reports_of
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress
@@ -34,7 +35,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
         self._lines: dict[str, TaskID] = {}
         self._done: dict[str, TakeDone] = {}
         self._failed: dict[str, TakeRow] = {}
-        self._written = 0.0
+        self._begun, self._written = time.monotonic(), 0.0
 
     def __enter__(self) -> BatchReport:
         self._write()
@@ -58,11 +59,12 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             return
         if said.task not in self._lines:
             self._lines[said.task] = self._bar.add_task(said.task, total=None)
+        total = reports_of(said.stage, said.total)
         self._bar.update(
             self._lines[said.task],
             description=f"{said.task}: {said.stage}",
-            completed=said.done,
-            total=said.total or None,
+            completed=said.done if total else 0,
+            total=total,
         )
 
     def add(self, name: str, outcome: Any) -> None:
@@ -76,10 +78,22 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             text = f"failed: {text}"
         self._remove_lines(name)
         stderr.print(f"{name}: {text}", soft_wrap=True)
-        failures = f", {len(self._failed)} failed" if self._failed else ""
-        self._bar.update(self._all, advance=1, description=f"takes{failures}")
+        self._bar.update(self._all, advance=1, description=self._described())
         if time.monotonic() > self._written + _APART:
             self._write()
+
+    def _described(self) -> str:
+        """How many failed, and the time left, which the bar does not know of takes of minutes."""
+        words = ["takes"]
+        if self._failed:
+            words.append(f"{len(self._failed)} failed")
+        kept = sum(done.kept for done in self._done.values())
+        computed = len(self._done) + len(self._failed) - kept
+        left = len(self._names) - kept - computed
+        if computed and left:
+            seconds = (time.monotonic() - self._begun) / computed * left
+            words.append(f"about {seconds / 60:.0f} min left" if seconds > 90 else "soon done")
+        return ", ".join(words)
 
     def _remove_lines(self, name: str) -> None:
         """Remove those of a take and of its parts."""
