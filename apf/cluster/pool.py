@@ -72,7 +72,9 @@ class Pool:
             if not self._under_way:
                 return []
             done = distributed.wait([*self._under_way], _PULSE, "FIRST_COMPLETED").done
-            return [(self._under_way.pop(future), _outcome(future)) for future in done]
+            # A result is lost with the worker that holds it; then the task is done again.
+            whole = [future for future in done if future.status not in ("pending", "lost")]
+            return [(self._under_way.pop(future), _outcome(future)) for future in whole]
         except TimeoutError:
             return []
         except (distributed.CancelledError, distributed.comm.CommClosedError):

@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.api import given_start, template_of
 from apf.body import load_body, save_body
-from apf.cli.batch.take import TakeDone, TakeJob, do_take, finished, written_take
+from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
 from apf.cli.first_pose import naming_init, warn_of_doubts
 from apf.cli.method_flags import chosen_method
 from apf.cli.track import finish_take, write_files, write_track_settings
@@ -41,7 +41,7 @@ def course_of(job: TakeJob) -> Course:
     if job.part_frames is not None:
         (parts,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
         if parts:
-            yield [Task(part.name, do_part, (part,)) for part in parts]
+            yield [Task(part.name, do_take, (part,)) for part in parts]
             (done,) = yield [Task(f"{job.name}/joining", join_parts, (job, parts))]
             return done
     (done,) = yield [Task(job.name, do_take, (job,))]
@@ -108,11 +108,6 @@ def _frames(frames: range) -> str:
     return f"--frames={frames.start}:{frames.stop}:{frames.step}"
 
 
-def do_part(progress: TaskProgress, job: TakeJob) -> TakeDone:
-    """Track a part, unless it is finished."""
-    return finished(job) or do_take(progress, job)
-
-
 def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -> TakeDone:
     """Write the take out of its parts. One that does not agree with the part before it anywhere is
     tracked again, from that one's last pose that both have."""
@@ -153,6 +148,5 @@ def _tracked_on(progress: TaskProgress, part: TakeJob, before: Track) -> Track:
     pose = part.out.parent / f"{part.out.name}.txt"
     write_pose(pose, before.poses[rows[0]])
     again = replace(part, words=(*part.words, f"--init={pose}"))
-    if not finished(again):
-        do_take(progress, again)
+    do_take(progress, again)
     return Track.open(again.out)

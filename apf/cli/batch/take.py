@@ -96,11 +96,14 @@ def finished(job: TakeJob) -> TakeDone | None:
 
 
 def do_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
-    """Track a take.
+    """Track a take, unless it is finished: by a worker that died when it had just done it, too.
 
     Raises UserError, and KeyboardInterrupt when the task is to stop; the folder of results is then
     as it was.
     """
+    done = finished(job)
+    if done is not None:
+        return done
     with logged_to(job.log, f"{job.name}: {job.source}"):
         return written_take(progress, job, lambda args, on: track.track_one(args, on, progress))
 

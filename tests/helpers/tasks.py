@@ -1,0 +1,40 @@
+"""What workers do in tests. It imports little, since every worker that is started imports it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from apf.cluster.task_side import TaskProgress
+from cl import InputError
+
+
+def double(progress: TaskProgress, number: int) -> tuple[int, int, str]:
+    progress.n_frames = 1
+    progress("doubling")
+    return 2 * number, len(os.sched_getaffinity(0)), os.environ["POCL_MAX_PTHREAD_COUNT"]
+
+
+def die_until(progress: TaskProgress, tries: str, attempts: int) -> int:
+    """Kill the worker so many times."""
+    attempt = counted(tries)
+    if attempt <= attempts:
+        os.kill(os.getpid(), 9)
+    return attempt
+
+
+def raise_until(progress: TaskProgress, tries: str, attempts: int) -> int:
+    attempt = counted(tries)
+    if attempt <= attempts:
+        raise InputError(f"attempt {attempt}")
+    return attempt
+
+
+def counted(path: str) -> int:
+    with Path(path).open("a") as file:
+        file.write("x")
+    return Path(path).stat().st_size
+
+
+def interrupted(progress: TaskProgress) -> None:
+    raise KeyboardInterrupt
