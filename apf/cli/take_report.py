@@ -57,7 +57,7 @@ class TakeLine:
         self._check()
         if stage != self._stage:
             self.begin(stage)
-        if stage in BY_FRAMES:
+        if stage in _BY_FRAMES:
             self._bar.start()
             self._bar.advance(self._task)
 

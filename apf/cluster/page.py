@@ -19,10 +19,11 @@ LOGS = "logs"
 _COLUMNS = (
     ("name", "take", "folder of the results"),
     ("status", "status", ""),
+    ("quality", "quality", "the verdict of the track's report"),
     ("frames", "frames", "tracked"),
     ("seconds", "length, s", "filmed"),
     ("lost_frames", "lost frames", "frames in which the person was lost"),
-    ("limbs", "limbs", "lost where the truth is known, else doubtful by the covariance"),
+    ("limbs", "limbs", "lost where the truth is known, else doubtful by the report"),
     ("confidence", "confidence", "mean over the frames, 0 to 1"),
     ("misfit", "misfit", "mean over the frames, 0 is perfect"),
     ("height", "height, m", "of the body found"),
@@ -39,7 +40,7 @@ _LINKS = (
     ("motion.bvh", "bvh"),
     ("motion.glb", "glb"),
 )
-_TEXT = ("name", "status", "limbs", "parts", "worker", "finished")
+_TEXT = ("name", "status", "quality", "limbs", "parts", "worker", "finished")
 _STYLE = """
 body { font: 14px/1.4 system-ui, sans-serif; margin: 2em; color: #222; background: #fff }
 table { border-collapse: collapse } th, td { padding: .35em .7em; border-bottom: 1px solid #ddd }

@@ -13,7 +13,9 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.stature import is_whole, stature
-from apf.results.evaluate import LIMB_ENDS, evaluate, load_truth
+from apf.report.quality import DOUBTFUL
+from apf.report.summary import read_summary
+from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import overlay_picture
 from apf.tracking.batch import Take
 from apf.tracking.track import Track
@@ -22,15 +24,13 @@ from psfs.common.files import write_picture
 THUMBNAIL = "thumbnail.jpg"
 #: Width of a thumbnail, px, of the first camera.
 _WIDTH = 240
-#: A limb is doubtful where its end's standard deviation is above this, m, in more than this share
-#: of the frames: half of what counts as lost where the truth is known, `LOST_LIMB`.
-_DOUBT, _DOUBT_SHARE = 0.1, 0.1
 
 
 @dataclass(frozen=True)
 class TakeRow:
-    """A track of a take. name: its folder in OUT. source: the take's folder. seconds: filmed.
-    limbs: lost where the truth is known, else doubtful by the track's covariance. confidence,
+    """A track of a take. name: its folder in OUT. source: the take's folder. quality: verdict of
+    the track's report. seconds: filmed. limbs: lost where the truth is known, else parts of the
+    body that the report believes little on the mean. confidence,
     misfit: means over the frames. height: of the body, m. mean_error: mm, where there is a truth.
     took: s of computing. device: what computed, worker: where. finished: when, UTC. parts: how far
     the parts of a long take differed where they were joined, mm. status, error: of a take that
@@ -39,6 +39,7 @@ class TakeRow:
     name: str
     source: str = ""
     status: str = "done"
+    quality: str = ""
     frames: int | None = None
     seconds: float | None = None
     lost_frames: int | None = None
@@ -55,14 +56,22 @@ class TakeRow:
     error: str = ""
 
     @classmethod
-    def of(cls, name: str, take: Take, track: Track, **more: Any) -> TakeRow:
-        """Return the row of one of the take's tracks."""
+    def of(cls, name: str, folder: Path, take: Take, track: Track, **more: Any) -> TakeRow:
+        """Return the row of one of the take's tracks, whose results are in `folder`."""
+        quality = read_summary(folder)["quality"]
         truth = take.sequence.folder / "truth.npz"
         found = evaluate(track, load_truth(truth)) if truth.is_file() else None
-        limbs = [k for k, v in found.lost_limbs.items() if v] if found else doubtful_limbs(track)
+        if found is not None:
+            limbs = [limb for limb, lost in found.lost_limbs.items() if lost]
+        else:
+            believed = {part: of["mean_confidence"] for part, of in quality["parts"].items()}
+            limbs = [
+                part for part, mean in believed.items() if mean is not None and mean < DOUBTFUL
+            ]
         return cls(
             name=name,
             source=str(take.sequence.folder),
+            quality=quality["verdict"],
             frames=len(track),
             seconds=round(float(np.ptp(track.times)) + 1 / track.fps, 3),
             lost_frames=int(track.lost.sum()),
@@ -84,21 +93,6 @@ class TakeRow:
     def plain(self) -> dict[str, Any]:
         """Return the values by their names."""
         return asdict(self)
-
-
-def doubtful_limbs(track: Track) -> list[str]:
-    """Return the limbs whose end the track itself knows badly, see `_DOUBT`."""
-    covariance = track.covariance
-    doubtful = []
-    for limb, end in LIMB_ENDS.items():
-        if end not in track.joint_names:
-            continue
-        of_end = covariance[:, track.joint_names.index(end)]
-        known = np.isfinite(of_end).all((1, 2))
-        deviation = np.sqrt(np.linalg.eigvalsh(of_end[known])[:, -1].clip(0))
-        if known.any() and np.mean(deviation > _DOUBT) > _DOUBT_SHARE:
-            doubtful.append(limb)
-    return doubtful
 
 
 def write_thumbnail(folder: Path, take: Take, track: Track) -> None:

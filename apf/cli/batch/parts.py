@@ -62,6 +62,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         frames = selected_frames(args, sequence)
         parts = cut(frames, part_frames, round(PartsConfig().overlap * sequence.fps))
         if len(parts) < 2:
+            print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
         selection = slice(frames.start, frames.stop, frames.step)
         config = args.configs.get("reconstruction")

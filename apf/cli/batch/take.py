@@ -145,7 +145,7 @@ def _written_rows(
     for found, folder in zip(take.tracks, _folders(args), strict=True):
         write_thumbnail(folder, take, found)
         name = "/".join((job.name, *folder.relative_to(args.output).parts))
-        rows.append(TakeRow.of(name, take, found, **facts).plain())
+        rows.append(TakeRow.of(name, folder, take, found, **facts).plain())
     return rows
 
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
-from helpers.tracks import walker
-
 from apf.cluster.page import write_index
 from apf.cluster.record import TakeRecord
-from apf.cluster.take_row import TakeRow, doubtful_limbs
+from apf.cluster.take_row import TakeRow
 
 
 class Cells(HTMLParser):
@@ -40,7 +36,7 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / "thumbnail.jpg").write_bytes(b"")
         (tmp_path / name / "report.html").write_text("")
-        row = TakeRow(name, frames=7, lost_frames=2, limbs="left arm", took=1.5)
+        row = TakeRow(name, quality="good", frames=7, lost_frames=2, limbs="left arm", took=1.5)
         TakeRecord("0", {}, {}, {}, rows=(row.plain() | {"of a later version": 1},)).write(
             tmp_path / name
         )
@@ -52,7 +48,7 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
     page = Cells((tmp_path / "index.html").read_text())
     found = {row[0]: row for row in page.rows if row}
     assert set(found) == {odd, "jump", "run", "sit"}
-    assert found["jump"][1:3] == ["done", "7"] and found["sit"][1] == "waiting"
+    assert found["jump"][1:3] == ["done", "good"] and found["sit"][1] == "waiting"
     assert found["run"][1] == "failed"
     local = [link for link in page.links if link != "takes.csv"]
     assert "walk%20%3Cb%3E%261%20%232/report.html" in local and "logs/run.log" in local
@@ -60,14 +56,3 @@ def test_all_takes_of_a_folder_are_shown(tmp_path: Path) -> None:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert rows["run"]["error"] == "cam01 has <no> frames" and rows[odd]["limbs"] == "left arm"
     assert list(rows) == sorted(rows)
-
-
-def test_limbs_that_the_track_does_not_know() -> None:
-    track = walker(40)
-    covariance = np.tile(0.02**2 * np.eye(3), (40, len(track.joint_names), 1, 1))
-    covariance[:, track.joint_names.index("l_wrist"), 1, 1] = 0.2**2
-    covariance[:3, track.joint_names.index("r_wrist"), 1, 1] = 0.2**2  # too few
-    covariance[5] = np.nan
-    track = replace(track, diagnostics={"covariance": covariance})
-    assert doubtful_limbs(track) == ["left arm"]
-    assert doubtful_limbs(walker(40)) == []
