@@ -15,7 +15,7 @@ from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.volume import automatic_grid
+from psfs.volume import automatic_grid, volume_config
 from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -67,7 +67,8 @@ def reconstruct(
         grid = automatic_grid(sequence, frames, voxel_size, config, device)
     else:
         low, high = np.asarray(volume, np.float64)
-        size = voxel_size or default_voxel_size(sequence.rig, low, high)
+        found = volume_config(sequence, config)
+        size = voxel_size or default_voxel_size(sequence.rig, low, high, found)
         grid = VoxelGrid.covering(low, high, size)
     reconstructor = reconstructor_for(
         device, sequence.rig, grid, sequence.background, config, sparse=sparse

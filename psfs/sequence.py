@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from cl import InputError
 from psfs.background.chroma_key import key_from_media
 from psfs.background.gaussian import Background, background_from_frames, background_from_plates
 from psfs.background.mixture import Mixture
+from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import turned_rig, z_up_from
+from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
 from psfs.common.files import full_path
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
@@ -75,6 +77,7 @@ class Sequence:
         timing, self.timing_notes = timing_of(footage, settings.fps, sync, _DEFAULT_FPS)
         self.footage = timed(footage, timing)
         self.unit = footage.unit
+        self.subject: str = settings.subject or "person"
         self.notes += self.timing_notes
         if settings.fps is None and not any(
             media.fps for media in footage.images or footage.masks or ()
@@ -83,7 +86,7 @@ class Sequence:
         self.fps = timing.fps
         self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
         self.background_kind = self._background_kind()
-        self.volume: tuple[np.ndarray, np.ndarray] | None = settings.volume
+        self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
 
     @classmethod
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
@@ -218,6 +221,17 @@ class Sequence:
                 "no empty background: learnt from the frames; who keeps still becomes part of it"
             )
         return kind
+
+    def _volume(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the stated volume in metres with Z up; it may be given in the file's own axes."""
+        stated = self.settings.volume
+        if not isinstance(stated, Mapping):
+            return stated
+        corners = np.array(list(product(*np.transpose(stated["own"]))))
+        if LEFT_HANDED in self.notes:
+            corners = corners @ MIRROR
+        corners = metres_per_unit(self.unit) * corners @ z_up_from(self.settings.up or "z").T
+        return corners.min(axis=0), corners.max(axis=0)
 
     @contextmanager
     def reader(self) -> Iterator[Callable[[int], Frame]]:

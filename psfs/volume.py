@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
@@ -9,6 +12,7 @@ from psfs.backend import evidence_for
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import default_voxel_size, largest_parts_box, reachable_box
+from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
 
@@ -30,8 +34,18 @@ def automatic_grid(
     config = config or ReconstructionConfig()
     low, high = sequence.volume or foreground_box(sequence, selection, config, device)
     if voxel_size is None:
-        voxel_size = default_voxel_size(sequence.rig, low, high, config.volume)
+        volume = volume_config(sequence, config)
+        voxel_size = default_voxel_size(sequence.rig, low, high, volume)
     return VoxelGrid.covering(low, high, voxel_size)
+
+
+def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None) -> VolumeConfig:
+    """Return how the volume of a sequence is found: objects are taken for people at no distance, so
+    that there is no floor and voxels are as small as the object asks for."""
+    volume = (config or ReconstructionConfig()).volume
+    if sequence.subject == "object":
+        return replace(volume, people_distance=math.inf)
+    return volume
 
 
 def foreground_box(
@@ -40,30 +54,41 @@ def foreground_box(
     config: ReconstructionConfig | None = None,
     device: Device | NumpyDevice | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest corner, m, of the volume that `automatic_grid` takes."""
+    """Return the lowest and highest corner, m, of the volume that `automatic_grid` takes.
+
+    It ends at the floor only where what is seen does, too: see `VolumeConfig.floor_depth`.
+    """
     config = config or ReconstructionConfig()
     indices = range(len(sequence))[selection or slice(None)]
     picked = np.unique(np.linspace(0, len(indices) - 1, config.volume.samples).round().astype(int))
     if not len(indices):
         raise InputError(f"{sequence.folder}: the selected frames are none of {len(sequence)}")
-    rig, volume = sequence.rig, config.volume
+    rig, volume = sequence.rig, volume_config(sequence, config)
     evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
     evidence = [evidence_of(sequence.read(indices[int(i)])) for i in picked]
     min_cameras = config.occupancy.seeing_cameras(len(rig))
-    low, high = reachable_box(rig, volume)
-    for _ in range(2):  # the second, finer pass sees what the coarse voxels were too large for
-        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
-        found = largest_parts_box(rig, evidence, grid, min_cameras)
-        if found is None:
-            raise InputError(
-                f"{sequence.folder}: nothing stands out from the background in "
-                f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
+
+    def searched(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        for _ in range(2):  # the second, finer pass sees what coarse voxels were too large for
+            grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
+            found = largest_parts_box(rig, evidence, grid, min_cameras)
+            if found is None:
+                raise InputError(
+                    f"{sequence.folder}: nothing stands out from the background in "
+                    f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
+                )
+            margin = np.maximum(
+                volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
             )
-        margin = np.maximum(
-            volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
-        )
-        low, high = np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
-    return low, high
+            low, high = np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
+        return low, high
+
+    everywhere = reachable_box(rig, volume, floor=False)
+    above = reachable_box(rig, volume)
+    box = searched(*everywhere)
+    if above[0][2] > everywhere[0][2] and box[0][2] > volume.floor - volume.floor_depth:
+        return searched(*above)
+    return box
 
 
 def expected_person(sequence: Sequence) -> str:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import tomli_w
 
 from apf.formats.trc import JointSeries, write_trc
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.common.files import write_picture
 from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary_name
+from psfs.common.toml import write_toml
 
 BACKGROUND_FRAMES = 30
 #: The true silhouettes of every so many frames are kept.
@@ -49,7 +49,7 @@ def generate(
     folder = Path(folder)
     with output_folder(folder, "apf synth", (), _RESULTS), _moved_whole(folder) as temporary:
         scene = SyntheticScene(config, device)
-        write_calibration(temporary / "calibration.toml", scene.rig)
+        write_toml_tables(temporary / "calibration.toml", scene.rig)
         with _videos(temporary / "background", scene) as write:
             for i in range(BACKGROUND_FRAMES):
                 write(scene.background_frame(i))
@@ -65,24 +65,7 @@ def generate(
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
-        _write_toml(temporary / MARK, {"synthetic": dict(config.__dict__)})
-
-
-def write_calibration(path: Path, rig: CameraRig) -> None:
-    """The rig in Pose2Sim's convention (metres, Rodrigues vectors world -> camera)."""
-    tables: dict[str, object] = {}
-    for camera in rig:
-        tables[camera.name] = {
-            "name": camera.name,
-            "size": [float(n) for n in camera.size],
-            "matrix": camera.K.tolist(),
-            "distortions": camera.distortion[:4].tolist(),
-            "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
-            "translation": camera.t.tolist(),
-            "fisheye": False,
-        }
-    tables["metadata"] = {"adjusted": False, "error": 0.0}
-    _write_toml(path, tables)
+        write_toml(temporary / MARK, {"synthetic": dict(config.__dict__)})
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
@@ -90,11 +73,6 @@ def write_truth(folder: Path, scene: SyntheticScene) -> None:
     fps, names, joints = scene.config.fps, scene.joint_names, scene.joints
     np.savez(folder / "truth.npz", joint_names=np.array(names), joints=joints, fps=np.float64(fps))
     write_trc(folder / "truth.trc", JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
-
-
-def _write_toml(path: Path, tables: dict[str, object]) -> None:
-    with path.open("wb") as file:
-        tomli_w.dump(tables, file)
 
 
 @contextmanager

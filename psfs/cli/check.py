@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 
 from cl import InputError, select_device
+from psfs.api import remarks
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.diagnostics.camera_consistency import Suspect, suspects
-from psfs.diagnostics.silhouette_iou import DEFINITION, Checker
+from psfs.diagnostics.faults import diagnosed
+from psfs.diagnostics.silhouette_iou import DEFINITION, Checker, cut_by_volume
 from psfs.output.runs import Run
+
+#: IoU below which agreement is commented on.
+_LOW = 0.6
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -40,19 +46,45 @@ def _run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
-    bad = suspects(sequence, run.config.silhouette, device)
+    diagnosis = diagnosed(sequence, device)
+    bad = suspects(sequence, run.config.silhouette, device, known=diagnosis.reasons)
+    names, found = sequence.rig.names, np.array(scores)
+    comments = remarks(diagnosis, bad)[len(bad) :]
+    cut = cut_by_volume(names, np.array(checker.beyond))
+    comments += [cut] if cut else []
+    named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
+    if not comments:
+        comments = low_agreement(names, found, named)
     with output_folder(args.out, args.parser.prog, addition=True):
-        _report(args.out, run, sequence.rig.names, np.array(scores), bad)
+        _report(args.out, run, names, found, bad, comments)
 
 
-def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list[Suspect]) -> None:
+def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) -> list[str]:
+    """Return in words which cameras' scores (frames, V) are low, but for those `named` already."""
+    means = np.ma.masked_invalid(scores).mean(axis=0).filled(np.nan)
+    low = [n for n, mean in zip(names, means, strict=True) if mean < _LOW and n not in named]
+    return [
+        f"camera {name}: its silhouettes and the voxels agree little; they lack parts of the "
+        "person, or hold what the others do not see; look: psfs silhouettes FOLDER -o SIL"
+        for name in low
+    ]
+
+
+def _report(
+    out: Path,
+    run: Run,
+    names: list[str],
+    scores: np.ndarray,
+    bad: list[Suspect],
+    comments: list[str],
+) -> None:
     """Print and write scores (frames, V): IoU, NaN where there was nothing to compare."""
     masked = np.ma.masked_invalid(scores)
     stdout.print(iou_table("IoU with the frames' silhouettes", names, masked))
     left_out: dict[str, str] = run.summary["sequence"].get("left_out", {})
     disagreeing = left_out | {suspect.camera: str(suspect) for suspect in bad}
-    for reason in disagreeing.values():
-        warn(reason, stdout)
+    for text in (*disagreeing.values(), *comments):
+        warn(text, stdout)
     report = {
         "definition": DEFINITION,
         "mean_iou": plain(masked.mean()),
@@ -61,6 +93,7 @@ def _report(out: Path, run: Run, names: list[str], scores: np.ndarray, bad: list
             for name, column in zip(names, masked.T, strict=True)
         },
         "disagreeing": disagreeing,
+        "comments": comments,
         "frames": {
             str(index): [plain(score) for score in row]
             for index, row in zip(run.indices, scores, strict=True)

@@ -27,6 +27,12 @@ from psfs.cli.settings import FILE, add_configs, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
+from psfs.diagnostics.silhouette_iou import (
+    beyond_volume,
+    cut_by_volume,
+    volume_region,
+    whole_silhouette,
+)
 from psfs.output import runs
 from psfs.output.preview import preview
 from psfs.reconstructor import ReconstructionConfig
@@ -40,6 +46,8 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 _MOST_ALONG = 10_000
 #: s between two summaries while a run goes on.
 _SUMMARY_EVERY = 1.0
+#: Frames whose silhouettes are compared with the volume.
+_LOOKED_AT = 8
 #: Voxels this much smaller than a pixel are warned of.
 _FINE = 2.0
 
@@ -194,6 +202,8 @@ class _Job:
         self.done: list[dict[str, Any]] = []
         self._waiting: list[tuple[int, VoxelCloud]] = []  # empty clouds before the first full one
         self._ms: dict[str, list[float]] = defaultdict(list)
+        self._region = volume_region(sequence.rig, grid)
+        self._beyond: list[np.ndarray] = []
 
     def reconstruct(self, frame: Any) -> None:
         started = time.perf_counter()
@@ -201,6 +211,11 @@ class _Job:
         if isinstance(self.device, Device):
             self.device.finish()
         computed = time.perf_counter()
+        if len(self.done) % max(1, self.expected // _LOOKED_AT) == 0:
+            shown = self.reconstructor.evidence() > 0
+            pairs = zip(shown, self._region, strict=True)
+            whole = np.stack([whole_silhouette(*pair) for pair in pairs])
+            self._beyond.append(beyond_volume(whole, self._region))
         colour = self.colour and frame.images is not None
         cloud = without_debris(voxels.cloud(colour=colour), self.debris)
         downloaded = time.perf_counter()
@@ -235,6 +250,9 @@ class _Job:
         """Write summary and preview of what is done."""
         if not self.done:
             return
+        cut = cut_by_volume(self.sequence.rig.names, np.array(self._beyond))
+        if cut:
+            warn(cut)
         self._state()
         write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]

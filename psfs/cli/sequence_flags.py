@@ -77,7 +77,8 @@ def add_sequence_flags(
         "--volume",
         type=volume_box,
         metavar="x0,x1,y0,y1,z0,z1",
-        help="the box to reconstruct, in metres with Z up",
+        help="the box to reconstruct, in metres with Z up; own:x0,... in the calibration's own "
+        "unit and axes",
     )
 
 
@@ -118,15 +119,18 @@ def voxel_edge(text: str) -> float:
     return float(text)
 
 
-def volume_box(text: str) -> list[list[float]]:
-    """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]] (argparse type)."""
+def volume_box(text: str) -> Any:
+    """Return `x0,x1,y0,y1,z0,z1` as [[x0, y0, z0], [x1, y1, z1]], `own:...` as a mapping to such
+    a list (argparse type)."""
     try:
-        x0, x1, y0, y1, z0, z1 = (float(word) for word in text.split(","))
+        numbers = text.removeprefix("own:").split(",")
+        x0, x1, y0, y1, z0, z1 = (float(word) for word in numbers)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no box; expected x0,x1,y0,y1,z0,z1 in metres"
         ) from None
-    return [[x0, y0, z0], [x1, y1, z1]]
+    box = [[x0, y0, z0], [x1, y1, z1]]
+    return {"own": box} if text.startswith("own:") else box
 
 
 def stated(args: argparse.Namespace) -> dict[str, Any]:

@@ -1,13 +1,16 @@
-"""Reading TOML with errors that name the file."""
+"""Reading TOML with errors that name the file, and writing it."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from cl import InputError
-from psfs.common.files import read_text
+from psfs.common.files import read_text, written_whole
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -22,6 +25,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the contents of a TOML file. Raises InputError if it is malformed, MissingFileError
     if it is absent."""
     return parse_toml(read_text(path, "TOML", _MOST_BYTES), path)
+
+
+def write_toml(path: Path, values: Mapping[str, Any]) -> None:
+    """Write plain values. Raises InputError as `written_whole` does."""
+    with written_whole(path) as temporary:
+        temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
 
 
 def parse_toml(text: str, source: str | Path) -> dict[str, Any]:

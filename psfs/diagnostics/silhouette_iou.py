@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence as Items
+
 import cv2
 import numpy as np
 
@@ -19,9 +21,15 @@ from psfs.voxels.host_voxels import voxel_silhouette
 #: Parts of a silhouette smaller than this share of its largest part are speckle.
 SPECKLE_SHARE = 0.02
 
+#: Share of a part within the volume from which on it is what is reconstructed.
+_MOSTLY = 0.4
+#: Mean share of silhouettes beyond the volume that is warned of.
+_CUT = 0.02
+
 DEFINITION = (
     "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
-    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume, "
+    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume "
+    "and beyond it where a part lies mostly within, "
     f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
 )
 
@@ -43,6 +51,7 @@ class Checker:
         config: ReconstructionConfig,
     ) -> None:
         self.rig = sequence.rig
+        self.beyond: list[np.ndarray] = []  # (V,) `beyond_volume` of every frame so far
         self._reconstruct = reconstructor_for(
             device, self.rig, grid, sequence.background, config, sparse=True
         )
@@ -55,10 +64,13 @@ class Checker:
         return cls(device, sequence, run.grid, run.config)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
-        """Return (V, H, W) bool: the frame's silhouettes within the volume, less speckle."""
+        """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
+        speckle."""
         self._voxels = self._reconstruct(frame)
-        shown = (self._reconstruct.evidence() > 0) & self._volume
-        return np.stack([without_speckle(view) for view in shown])
+        shown = self._reconstruct.evidence() > 0
+        whole = np.stack([whole_silhouette(*of) for of in zip(shown, self._volume, strict=True)])
+        self.beyond.append(beyond_volume(whole, self._volume))
+        return whole
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Return the voxels of the frame whose silhouettes were asked for last."""
@@ -78,6 +90,38 @@ def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.
     """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
     return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
+
+
+def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return the silhouette (H, W) bool of what lies in the volume, whose projection is `region`.
+
+    Parts that lie mostly within count whole, others up to the border. Speckle is left out.
+    """
+    smooth = cv2.medianBlur(shown.astype(np.uint8), 5)
+    count, labels = cv2.connectedComponents(smooth, connectivity=8)
+    areas = np.bincount(labels.ravel(), minlength=count)
+    within = np.bincount(labels[region], minlength=count)
+    mostly = within >= _MOSTLY * np.maximum(areas, 1)
+    mostly[0] = False
+    return large_parts((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+
+
+def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """Return which share (V,) of silhouettes (V, H, W) lies beyond the volume; NaN of none."""
+    areas = silhouettes.sum(axis=(1, 2)).astype(float)
+    return (silhouettes & ~region).sum(axis=(1, 2)) / np.where(areas > 0, areas, np.nan)
+
+
+def cut_by_volume(names: Items[str], beyond: np.ndarray) -> str | None:
+    """Return a warning if silhouettes reach beyond the volume, by `beyond` (frames, V)."""
+    shares = np.nan_to_num(np.ma.masked_invalid(beyond).mean(axis=0).filled(0.0))
+    cut = [f"{name} {share:.0%}" for name, share in zip(names, shares, strict=True) if share > _CUT]
+    if not cut:
+        return None
+    return (
+        f"the volume cuts what is filmed: of the silhouettes lie beyond it {', '.join(cut)}; state "
+        "a larger --volume, or --subject object for what does not stand on the floor z = 0"
+    )
 
 
 def volume_region(rig: CameraRig, grid: VoxelGrid) -> np.ndarray:

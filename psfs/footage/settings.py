@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -138,7 +139,17 @@ def _sync(value: Any) -> Any:
     return dict(value)
 
 
-def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:
+def _volume(value: Any) -> Any:
+    """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
+    if isinstance(value, Mapping):
+        if list(value) != ["own"]:
+            raise InputError(f"volume has the keys {listed(map(str, value))}; expected own")
+        low, high = _corners(value["own"], math.inf)
+        return {"own": [low.tolist(), high.tolist()]}
+    return _corners(value, _FARTHEST)
+
+
+def _corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
     try:
         plain = np.asarray(value)
         if plain.dtype.kind not in "iuf":
@@ -150,9 +161,9 @@ def _volume(value: Any) -> tuple[np.ndarray, np.ndarray]:
         ) from None
     if not (np.isfinite([low, high]).all() and np.all(low < high)):
         raise InputError(f"volume from {low.tolist()} to {high.tolist()} m; expected low < high")
-    if np.abs([low, high]).max() > _FARTHEST:
+    if np.abs([low, high]).max() > farthest:
         raise InputError(
             f"volume from {low.tolist()} to {high.tolist()} m; "
-            f"expected metres, up to {_FARTHEST:g} from the origin"
+            f"expected metres, up to {farthest:g} from the origin"
         )
     return low, high

@@ -34,18 +34,22 @@ def finest_pixel(rig: CameraRig, grid: VoxelGrid) -> float:
 
 
 def reachable_box(
-    rig: CameraRig, config: VolumeConfig | None = None
+    rig: CameraRig, config: VolumeConfig | None = None, floor: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a box around the point that the cameras look at, as large as they leave room for, m.
 
     The point is the nearest one to all optical axes; the box reaches as far as the median
-    camera stands from it. Rigs of people's size stand on the floor: nothing below z = -0.1 m.
+    camera stands from it. With `floor` rigs of people's size stand on one: nothing below z = -0.1.
     """
     config = config or VolumeConfig()
     target = axes_meet_ahead(rig)
     reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
     low, high = target - reach, target + reach
-    if reach >= config.people_distance and low[2] < config.floor < high[2] - config.head_room:
+    if (
+        floor
+        and reach >= config.people_distance
+        and low[2] < config.floor < high[2] - config.head_room
+    ):
         low[2] = config.floor
     return low, high
 

@@ -120,5 +120,7 @@ class VolumeConfig:
     """Edge of a voxel for people, m."""
     floor: float = -0.1
     """Rigs that film people stand on the floor: nothing is looked for below this height, m..."""
+    floor_depth: float = 0.25
+    """...unless what is seen reaches so much further down, m (people: up to 0.1)..."""
     head_room: float = 1.0
-    """...if so much room, m, is left above it."""
+    """...and if so much room, m, is left above it."""

@@ -27,6 +27,7 @@ class Footage:
     volume: tuple[np.ndarray, np.ndarray] | None = None
     background: None = None
     empty_scene: bool = True
+    subject: str = "person"
     folder: Path = field(default_factory=lambda: Path("footage"))
 
     def __len__(self) -> int:

@@ -7,8 +7,9 @@ world -> camera, translation, fisheye.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import cv2
 import numpy as np
 from pydantic import Field
 
@@ -27,7 +28,7 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 from psfs.common.schema import Name, Number, Table, Vector, checked, flat
-from psfs.common.toml import read_toml
+from psfs.common.toml import read_toml, write_toml
 
 _NOT_CAMERAS = {"metadata", "capture_volume", "charuco", "checkerboard"}
 
@@ -70,6 +71,24 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
             measured = dict(zip(names, sizes_for(names, sizes), strict=True))
         cameras = [_camera(name, by_name[name], measured.get(name)) for name in names]
         return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+
+
+def write_toml_tables(path: Path, rig: CameraRig) -> None:
+    """Write a rig in Pose2Sim's convention: metres, Rodrigues vectors world -> camera."""
+    tables: dict[str, Any] = {}
+    for camera in rig:
+        used = 5 if camera.distortion[4] else 4
+        tables[camera.name] = {
+            "name": camera.name,
+            "size": [float(n) for n in camera.size],
+            "matrix": camera.K.tolist(),
+            "distortions": camera.distortion[:used].tolist(),
+            "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
+            "translation": camera.t.tolist(),
+            "fisheye": False,
+        }
+    tables["metadata"] = {"adjusted": False, "error": 0.0}
+    write_toml(path, tables)
 
 
 def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:

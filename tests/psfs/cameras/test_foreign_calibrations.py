@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import footage
@@ -262,4 +261,20 @@ def test_picture_sizes_of_a_flat_folder_by_order(tmp_path: Path) -> None:
     assert any("viff.002" in note and "order" in note for note in sequence.notes)
     images = sequence.read(0).images
     assert images is not None and [int(image.mean()) for image in images] == [0, 40, 80, 120]
-    assert cv2.imread(str(tmp_path / "viff.001.png")).mean() == 40
+
+
+def test_convert_writes_a_native_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, native = sequence_in(tmp_path / "a", colmap, plain_rig()), tmp_path / "native"
+    flags = ["--unit", "cm", "--up", "y", "--cameras", "cam01,cam03", "--subject", "object"]
+    box = ["--volume", "own:-1,1,-2,2,-3,3"]
+    assert main(["convert", str(folder), "-o", str(native), *flags, *box]) == 0
+    assert "2 cameras, 1 frames" in capsys.readouterr().out
+    given = {"unit": "cm", "up": "y", "cameras": ["cam01", "cam03"]}
+    before, after = Sequence.open(folder, **given), Sequence.open(native)
+    for a, b in zip(after.rig, before.rig, strict=True):
+        assert a.name == b.name
+        np.testing.assert_allclose(a.centre, b.centre, atol=1e-9)
+        np.testing.assert_allclose(a.R, b.R, atol=1e-9)
+    assert after.subject == "object" and after.unit == "m" and after.volume is not None
+    np.testing.assert_allclose(after.volume, [[-0.03, -0.01, -0.02], [0.03, 0.01, 0.02]])
+    np.testing.assert_array_equal(after.read(0).images, before.read(0).images)

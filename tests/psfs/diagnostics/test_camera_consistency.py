@@ -15,7 +15,7 @@ from helpers.shared import shared_data
 import apf.cli
 import psfs
 from apf.body import load_body
-from apf.synthetic.generate import write_calibration
+from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cli import main
 from psfs.diagnostics.camera_consistency import suspects
 from psfs.sequence import Frame, Sequence
@@ -125,7 +125,7 @@ def late_walk(folder: Path) -> Path:
     """Masks of a block that walks past eight cameras, c2 ten frames late."""
     rig = scenes.ring(8, size=(160, 120))
     folder.mkdir(parents=True, exist_ok=True)
-    write_calibration(folder / "calibration.toml", rig)
+    write_toml_tables(folder / "calibration.toml", rig)
     corners = np.stack(np.meshgrid([-0.2, 0.2], [-0.15, 0.15], [0.1, 1.7]), -1).reshape(-1, 3)
     for camera in rig:
         target = folder / "masks" / camera.name

@@ -11,8 +11,8 @@ import pytest
 from helpers import footage, scenes
 from helpers.shared import shared_data
 
-from apf.synthetic.generate import write_calibration
 from cl import NumpyDevice
+from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.faults import diagnosed
@@ -50,7 +50,7 @@ def rig() -> CameraRig:
 
 def write(folder: Path, masks: np.ndarray, cameras: CameraRig | None = None) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    write_calibration(folder / "calibration.toml", cameras or rig())
+    write_toml_tables(folder / "calibration.toml", cameras or rig())
     for view, name in enumerate(NAMES):
         (folder / "masks" / name).mkdir(parents=True)
         for frame, mask in enumerate(masks[:, view]):

@@ -1,0 +1,56 @@
+"""A sequence written as a native folder, whatever its own layout and calibration format are."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence as Items
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.common.files import written_whole
+from psfs.common.toml import write_toml
+from psfs.footage.media import Media
+from psfs.sequence import Sequence
+
+#: Settings that are kept as they are; the calibration's unit and axes are ours.
+_KEPT = ("fps", "background", "key", "threshold", "dilate", "erode", "sync", "subject")
+
+
+def write_native(sequence: Sequence, folder: Path) -> None:
+    """Write `calibration.toml` (metres, Z up, the cameras in use), `sequence.toml` and copies of
+    the pictures, named after their cameras. Raises InputError if `folder` cannot be written."""
+    write_toml_tables(folder / "calibration.toml", sequence.rig)
+    footage = sequence.footage
+    if footage.images:
+        kind = "videos" if footage.images[0].is_video else "images"
+        _copy(footage.images, sequence.rig.names, folder / kind)
+    if footage.masks:
+        _copy(footage.masks, sequence.rig.names, folder / "masks")
+    if footage.background:
+        _copy(footage.background, sequence.rig.names, folder / "background")
+    write_toml(folder / "sequence.toml", _settings(sequence))
+
+
+def _settings(sequence: Sequence) -> dict[str, Any]:
+    """Return what the files do not say of themselves."""
+    values = {key: getattr(sequence.settings, key) for key in _KEPT}
+    media = sequence.footage.images or sequence.footage.masks or ()
+    if values["fps"] is None and not any(item.fps for item in media):
+        values["fps"] = sequence.fps
+    if sequence.volume is not None:
+        values["volume"] = np.array(sequence.volume).tolist()
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _copy(media: Items[Media], names: Items[str], folder: Path) -> None:
+    """Copy a video or picture as NAME.suffix, several pictures into NAME/."""
+    for name, item in zip(names, media, strict=True):
+        several = len(item.paths) > 1 or folder.name in ("images", "masks")
+        for path in item.paths:
+            one = several and not item.is_video
+            target = folder / name / path.name if one else folder / f"{name}{path.suffix}"
+            with written_whole(target) as temporary:
+                shutil.copyfile(path, temporary)

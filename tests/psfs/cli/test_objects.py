@@ -1,0 +1,99 @@
+"""Things that do not stand on the floor: a statue below the origin of a world with Y up."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import scenes
+
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import CameraRig
+from psfs.cameras.units import turned_rig, z_up_from
+from psfs.cli import main
+from psfs.output.runs import Run
+
+HEIGHT = 1.8
+
+
+@pytest.fixture(scope="module")
+def statue(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of masks: legs, trunk and head from y = -1.8 to 0, eight cameras around them."""
+    folder = tmp_path_factory.mktemp("statue")
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-0.3, -0.3, -HEIGHT], [0.3, 0.3, 0], (120_000, 3))
+    x, y, z = points.T
+    legs = (np.hypot(np.abs(x) - 0.12, y) < 0.09) & (z < -0.9)
+    trunk = (np.hypot(x, 1.5 * y) < 0.26) & (z > -0.95) & (z < -0.3)
+    head = np.linalg.norm(points - [0, 0, -0.15], axis=1) < 0.15
+    points = points[legs | trunk | head]
+    cameras = []
+    for k in range(8):
+        angle = 2 * np.pi * k / 8
+        centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), -0.9 + 0.5 * (-1) ** k])
+        camera = scenes.looking_at(f"c{k}", centre, np.array([0, 0, -0.9]), (160, 120), 150.0)
+        camera = replace(camera, distortion=np.zeros(5))
+        mask = np.zeros((120, 160), np.uint8)
+        _, row, column, _ = camera.look_up(points)
+        mask[row, column] = 255
+        mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+        target = folder / "masks" / camera.name
+        target.mkdir(parents=True)
+        assert cv2.imwrite(str(target / "0.png"), np.asarray(mask))
+        cameras.append(camera)
+    y_up = turned_rig(CameraRig(tuple(cameras)), z_up_from("y").T)
+    write_toml_tables(folder / "calibration.toml", y_up)
+    (folder / "sequence.toml").write_text('up = "y"\nfps = 1\n')
+    return folder
+
+
+def heights(out: Path) -> tuple[float, float]:
+    z = Run.open(out).cloud(0).centres[:, 2]
+    return float(z.min()), float(z.max())
+
+
+def mean_iou(out: Path) -> float:
+    return float(json.loads((out / "check.json").read_text())["mean_iou"])
+
+
+@pytest.mark.parametrize("flags", [[], ["--subject", "object"]])
+def test_it_is_whole_without_a_flag(
+    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["reconstruct", str(statue), "-o", str(out), *flags]) == 0
+    low, high = heights(out)
+    assert low == pytest.approx(-HEIGHT, abs=0.06) and high == pytest.approx(0, abs=0.06)
+    assert main(["check", str(out)]) == 0
+    captured = capsys.readouterr()
+    assert "warning" not in captured.out + captured.err
+    assert mean_iou(out) > 0.85
+    assert (Run.open(out).grid.voxel_size < 0.018) == bool(flags)  # follows the object
+
+
+def test_a_volume_that_cuts_it_is_said_and_counts(
+    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    command = ["reconstruct", str(statue), "-o", str(out)]
+    assert main([*command, "--volume", "-0.5,0.5,-0.5,0.5,-0.8,0.2"]) == 0
+    assert "the volume cuts what is filmed" in capsys.readouterr().err
+    assert main(["check", str(out)]) == 0
+    assert "the volume cuts what is filmed" in capsys.readouterr().out
+    assert mean_iou(out) < 0.75
+
+
+def test_a_volume_in_the_users_own_axes(
+    statue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    own = ["--volume", "own:-0.4,0.4,-2,0.2,-0.4,0.4", "--voxel-size", "0.03"]
+    assert main(["reconstruct", str(statue), "-o", str(out), *own]) == 0
+    grid = Run.open(out).grid
+    np.testing.assert_allclose(grid.low, [-0.4, -0.4, -2], atol=0.04)
+    np.testing.assert_allclose(grid.high, [0.4, 0.4, 0.2], atol=0.04)
+    assert heights(out)[0] == pytest.approx(-HEIGHT, abs=0.06)
