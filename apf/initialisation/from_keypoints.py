@@ -45,6 +45,7 @@ class KeypointStart:
     """What keypoints say of a person.
 
     body: the template in the person's lengths. frames: (M,) that were looked at. poses: (M, D).
+    anchor: the first of them with about as many keypoints, as well explained, as usual.
     model: where the keypoints lie on the body, and their errors. keypoints: of all frames,
     undistorted.
     """
@@ -52,6 +53,7 @@ class KeypointStart:
     body: BodyModel
     frames: np.ndarray
     poses: np.ndarray
+    anchor: int
     model: KeypointModel
     keypoints: Keypoints
 
@@ -59,10 +61,10 @@ class KeypointStart:
         """Return what the keypoints of a frame say of the body."""
         return self.model.observations(self.keypoints.points[:, frame])
 
-    def pose_at(self, frame: int) -> np.ndarray:
-        """Return the pose (D,) of the frame looked at that is nearest to `frame`."""
-        pose: np.ndarray = self.poses[np.argmin(np.abs(self.frames - frame))]
-        return pose
+    @property
+    def anchored(self) -> tuple[int, np.ndarray]:
+        """The anchor's frame number and pose (D,)."""
+        return int(self.frames[self.anchor]), self.poses[self.anchor]
 
 
 def start_from_keypoints(
@@ -100,12 +102,14 @@ def start_from_keypoints(
     fit = fitter.refined(fitter.begun())
     views, model = _calibrated(fitter, fit, seen, points, config, pixel)
     fitter = PointFitter(template, rig, views, config.fit, keep_shape)
-    fit = fitter.refined(fit)
+    fit = fitter.refined(fitter.searched_again(fit))
     if height is not None and not keep_shape:
         fit, fitter = _of_height(fitter, fit, height, rig)
     views, model = _calibrated(fitter, fit, seen, points, config, pixel)
     body = fitter.body(fit.log_lengths)
-    return KeypointStart(body, np.array(frames)[chosen], fit.poses, model, keypoints)
+    return KeypointStart(
+        body, np.array(frames)[chosen], fit.poses, _anchor(fitter, fit), model, keypoints
+    )
 
 
 def unexchanged(
@@ -126,6 +130,15 @@ def unexchanged(
         wrong = (off[1] < near) & (off[1] < 0.5 * off[0])
     swapped = (wrong & wrong[:, :, other])[..., None]
     return np.where(swapped, seen[:, :, other], seen)
+
+
+def _anchor(fitter: PointFitter, fit: PointFit) -> int:
+    """The first frame with at least three quarters of the usual keypoints, which it does not miss
+    by more than usual."""
+    missed, seen = fitter.missed(fit), (fitter.views.inverse_scale > 0).sum((0, 2))
+    sound = missed <= fitter.config.suspect * np.median(missed)
+    sound &= seen >= 0.75 * np.median(seen)
+    return int(np.argmax(sound)) if sound.any() else int(np.argmin(missed))
 
 
 def _evenly(n: int, most: int) -> np.ndarray:

@@ -48,6 +48,9 @@ class PointFitConfig:
     """... and in the last; those between are spaced geometrically."""
     damping: float = 1e-3
     """Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."""
+    suspect: float = 1.5
+    """Poses are looked for anew, from those of the frames around and the other way round, where
+    they miss more than so many times the median frame's share. By hand."""
     n_independent: float = 2.0
     """Frames that all frames together count as, beside the priors of what they share: a network
     errs alike in all of them, and bodies bend otherwise than the model does. Tuned: with 20 hips
@@ -72,6 +75,13 @@ class PointViews:
     pixels: np.ndarray
     inverse_scale: np.ndarray
     triangulated: np.ndarray
+
+    def of_frames(self, chosen: np.ndarray) -> PointViews:
+        """Return those of the frames numbered `chosen`."""
+        return replace(
+            self, pixels=self.pixels[:, chosen], inverse_scale=self.inverse_scale[:, chosen],
+            triangulated=self.triangulated[chosen],
+        )  # fmt: skip
 
     @cached_property
     def by_place(self) -> np.ndarray:
@@ -113,7 +123,7 @@ class PointFitter:
         self._R = np.stack([camera.R for camera in rig])
         self._t = np.stack([camera.t for camera in rig])
         self._K = np.stack([camera.K for camera in rig])
-        self.keep_shape = keep_shape
+        self.keep_shape, self._rig = keep_shape, rig
         self._pose_prior = np.where(inner_axes(template), self.config.angle**-2, 1e-6)
 
     def body(self, log_lengths: np.ndarray) -> BodyModel:
@@ -149,12 +159,55 @@ class PointFitter:
         offset = np.zeros((self.views.by_place.shape[1], 3))
         return self.brought_near(PointFit(lengths, offset, self._first_poses(lengths, offset)))
 
-    def refined(self, fit: PointFit) -> PointFit:
-        """Return the fit after steps by what the cameras see."""
+    def refined(self, fit: PointFit, poses_alone: bool = False) -> PointFit:
+        """Return the fit after steps by what the cameras see; of the poses alone, if so."""
         config = self.config
         for reach in np.geomspace(config.first_reach, config.last_reach, config.n_steps):
-            fit = self._step(fit, float(reach))
+            fit = self._step(fit, float(reach), poses_alone)
         return fit
+
+    def searched_again(self, fit: PointFit) -> PointFit:
+        """Return the fit with the poses of suspect frames looked for from those of the nearest
+        other frames, and turned round, where these miss less."""
+        missed = self.missed(fit)
+        suspect = np.flatnonzero(missed > self.config.suspect * np.median(missed))
+        sound = np.setdiff1d(np.arange(len(missed)), suspect)
+        if not suspect.size or not sound.size:
+            return fit
+        part = PointFitter(
+            self.template, self._rig, self.views.of_frames(suspect), self.config, self.keep_shape
+        )
+        after = sound[np.minimum(np.searchsorted(sound, suspect), len(sound) - 1)]
+        before = sound[np.maximum(np.searchsorted(sound, suspect) - 1, 0)]
+        best = replace(fit, poses=fit.poses[suspect])
+        least = missed[suspect]
+        for poses in (fit.poses[before], fit.poses[after], self._turned(best.poses)):
+            for near in (True, False):
+                tried = replace(fit, poses=poses)
+                tried = part.refined(part.brought_near(tried) if near else tried, poses_alone=True)
+                cost = part.missed(tried)
+                better = cost < least
+                least = np.where(better, cost, least)
+                best = replace(best, poses=np.where(better[:, None], tried.poses, best.poses))
+        poses = fit.poses.copy()
+        poses[suspect] = best.poses
+        return replace(fit, poses=poses)
+
+    def missed(self, fit: PointFit) -> np.ndarray:
+        """Return (M,) the mean share of what is seen that the poses miss (Geman & McClure 1987)."""
+        square = np.sum(self.residuals(fit) ** 2, -1) * self.views.inverse_scale**2
+        share = square / (square + self.config.first_reach**2)
+        seen = np.maximum((self.views.inverse_scale > 0).sum((0, 2)), 1)
+        mean: np.ndarray = share.sum((0, 2)) / seen
+        return mean
+
+    def _turned(self, poses: np.ndarray) -> np.ndarray:
+        """The poses (M, D), with the root turned round."""
+        out = poses.copy()
+        for axis in self.template.bones[0].axes:
+            if axis.kind == "rz":
+                out[:, axis.dof] += np.pi
+        return out
 
     def brought_near(self, fit: PointFit) -> PointFit:
         """Return the fit with poses at the triangulated points, each by Levenberg's method."""
@@ -255,7 +308,7 @@ class PointFitter:
         slopes: np.ndarray = focal @ (turned / depth[..., None])
         return pixels + self._K[:, None, None, :2, 2], slopes
 
-    def _step(self, fit: PointFit, reach: float) -> PointFit:
+    def _step(self, fit: PointFit, reach: float, poses_alone: bool) -> PointFit:
         """Return the fit after one Gauss-Newton step; reach: deviations at which a point counts a
         quarter."""
         views, config = self.views, self.config
@@ -271,13 +324,16 @@ class PointFitter:
         vector = np.einsum("vmpai,vmpa->mpi", weighted_slopes, off)
         body = self.body(fit.log_lengths)
         by_pose = bone_point_jacobian(body, fit.poses, views.bone, points)
-        shared = self._by_shared(fit, points)
         rows, weighted = _rows(by_pose), _rows(by_pose @ matrix)
-        shared_rows, shared_weighted = _rows(shared), _rows(shared @ matrix)
         own = weighted @ rows.swapaxes(1, 2) + np.diag(self._pose_prior)
         own += config.damping * own * np.eye(own.shape[1])
         gradient = np.einsum("mpdi,mpi->md", by_pose, vector)
         gradient += self._pose_prior * (fit.poses - self.template.rest_pose)
+        if poses_alone:
+            moved = fit.poses - np.linalg.solve(own, gradient[..., None])[..., 0]
+            return replace(fit, poses=np.clip(moved, self.template.lower, self.template.upper))
+        shared = self._by_shared(fit, points)
+        shared_rows, shared_weighted = _rows(shared), _rows(shared @ matrix)
         mixed = weighted @ shared_rows.swapaxes(1, 2)
         solved = np.linalg.solve(own, np.concatenate([mixed, gradient[..., None]], 2))
         counted = min(1.0, config.n_independent / len(points))

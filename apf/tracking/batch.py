@@ -25,12 +25,13 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.filters.method import Method
 from apf.initialisation import Start, start_of
-from apf.initialisation.from_keypoints import KeypointStart, start_from_keypoints
+from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.start import check_startable
 from apf.keypoints.keypoints import Keypoints
+from apf.tracking.keypoint_start import learnt, method_with
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice, UserError
+from cl import Device, NumpyDevice, UserError
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
@@ -93,7 +94,7 @@ def track_take(
     last whole frame. keypoints: of the sequence's cameras and frames; body, start and every frame's
     pose follow them, too. Raises UserError.
     """
-    method = _with_keypoints(method or Method(), keypoints)
+    method = method_with(method or Method(), keypoints)
     report = progress or (lambda stage: None)
     grid: VoxelGrid | None = None
     start: Start | None = None
@@ -103,13 +104,9 @@ def track_take(
     witness: KeypointStart | None = None
     if keypoints is not None:
         report("keypoints")
-        witness = start_from_keypoints(
-            sequence.rig, keypoints, given[0] if given is not None else template,
-            range(len(sequence))[selection or slice(None)], height,
-            keep_shape or given is not None,
-        )  # fmt: skip
-        if given is None:
-            given = witness.body, witness.poses[0]
+        witness, given = learnt(
+            device, sequence, keypoints, template, method, given, selection, height, keep_shape
+        )
     if method.uses_voxels or given is None:
         report("volume")
         grid = automatic_grid(sequence, selection, voxel_size, reconstruction, device)
@@ -132,16 +129,6 @@ def track_take(
         None if witness is None else witness.observations,
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
-
-
-def _with_keypoints(method: Method, keypoints: Keypoints | None) -> Method:
-    """The method with its term of keypoints where there are any. Raises InputError for a method
-    that needs some without any."""
-    if keypoints is not None:
-        return method.with_keypoints(keypoints.points.shape[0] * keypoints.points.shape[2])
-    if method.uses_keypoints:
-        raise InputError("a likelihood with keypoints, but none were given; expected some")
-    return method
 
 
 def track_takes(
