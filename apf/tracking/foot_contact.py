@@ -42,6 +42,9 @@ class ContactConfig:
     """s, over which the speed is taken."""
     shortest: float = 0.1
     """s, what is shorter is no stance, and between two stances no swing; a sixth of usual ones."""
+    longest_slide: float = 0.12
+    """m along the floor; a foot that gets farther is drawn along, it does not stand. Tracks of
+    synth_walk_4cam slide by up to 0.074 where the true foot stands."""
     flat_height: float = 0.025
     """m over the lowest in its stance, below which a standing foot's heel is down, too. With it the
     ankles of synth_walk_8cam and synth_walk_4cam are right to 3 degrees."""
@@ -54,6 +57,7 @@ class ContactConfig:
         check_range("the height at which a foot begins to stand, m,", self.start_height, 0)
         check_range("the height at which it stops, m,", self.stop_height, self.start_height)
         check_range("the shortest stance, s,", self.shortest, 0, ends=True)
+        check_range("the longest slide, m,", self.longest_slide, 0)
         check_range("the height up to which a foot is flat, m,", self.flat_height, 0)
         check_range("the fading, s,", self.fade, 0)
 
@@ -97,7 +101,9 @@ def standing(
             begins = np.flatnonzero(start[run, foot])
             lasts = times[run.stop - 1] - times[run.start]
             if len(begins) and lasts >= config.shortest:
-                found[run.start + begins[0] : run.stop, foot] = True
+                stance = slice(run.start + begins[0], run.stop)
+                corners = np.ptp(ankles[stance, foot, :2], axis=0)
+                found[stance, foot] = np.linalg.norm(corners) < config.longest_slide
     return found
 
 

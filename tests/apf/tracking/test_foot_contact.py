@@ -75,6 +75,14 @@ def posed(poses: np.ndarray) -> np.ndarray:
     return track_of_poses(SONG, poses).joints
 
 
+def test_a_foot_that_is_drawn_along_slowly_does_not_stand() -> None:
+    shuffle = np.zeros((120, 2, 3))
+    shuffle[:, 0, 0] = 0.2 * np.arange(120) / 60  # 0.4 m in 2 s, slower than any limit
+    shuffle[:, 1, 0] = 0.02 * np.arange(120) / 60  # what a tracker may drift
+    found = standing(shuffle, np.arange(120) / 60)
+    assert not found[:, 0].any() and found[:, 1].all()
+
+
 def test_lifted_feet_and_gaps() -> None:
     still = np.zeros((60, 2, 3))
     still[:, 0, 2], still[:, 1, 2] = 0.08, 0.3
