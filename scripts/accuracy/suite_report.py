@@ -22,10 +22,10 @@ from psfs.common.files import written_whole
 _NOTE = (
     "by: what is looked at, triangulation having neither body nor start. "
     "mm, mean ± standard deviation of the seeds' means; all other figures are means over the "
-    "seeds. offset-free: without the offset that a joint keeps in the body's own frame. > 150 mm: "
-    "share of joint-frames. 12: the same of shoulders, elbows, wrists, hips, knees and ankles, "
-    "which keypoints have, too. heading: runs whose start looks within 90 degrees of the truth. "
-    "stature: of the body, % too tall. IoU: of the silhouettes with the true masks. limb lost: "
+    "seeds. free: offset-free, without the offset that a joint keeps in the body's own frame. far: "
+    "share of joint-frames beyond 150 mm. 12: the same of shoulders, elbows, wrists, hips, knees "
+    "and ankles, which keypoints have, too. heading: runs whose start looks within 90 degrees of "
+    "the truth. stature: of the body, % too tall. IoU: of the silhouettes with the true masks. lost: "
     "share of frames in which a limb's end is farther than 200 mm. s: all that a run took."
 )
 #: By witness and start.
@@ -100,22 +100,21 @@ class Row:
             f"{self.runs}{failed}",
             _shown(self.mean, ".1f") + (f" ± {self.std:.1f}" if self.runs > 1 else ""),
             _shown(self.rest, ".1f"),
+            _shown(100 * self.lost_joints, ".1f", " %"),
             _shown(self.limbs, ".1f"),
             _shown(self.limbs_rest, ".1f"),
             _shown(100 * self.limbs_far, ".1f", " %"),
             _shown(self.wrists, ".0f"),
-            _shown(100 * self.lost_joints, ".1f", " %"),
             f"{self.heading_right}/{self.runs}",
             _shown(self.stature, "+.1f" if self.cameras else ".1f", " %"),
             _shown(self.iou, ".3f"),
             _shown(100 * self.limb_frames, ".0f", " %"),
-            _shown(self.seconds, ".0f"),
+            _shown(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
         ]
 
 
-_COLUMNS = ("sequence", "cameras", "by", "start", "runs", "mean", "offset-free", "12: mean",
-            "12: offset-free", "12: > 150 mm", "wrists", "> 150 mm", "heading right", "stature",
-            "IoU", "limb lost", "s")  # fmt: skip
+_COLUMNS = ("sequence", "cameras", "by", "start", "runs", "mean", "free", "far", "12: mean",
+            "12: free", "12: far", "wrists", "heading", "stature", "IoU", "lost", "s")  # fmt: skip
 
 
 def _shown(value: float, how: str, unit: str = "") -> str:

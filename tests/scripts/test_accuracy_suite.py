@@ -234,14 +234,14 @@ def test_the_report(tmp_path: Path) -> None:
     rows = suite_rows(results, [FOUND, TRUE, other], {"walk": 0.9, "run": float("nan")}.__getitem__)
     text = suite_grid(rows).markdown()
     assert (
-        f"| walk | 4 | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 41.0 | 15.0 | "
-        "12.5 % | 70 | 25.0 % | 1/2 | -2.0 % | 0.900 | 50 % | 2 |"
+        f"| walk | 4 | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 25.0 % | "
+        "41.0 | 15.0 | 12.5 % | 70 | 1/2 | -2.0 % | 0.900 | 50 % | 1.5 |"
     ) in text
     assert "| run | 4 | voxels | found | 1 | 60.0 |" in text
     # The mean of both sequences, and how far they are apart.
     assert (
-        f"| all |  | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 50.0 | 15.0 | "
-        "12.5 % | 70 | 25.0 % | 2/3 |" in text
+        f"| all |  | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 25.0 % | "
+        "50.0 | 15.0 | 12.5 % | 70 | 2/3 |" in text
     )
     write_suite(tmp_path, results, rows)
     assert "abacus, 20" in (tmp_path / "suite.md").read_text()
