@@ -25,8 +25,8 @@ _NOTE = (
     "seeds. free: offset-free, without the offset that a joint keeps in the body's own frame. far: "
     "share of joint-frames beyond 150 mm. 12: the same of shoulders, elbows, wrists, hips, knees "
     "and ankles, which keypoints have, too. heading: runs whose start looks within 90 degrees of "
-    "the truth. stature: of the body, % too tall. IoU: of the silhouettes with the true masks. lost: "
-    "share of frames in which a limb's end is farther than 200 mm. s: all that a run took."
+    "the truth. stature: of the body, % too tall. IoU: of the silhouettes with the true masks. "
+    "lost: share of frames in which a limb's end is farther than 200 mm. s: all that a run took."
 )
 #: By witness and start.
 _COLOURS = {
