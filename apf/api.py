@@ -83,6 +83,8 @@ def track(
     )
     for doubt in take.start.doubts if take.start is not None else ():
         log.warning("%s: %s", sequence.name, doubt)
+    if take.error is not None:
+        raise take.error
     return take.tracks[0]
 
 

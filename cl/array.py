@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl
 
+from cl.errors import failing_as_device
+
 if TYPE_CHECKING:
     from cl.device import Device
 
@@ -44,7 +46,8 @@ class Array:
         host = np.ascontiguousarray(host)
         if host.dtype != self.dtype or host.size != self.size:
             raise ValueError(f"expected {self.shape} {self.dtype}, got {host.shape} {host.dtype}")
-        event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
+        with failing_as_device(self.device.name, "an upload"):
+            event = pyopencl.enqueue_copy(self.device.queue, self.buffer, host, is_blocking=False)
         # The event keeps `host` alive until the copy is done.
         self.device.record("upload", event, upload=self.nbytes)
 
@@ -53,18 +56,21 @@ class Array:
         shape = self.shape if count is None else (count, *self.shape[1:])
         host = np.empty(shape, self.dtype)
         if host.size:
-            event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
+            with failing_as_device(self.device.name, "a download"):
+                event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
             self.device.record("download", event, download=host.nbytes)
         return host
 
     def fetch(self) -> Callable[[], np.ndarray]:
         """Enqueue the copy to the host; what is returned waits for it and gives it."""
         host = np.empty(self.shape, self.dtype)
-        event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer, is_blocking=False)
+        with failing_as_device(self.device.name, "a download"):
+            event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer, is_blocking=False)
         self.device.record("download", event, download=host.nbytes)
 
         def fetched() -> np.ndarray:
-            event.wait()
+            with failing_as_device(self.device.name, "a download"):
+                event.wait()
             return host
 
         return fetched
@@ -72,7 +78,8 @@ class Array:
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""
         pattern = np.array(value, self.dtype)
-        event = pyopencl.enqueue_fill_buffer(
-            self.device.queue, self.buffer, pattern, 0, self.nbytes
-        )
+        with failing_as_device(self.device.name, "a fill"):
+            event = pyopencl.enqueue_fill_buffer(
+                self.device.queue, self.buffer, pattern, 0, self.nbytes
+            )
         self.device.record("fill", event)

@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl
 
 from cl.array import Array
-from cl.errors import DeviceError
+from cl.errors import DeviceError, failing_as_device
 from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
@@ -216,7 +216,9 @@ class Device:
         with self._building:
             if key not in self._programs:
                 started = time.perf_counter()
-                self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
+                with failing_as_device(self.name, f"building {file}"):
+                    program = pyopencl.Program(self.context, source).build(options=options)
+                self._programs[key] = program
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
             named = (*key, name)
             if named not in self._kernels:
@@ -252,7 +254,8 @@ class Device:
             self.profiler.add(name, event)
 
     def finish(self) -> None:
-        self.queue.finish()
+        with failing_as_device(self.name, "its work"):
+            self.queue.finish()
 
 
 def _behind(later: Any, first: Any) -> None:

@@ -3,6 +3,13 @@
 The message is one line that names what was found and what was expected.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pyopencl
+
 
 class UserError(Exception):
     """Something the user can mend; commands end with its line and exit code 2."""
@@ -18,3 +25,16 @@ class MissingFileError(InputError, FileNotFoundError):
 
 class DeviceError(UserError, RuntimeError):
     """An OpenCL device is missing, or too small for what is asked of it."""
+
+
+@contextmanager
+def failing_as_device(device: str, what: str) -> Iterator[None]:
+    """Turn the errors of OpenCL inside, of a device that was lost or whose memory does not suffice,
+    into DeviceError that names the `device` and `what` it was doing."""
+    try:
+        yield
+    except pyopencl.Error as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DeviceError(
+            f"{device}: {what} failed ({reason}); expected a device that stays and has the memory"
+        ) from error

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyopencl
 
-from cl.errors import DeviceError
+from cl.errors import DeviceError, failing_as_device
 from cl.signature import Signatures
 
 if TYPE_CHECKING:
@@ -97,9 +97,10 @@ class Launch:
             self.arguments[name] = value
 
     def __call__(self) -> Any:
-        event = pyopencl.enqueue_nd_range_kernel(
-            self.device.queue, self._bound, self.global_size, self.local_size
-        )
+        with failing_as_device(self.device.name, f"kernel {self.name}"):
+            event = pyopencl.enqueue_nd_range_kernel(
+                self.device.queue, self._bound, self.global_size, self.local_size
+            )
         if self.device.profiler is not None:
             self.device.profiler.add(self.name, event)
         return event

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
 from typing import Any
 
 import numpy as np
+
+from cl.errors import failing_as_device
 
 #: Events are turned into numbers when there are twice as many: long runs stay small.
 _KEPT_EVENTS = 512
@@ -19,7 +22,7 @@ class Profile:
 
     def __init__(self) -> None:
         self._events: list[tuple[str, Any]] = []
-        self._ms: dict[str, list[float]] = defaultdict(list)
+        self._ms: dict[str, array[float]] = defaultdict(lambda: array("d"))
 
     def add(self, name: str, event: Any) -> None:
         self._events.append((name, event))
@@ -29,12 +32,13 @@ class Profile:
     def collect(self) -> dict[str, list[float]]:
         """Durations in ms of all commands so far, by name; waits for those still under way."""
         self._measure(len(self._events))
-        return dict(self._ms)
+        return {name: list(ms) for name, ms in self._ms.items()}
 
     def _measure(self, count: int) -> None:
         for name, event in self._events[:count]:
-            event.wait()
-            self._ms[name].append((event.profile.end - event.profile.start) * 1e-6)
+            with failing_as_device("the device", name):
+                event.wait()
+                self._ms[name].append((event.profile.end - event.profile.start) * 1e-6)
         del self._events[:count]
 
     def table(self) -> list[tuple[str, int, float, float]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,6 +26,7 @@ from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
 from psfs.footage.prefetch import prefetched
 from psfs.footage.settings import Settings
+from psfs.footage.threads import PATIENCE, HangingError, Threads
 from psfs.footage.timing import timed, timing_of
 
 #: Memory for frames decoded ahead, and the most frames of them.
@@ -243,7 +243,7 @@ class Sequence:
         decoders = [media.open() for media in self._views]
         workers = min(len(decoders), os.cpu_count() or 1)
         try:
-            with ThreadPoolExecutor(workers, thread_name_prefix="psfs-decode") as pool:
+            with Threads(workers) as pool:
                 yield lambda index: self._frame(index, decoders, pool)
         finally:  # not before the pool has ended: when one view fails, others may still be read
             for decoder in decoders:
@@ -255,8 +255,15 @@ class Sequence:
             for index in indices:
                 yield read(index)
 
-    def _frame(self, index: int, decoders: list[Decoder], pool: ThreadPoolExecutor) -> Frame:
-        pictures = list(pool.map(lambda decoder: decoder.read(index), decoders))
+    def _frame(self, index: int, decoders: list[Decoder], pool: Threads) -> Frame:
+        try:
+            pictures = pool.map(lambda decoder: decoder.read(index), decoders)
+        except HangingError as error:
+            decoders.clear()  # one that is being read must not be closed
+            raise InputError(
+                f"{self._views[error.number].where}: frame {index} was not decoded within "
+                f"{PATIENCE:g} s; expected a file that can be read"
+            ) from None
         views = len(self.rig)
         images = pictures[:views] if self.footage.images else None
         masks = None
@@ -264,10 +271,10 @@ class Sequence:
             masks = [picture.max(axis=-1) for picture in pictures[-views:]]
         elif self.background_kind == "threshold":
             assert images is not None
-            masks = list(pool.map(self._thresholded, images))
+            masks = pool.map(self._thresholded, images)
         elif self.background_kind == "mog":
             assert images is not None
-            masks = list(pool.map(self._mixture, range(views), images))
+            masks = pool.map(self._mixture, range(views), images)
         return Frame(
             index,
             None if images is None else self._padded(images),

@@ -13,6 +13,7 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
+from apf.cli.kept_parts import Keeper, remove_parts
 from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
@@ -145,6 +146,7 @@ def track_one(
             judgements = finish_take(job, device, take, left_out, seeds, line)
         finally:
             before_words()
+        _raise_error(take, line.n_frames, args.output)
         for judgement in judgements:
             print_outcome(judgement, line.n_frames)
         if len(take.tracks[0]) < line.n_frames:
@@ -174,6 +176,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
         ):
             take, left_out = _tracked(out, job, own, method, seeds, line)
             judgements = finish_take(job, own, take, left_out, seeds, line)
+            _raise_error(take, line.n_frames, job.output)
             report.tracked(name, take, line.n_frames, judgements, spread_of(take))
             if len(take.tracks[0]) < line.n_frames:
                 raise KeyboardInterrupt
@@ -232,6 +235,7 @@ def _tracked(
             voxel_size=args.voxel_size,
             selection=slice(frames.start, frames.stop, frames.step),
             reconstruction=config, progress=line, keypoints=keypoints_of(args, sequence),
+            keep=Keeper(seed_folders(args, seeds)),
         )  # fmt: skip
     write_track_settings(args, method)
     if take.start is not None:
@@ -239,7 +243,16 @@ def _tracked(
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
         write_pose(folder / "start.txt", take.pose)
         write_files(folder, track, take.body)
+        remove_parts(folder)
     return take, left_out
+
+
+def _raise_error(take: Take, n_frames: int, folder: Path) -> None:
+    """Raise what ended the tracks early, if anything did."""
+    if take.error is not None:
+        raise InputError(
+            f"{take.error}; {len(take.tracks[0])} of {n_frames} frames are in {folder}"
+        ) from take.error
 
 
 def finish_take(

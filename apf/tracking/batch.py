@@ -40,6 +40,8 @@ from psfs.voxels.grid import VoxelGrid
 log = logging.getLogger(__name__)
 
 R = TypeVar("R")
+#: Keeps the body, its first pose (D,) and a part of each seed's track.
+Keep = Callable[[BodyModel, np.ndarray, list[Track]], object]
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,8 @@ class BatchConfig:
 class Take:
     """A sequence that was tracked: `body`, from `pose` (D,) in the first frame on, one track for
     each seed. start: what was found in the first voxels; None where body and pose were given.
-    seconds: of reconstruction and tracking, without the start."""
+    seconds: of reconstruction and tracking, without the start. error: what ended the tracks
+    early."""
 
     sequence: Sequence
     body: BodyModel
@@ -66,6 +69,7 @@ class Take:
     start: Start | None
     tracks: list[Track]
     seconds: float
+    error: UserError | None = None
 
 
 def track_take(
@@ -83,6 +87,7 @@ def track_take(
     reconstruction: ReconstructionConfig | None = None,
     progress: Callable[[str], object] | None = None,
     keypoints: Keypoints | None = None,
+    keep: Keep | None = None,
 ) -> Take:
     """Find the person in the selected frames of `sequence` and track them.
 
@@ -92,7 +97,9 @@ def track_take(
     begins ("keypoints", "volume", "start", "preparing"), with "start" now and then during it, and
     with "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the
     last whole frame. keypoints: of the sequence's cameras and frames; body, start and every frame's
-    pose follow them, too. Raises UserError.
+    pose follow them, too. keep: called about every second of tracking with the body, its first
+    pose, and the tracks of the frames since it was called last. Raises UserError; one after the
+    first frame ends the tracks, and is the take's `error`.
     """
     method = method_with(method or Method(), keypoints)
     report = progress or (lambda stage: None)
@@ -122,13 +129,14 @@ def track_take(
     body, pose = given
     report("preparing")
     began = time.perf_counter()
-    tracks = track_seeds(
+    tracks, error = track_seeds(
         device, sequence, grid, body, pose, method,
         [method.filter.search.seed] if seeds is None else list(seeds),
         reconstruction, selection, lambda: report("tracking"),
         None if witness is None else witness.observations,
+        None if keep is None else lambda parts: keep(body, pose, parts),
     )  # fmt: skip
-    return Take(sequence, body, pose, start, tracks, time.perf_counter() - began)
+    return Take(sequence, body, pose, start, tracks, time.perf_counter() - began, error)
 
 
 def track_takes(

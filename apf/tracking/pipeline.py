@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.metadata import version
@@ -17,16 +18,19 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
-from apf.tracking.track import Track
+from apf.tracking.track import Track, joined
 from apf.tracking.trackers import seeded, watched_runs
 from apf.tracking.uncertainty import joint_covariance
-from cl import Device, NumpyDevice
+from cl import Device, InputError, NumpyDevice, UserError
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelGrid
 
 #: The observed points of a frame, by its number.
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
+
+#: s of tracking that are kept together.
+_PART = 1.0
 
 
 def track_sequence(
@@ -51,10 +55,13 @@ def track_sequence(
     """
     method = method or Method()
     seeds = [method.filter.search.seed]
-    return track_seeds(
+    tracks, error = track_seeds(
         device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress,
         keypoints,
-    )[0]  # fmt: skip
+    )  # fmt: skip
+    if error is not None:
+        raise error
+    return tracks[0]
 
 
 def track_seeds(
@@ -69,8 +76,13 @@ def track_seeds(
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
     keypoints: FrameKeypoints | None = None,
-) -> list[Track]:
-    """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction."""
+    keep: Callable[[list[Track]], object] | None = None,
+) -> tuple[list[Track], UserError | None]:
+    """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction.
+
+    keep: called about every second with the tracks of the frames since it was called last. An
+    error after the first frame ends the tracks, as an interrupt does, and is returned.
+    """
     step = (selection.step or 1) if selection else 1
     seen: Iterator[tuple[int, Any]]
     if method.objective == "keypoints":
@@ -82,7 +94,6 @@ def track_seeds(
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
     tracker = watched_runs(Scene(device, sequence.rig, grid, body), scaled, seeds)
-    frames, estimates = track_voxels(tracker, pose, seen, progress)
     provenance: dict[str, Any] = {
         "sequence": str(sequence.folder),
         "device": device.name,
@@ -94,10 +105,73 @@ def track_seeds(
             "voxel_size": grid.voxel_size,
             "shape": list(grid.shape),
         }
-    return [
-        track_of(body, sequence.fps, frames, list(run), {**provenance, **of.described()})
-        for of, run in zip(seeded(method, seeds), zip(*estimates, strict=True), strict=True)
-    ]
+    described = [{**provenance, **of.described()} for of in seeded(method, seeds)]
+
+    def tracks_of(frames: list[int], estimates: list[Any]) -> list[Track]:
+        runs = zip(*estimates, strict=True)
+        return [
+            track_of(body, sequence.fps, frames, list(run), made)
+            for made, run in zip(described, runs, strict=True)
+        ]
+
+    return _tracked(tracker, pose, seen, tracks_of, progress, keep)
+
+
+def _tracked(
+    tracker: Any,
+    pose: np.ndarray,
+    seen: Iterable[tuple[int, Any]],
+    tracks_of: Callable[[list[int], list[Any]], list[Track]],
+    progress: Callable[[], object] | None,
+    keep: Callable[[list[Track]], object] | None,
+) -> tuple[list[Track], UserError | None]:
+    """Track part by part, so that long runs hold rows only; see `track_seeds`."""
+    parts: list[list[Track]] = []
+    seen, stopped = iter(seen), None
+    while True:
+        frames, estimates, more, error = _part(tracker, pose if not parts else None, seen, progress)
+        if not estimates and not parts:
+            raise error or InputError("there is no frame to track; expected at least one")
+        if estimates:
+            parts.append(tracks_of(frames, estimates))
+            if keep is not None and error is None:
+                try:
+                    keep(parts[-1])
+                except UserError as failure:
+                    stopped, more = failure, False
+                except KeyboardInterrupt:
+                    more = False
+        if isinstance(error, UserError):
+            stopped = error
+        if not more:
+            return [joined(list(run)) for run in zip(*parts, strict=True)], stopped
+
+
+def _part(
+    tracker: Any,
+    pose: np.ndarray | None,
+    seen: Iterator[tuple[int, Any]],
+    progress: Callable[[], object] | None,
+) -> tuple[list[int], list[Any], bool, BaseException | None]:
+    """Track for about `_PART` s, from `pose` if it is given. Return frames, estimates, whether
+    there may be more, and what ended them early."""
+    frames: list[int] = []
+    estimates: list[Any] = []
+    until = time.perf_counter() + _PART
+    try:
+        if pose is not None:
+            tracker.start(pose)
+        for index, shown in seen:
+            estimate = tracker.step(shown)
+            frames.append(index)
+            estimates.append(estimate)
+            if progress is not None:
+                progress()
+            if time.perf_counter() > until:
+                return frames, estimates, True, None
+    except (KeyboardInterrupt, UserError) as error:
+        return frames[: len(estimates)], estimates, False, error
+    return frames, estimates, False, None
 
 
 def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterator[tuple[int, Any]]:

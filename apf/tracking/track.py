@@ -24,6 +24,8 @@ from psfs.common.files import written_whole
 from psfs.common.npz import Values, read_npz, scalar
 from psfs.common.ranges import check_range
 
+#: Of a track that is being written, in the order of their names; see `part_name`.
+PARTS = "parts/track_*.npz"
 _DIAGNOSTIC = "diagnostic_"  # prefix of the diagnostics' keys in the npz
 #: The fields as a `track.npz` holds them; m and rad.
 _FIELDS = {
@@ -273,6 +275,9 @@ class Track:
         one. Raises InputError when it is missing, no npz, lacks a key or has shapes that disagree.
         """
         path = Path(path)
+        parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
+        if parts:  # of a run that was killed
+            return joined([cls.open(part) for part in parts])
         path = path / "track.npz" if path.is_dir() else path
         schema = _FIELDS | {
             _DIAGNOSTIC + name: replace(values, needed=False)
@@ -295,6 +300,32 @@ class Track:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from None
+
+
+def part_name(folder: Path, track: Track) -> Path:
+    """Return where a part of a track is kept while the rest is tracked."""
+    return folder / "parts" / f"track_{track.frames[0]:09d}.npz"
+
+
+def joined(parts: Sequence[Track]) -> Track:
+    """Return one track of the frames of several, which follow each other and differ in nothing
+    else."""
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+
+    def along(arrays: list[np.ndarray]) -> np.ndarray:
+        return np.concatenate(arrays)
+
+    return replace(
+        first,
+        frames=along([part.frames for part in parts]),
+        poses=along([part.poses for part in parts]),
+        joints=along([part.joints for part in parts]),
+        diagnostics={
+            name: along([part.diagnostics[name] for part in parts]) for name in first.diagnostics
+        },
+    )
 
 
 def _provenance(text: str) -> dict[str, Any]:

@@ -1,0 +1,36 @@
+"""Parts of a track on disk while the rest is tracked, should the process be killed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from apf.body import BodyModel, save_body
+from apf.initialisation.from_joints import write_pose
+from apf.tracking.track import PARTS, Track, part_name
+
+
+class Keeper:
+    """Writes the parts of each seed's track into its folder; see `apf.tracking.batch.Keep`."""
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        self._folders, self._begun = folders, False
+
+    def __call__(self, body: BodyModel, pose: np.ndarray, parts: list[Track]) -> None:
+        for folder, part in zip(self._folders, parts, strict=True):
+            if not self._begun:
+                write_pose(folder / "start.txt", pose)
+                save_body(folder / "body.toml", body)
+            part.save(part_name(folder, part))
+        self._begun = True
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove the parts, once the whole is written."""
+    for part in folder.glob(PARTS):
+        part.unlink()
+    with suppress(OSError):  # there is none
+        (folder / PARTS).parent.rmdir()

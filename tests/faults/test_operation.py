@@ -1,0 +1,227 @@
+"""Faults while a command works: full disks, lost devices, hanging decoders, signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+from helpers import faults
+from helpers.faults import run
+
+import apf.tracking.pipeline as pipeline
+import cl.launch
+import psfs.footage.threads as threads
+from apf.tracking.track import PARTS, Track
+from psfs.common.outputs import unfinished
+from psfs.voxels.clouds import read_cloud
+
+BOX = ["--all-cameras", "--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9"]
+
+
+def reconstruct(stock: Path, *more: str) -> list[str]:
+    return ["psfs", "reconstruct", str(stock / "seq"), "-o", str(stock / "new"), *BOX, *more]
+
+
+def track(stock: Path, *more: str) -> list[str]:
+    return ["apf", "track", str(stock / "seq"), "-o", str(stock / "new"), *BOX, "--no-overlay",
+            "--no-report", "--init", str(stock / "pose.txt"), "--particles", "40", "--layers", "2",
+            *more]  # fmt: skip
+
+
+def readable(out: Path) -> None:
+    """Assert that all visible files can be read, and no temporary one is left."""
+    for path in out.rglob("*"):
+        assert not path.name.startswith(".psfs-"), path
+        if path.suffix == ".npz" and path.parent.name == "clouds":
+            read_cloud(path)
+        elif path.suffix == ".npz":
+            Track.open(path)
+        elif path.suffix == ".json":
+            json.loads(path.read_text())
+
+
+class Full:
+    """A disk that is full after so many files."""
+
+    def __init__(self, files: int) -> None:
+        self.left = files
+
+    def __call__(self, old: Callable[..., Any]) -> Callable[..., Any]:
+        def replace(path: Path, target: Path) -> Any:
+            self.left -= 1
+            if self.left < 0:
+                raise OSError(28, "No space left on device")
+            return old(path, target)
+
+        return replace
+
+
+@pytest.mark.parametrize("files", [3, 5])
+def test_a_full_disk(stock: Path, monkeypatch: pytest.MonkeyPatch, files: int) -> None:
+    """Two names are the manifest's, two a cloud's."""
+    monkeypatch.setattr(Path, "replace", Full(files)(Path.replace))
+    outcome = run(reconstruct(stock, "--device", "numpy"))
+    last = outcome.err.strip().splitlines()[-1]
+    assert outcome.code == 2 and "No space left on device" in last and "Traceback" not in last
+    readable(stock / "new")
+    assert unfinished(stock / "new") is not None
+    monkeypatch.undo()
+    again = run(reconstruct(stock, "--device", "numpy"))
+    assert again.code == 0 and unfinished(stock / "new") is None
+
+
+def test_a_full_disk_for_real(stock: Path) -> None:
+    """By the limit of a file's size, as a disk's quota does."""
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900));"
+        "from psfs.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *reconstruct(stock)[1:], "--device", "numpy"],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(Path.cwd())},
+    )  # fmt: skip
+    assert done.returncode == 2 and "File too large" in done.stderr, done
+    assert "Traceback" not in done.stderr
+    readable(stock / "new")
+
+
+@pytest.mark.parametrize("command", [reconstruct, track])
+def test_a_device_that_is_lost(
+    stock: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., list[str]]
+) -> None:
+    assert run(command(stock)).code == 0  # so that all is built
+    launch, done = cl.launch.Launch.__call__, []
+    real = pyopencl.enqueue_nd_range_kernel
+
+    def lost(*arguments: Any, **more: Any) -> Any:
+        if len(done) == 2:
+            raise pyopencl.RuntimeError("clEnqueueNDRangeKernel failed: DEVICE_NOT_AVAILABLE")
+        return real(*arguments, **more)
+
+    monkeypatch.setattr(pyopencl, "enqueue_nd_range_kernel", lost)
+    assert launch
+    if command is track:
+        step = pipeline._part
+        monkeypatch.setattr(pipeline, "_PART", 0.0)
+
+        def counted(*arguments: Any) -> Any:
+            found = step(*arguments)
+            done.append(found)
+            return found
+
+        monkeypatch.setattr(pipeline, "_part", counted)
+    else:
+        import psfs.cli.reconstruct as module
+
+        write = module.write_cloud
+
+        def counted_cloud(*arguments: Any) -> None:
+            write(*arguments)
+            done.append(None)
+
+        monkeypatch.setattr(module, "write_cloud", counted_cloud)
+    outcome = run(command(stock))
+    last = outcome.err.strip().splitlines()[-1]
+    assert outcome.code == 2 and "DEVICE_NOT_AVAILABLE" in last, outcome
+    assert "2 of 3 frames are in" in last and "Traceback" not in outcome.err
+    readable(stock / "new")
+    assert unfinished(stock / "new") is not None
+    if command is track:
+        assert len(Track.open(stock / "new")) == 2
+
+
+def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import psfs.footage.media as media
+
+    monkeypatch.setattr(threads, "PATIENCE", 0.3)
+    read = media.ImagesDecoder.read
+
+    def hangs(self: Any, index: int) -> np.ndarray:
+        if index == 2:
+            time.sleep(20)
+        return read(self, index)
+
+    monkeypatch.setattr(media.ImagesDecoder, "read", hangs)
+    began = time.perf_counter()
+    outcome = run(reconstruct(stock, "--frames", "1:", "--device", "numpy"))
+    assert time.perf_counter() - began < 15
+    last = outcome.err.strip().splitlines()[-1]
+    assert outcome.code == 2 and "frame 2 was not decoded" in last and "seq/masks" in last
+
+
+def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each second's frames are there; the parts go when the whole is written."""
+    monkeypatch.setattr(pipeline, "_PART", 0.0)
+    assert run(track(stock, "--seed", "3")).code == 0
+    whole = Track.open(stock / "new")
+    assert not list((stock / "new").glob(PARTS)) and len(whole) == 3
+    import apf.cli.track as module
+
+    def killed(*_: Any) -> None:
+        raise SystemError("killed")
+
+    monkeypatch.setattr(module, "write_track_settings", killed)
+    outcome = run(track(stock, "--seed", "3"))
+    assert outcome.code == 70
+    found = Track.open(stock / "new")
+    np.testing.assert_array_equal(found.poses, whole.poses)
+    np.testing.assert_array_equal(found.covariance, whole.covariance)
+    assert unfinished(stock / "new") is not None
+    monkeypatch.undo()
+    assert run(track(stock, "--seed", "3")).code == 0
+    np.testing.assert_array_equal(Track.open(stock / "new").poses, whole.poses)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is done is kept, in one line, with exit code 130."""
+    import psfs.cli.reconstruct as module
+
+    write = module.write_cloud
+
+    def signalled(cloud: Any, stem: Path, normals: bool) -> None:
+        if stem.name == "frame_000002":
+            os.kill(os.getpid(), number)
+            time.sleep(0.5)
+        write(cloud, stem, normals)
+
+    monkeypatch.setattr(module, "write_cloud", signalled)
+    outcome = run(reconstruct(stock, "--device", "numpy"))
+    assert outcome.code == 130 and outcome.err.strip().splitlines()[-1] == "psfs: interrupted"
+    summary = json.loads((stock / "new/summary.json").read_text())
+    assert not summary["complete"] and len(summary["frames"]) == 2
+    readable(stock / "new")
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    warned = run(["psfs", "view", str(stock / "new"), "--png", str(stock / "x.png")])
+    assert warned.code == 0 and "did not come to its end" in warned.err
+
+
+def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: Any, **__: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("psfs.cli.reconstruct.reconstructor_for", none)
+    faults.refused(reconstruct(stock), stock, "not enough memory")
+
+
+@pytest.mark.parametrize("locale", ["C", "POSIX"])
+def test_other_locales(stock: Path, locale: str) -> None:
+    folder = (stock / "walk").rename(stock / "gehört é")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("LC_")}
+    environment |= {"LANG": locale, "LC_ALL": locale, "PYTHONCOERCECLOCALE": "0",
+                    "PYTHONUTF8": "0", "PYTHONPATH": str(Path.cwd())}  # fmt: skip
+    words = [sys.executable, "-m", "psfs.cli", "info", str(folder), "--no-pictures"]
+    done = subprocess.run(words, capture_output=True, check=False, env=environment)
+    assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr
