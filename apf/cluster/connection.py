@@ -27,8 +27,9 @@ def dask_distributed() -> ModuleType:
             "many takes on workers need dask.distributed, which is not installed; expected: "
             "pip install psfs-apf[cluster]"
         ) from None
-    # It tells of every worker that comes and goes; what matters the outcomes tell.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # They tell of every worker that comes and goes; what matters the outcomes tell.
+    for name in ("distributed", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
 
 

@@ -47,16 +47,18 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--start", choices=("true", "found"), default="true", help="given, or found in every take"
     )
+    parser.add_argument("--lean", action="store_true", help="without overlay and report")
 
 
 def run(args: argparse.Namespace) -> None:
     scene = _QUICK if args.quick else _SCENE
-    start = getattr(args, "start", "true")
-    results = Results.begin("batch", args, {"scene": scene, "start": start})
+    start, lean = args.start, args.lean
+    results = Results.begin("batch", args, {"scene": scene, "start": start, "lean": lean})
     with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
         takes = _filmed(Path(folder) / "takes", scene)
         results.section("decoding", partial(decoding, takes[0]))
-        flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras", "--no-overlay")
+        flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras")
+        flags += ("--no-overlay", "--no-report") if lean else ()
         measured = clusters(args.quick)
         first = next(iter(measured.values()))
         compiled = Path(folder) / "compiled"
@@ -109,8 +111,8 @@ def decoding(take: Path) -> dict[str, float]:
 def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool
 ) -> dict[str, Any]:
-    """Takes per minute of workers with these shares, and the s that a take spends in each stage,
-    after a short take or two on each."""
+    """Takes per minute of workers with these shares, after a short take or two on each; s that a
+    take spends in each stage, and s of a core that it costs."""
 
     def job(name: str, number: int, *more: str) -> Task:
         take = takes[number % len(takes)]
@@ -137,6 +139,7 @@ def throughput(
         "per_minute": 60 * n_takes / seconds,
         "frames_per_s": frames / seconds,
         "stages": stages,
+        "core_s": sum(one.core_seconds for one in done) / n_takes,
     }
 
 

@@ -75,11 +75,12 @@ class _TakeParser(CommandParser):
 @dataclass(frozen=True)
 class TakeDone:
     """What became of a take: the rows of its tracks. kept: it was finished already. stages: s that
-    each stage took."""
+    each stage took. core_seconds: of the process's CPU time meanwhile."""
 
     rows: tuple[Mapping[str, Any], ...]
     kept: bool
     stages: Mapping[str, float] = field(default_factory=dict)
+    core_seconds: float = 0.0
 
 
 def finished(job: TakeJob) -> TakeDone | None:
@@ -118,7 +119,7 @@ def written_take(
     its name when the record and all else that a take has are in it. facts: for `TakeRow`."""
     progress.begin("reading")
     wanted = job.record()
-    began = time.monotonic()
+    began, worked = time.monotonic(), time.process_time()
     with whole_folder(job.out) as partial, output_folder(partial, "apf batch"):
         args = job.arguments(partial)
         device = worker_device(args.device)
@@ -134,7 +135,7 @@ def written_take(
         outputs = {str(path.relative_to(partial)): FileFacts.of(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
     progress.end()
-    return TakeDone(rows, kept=False, stages=progress.seconds)
+    return TakeDone(rows, False, progress.seconds, time.process_time() - worked)
 
 
 def _written_rows(

@@ -26,12 +26,14 @@ def throughput_table(rows: dict[str, Any]) -> Grid:
     first = next(iter(rows.values()))
     return Grid(
         "Takes per minute",
-        ["workers", "takes", "takes/min", "frames/s", "speed-up", "efficiency"],
+        ["workers", "takes", "takes/min", "frames/s", "speed-up", "efficiency",
+         "core s/take", "cores busy"],
         [
             [
                 label, str(row["takes"]), number(row["per_minute"]), number(row["frames_per_s"]),
                 f"{row['per_minute'] / first['per_minute']:.2f} x",
                 f"{100 * row['per_minute'] / first['per_minute'] / _units(row, first):.0f} %",
+                number(row["core_s"]), number(row["core_s"] * row["per_minute"] / 60),
             ]
             for label, row in rows.items()
         ],
