@@ -221,7 +221,7 @@ def _tracked(
     if method.objective == "keypoints":  # nothing is seen of the background
         sequence = open_sequence(args)
     else:
-        sequence, left_out = open_trusted(args, device)
+        sequence, left_out = open_trusted(args, device, person=True)
     out.keep_off(sequence.inputs)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)

@@ -147,12 +147,17 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
 
 
 def open_trusted(
-    args: argparse.Namespace, device: Device | NumpyDevice
+    args: argparse.Namespace, device: Device | NumpyDevice, person: bool = False
 ) -> tuple[Sequence, list[Suspect]]:
     """Return the sequence as `examined` leaves it, and the cameras left out; warn of what is wrong.
-    What was found is stated in `args`: a run opened again is the same."""
+    What was found is stated in `args`: a run opened again is the same. Raises InputError if a
+    `person` is wanted and the unit makes nobody so large or small.
+    """
     opened = open_sequence(args)
     sequence, diagnosis, left_out = examined(opened, device, args.all_cameras)
+    unit = [str(fault) for fault in diagnosis.faults if fault.kind == "unit"]
+    if unit and person:
+        raise InputError(f"{sequence.name}: {unit[0]}")
     if left_out:
         args.cameras = sequence.rig.names
     if opened.settings.sync == "auto":

@@ -58,7 +58,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
         device = worker_device(args.device)
-        sequence, _ = open_trusted(args, device)
+        sequence, _ = open_trusted(args, device, person=True)
         frames = selected_frames(args, sequence)
         parts = cut(frames, part_frames, round(PartsConfig().overlap * sequence.fps))
         if len(parts) < 2:
@@ -126,7 +126,7 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
 
         def write(args: argparse.Namespace, device: Any) -> Take:
             args.folder = str(job.source)
-            sequence, left_out = open_trusted(args, device)
+            sequence, left_out = open_trusted(args, device, person=True)
             body = load_body(str(parts[0].out.parent / "body.toml"))
             pose = read_pose(parts[0].out.parent / START, body)
             take = Take(sequence, body, pose, None, [whole], 1.0)
