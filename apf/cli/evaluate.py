@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from apf.formats.trc import CONVENTIONS
+from apf.results.conventions import axes_that_fit
 from apf.results.evaluate import (
     LOST_FRAMES,
     LOST_JOINT,
@@ -54,11 +55,16 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     track = Track.open(args.track)
     truth = load_truth(args.truth, args.convention)
+    # An npz has the world's own axes.
+    convention = args.convention if args.truth.suffix.lower() == ".trc" else "z-up"
     try:
         evaluation = evaluate(track, truth)
     except InputError as error:
         raise InputError(f"{args.track} against {args.truth}: {error}") from None
     print_evaluation(evaluation)
+    better = axes_that_fit(track, truth, evaluation, convention)
+    if better is not None:
+        warn(better, stdout)
     if track.smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
