@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,15 +21,15 @@ from apf.live.budget import sizes
 from apf.live.captures import box_around, cameras_of
 from apf.live.config import LiveConfig
 from apf.live.error import live_errors
+from apf.live.pace import Pace, Progress
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult
 from apf.live.sources import Replay, Source
-from apf.live.timeline import Timeline
 from apf.results.evaluate import load_truth
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, stderr, stdout
+from psfs.cli.commandline import add_command, add_device_flag, stderr, stdout, warn
 from psfs.cli.sequence_flags import (
     add_sequence_flags,
     open_sequence,
@@ -138,9 +137,24 @@ def _live(
         scale=scale,
         config=config,
     )
-    status = stderr.status("waiting for the first frame") if stderr.is_terminal else nullcontext()
-    with status as shown:
-        result = live.run(lambda now, timeline: _show(shown, now, timeline))
+    pace = Pace(
+        live.expected_rate,
+        args.budget or source.fps,
+        live.processing_time,
+        float(live.governor.costs[live.governor.chosen]),
+        scale,
+    )
+    if pace.keeps_up:
+        stderr.print(str(pace), soft_wrap=True)
+    else:
+        warn(f"{pace}; {pace.advice}")
+    late = warn if pace.keeps_up else None
+    if stderr.is_terminal:
+        with stderr.status("waiting for the first frame; Ctrl-C ends") as status:
+            result = live.run(Progress(pace.wanted, status.update, None, late))
+    else:
+        say = partial(stderr.print, soft_wrap=True)
+        result = live.run(Progress(pace.wanted, None, say, late))
     if not result.frames:
         raise InputError("no frame was tracked; expected at least one before the end")
     track = _track(body, source, result, {**method.described(), "device": device.name})
@@ -210,18 +224,6 @@ def _track(
         for e in result.estimates
     ]
     return track_of(body, source.fps, result.frames, estimates, provenance)
-
-
-def _show(status: Any, result: LiveResult, timeline: Timeline) -> None:
-    if status is None or len(result.frames) < 2:
-        return
-    latencies, intervals = timeline.latencies()[-30:], timeline.intervals()[-30:]
-    _, particles, layers = result.sizes[-1]
-    status.update(
-        f"{len(result.frames)} poses, {1 / intervals.mean():.1f} per second, latency "
-        f"{1000 * latencies.mean():.0f} ms, {sum(timeline.dropped.values())} frames dropped, "
-        f"{particles} x {layers}; Ctrl-C ends"
-    )
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:

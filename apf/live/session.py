@@ -109,6 +109,18 @@ class Live:
         self._tracking_time = float(self.governor.costs[self.governor.chosen])
         self.tracker = self.chosen()
 
+    @property
+    def expected_rate(self) -> float:
+        """Poses per second, as far as was measured in the first frame."""
+        searching = float(self.governor.costs[self.governor.chosen])
+        overlapped = max(self._processing_time, searching)
+        return 1 / (overlapped if self._overlaps else self._processing_time + searching)
+
+    @property
+    def processing_time(self) -> float:
+        """s that a frame takes before it is searched in."""
+        return self._processing_time
+
     def run(self, progress: Callable[[LiveResult, Timeline], object] | None = None) -> LiveResult:
         """Track until the source ends, or `stop`, or KeyboardInterrupt, which ends it just so.
 

@@ -1,0 +1,105 @@
+"""Telling people how fast a live run is: what is to be expected, and how it goes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from apf.live.session import LiveResult
+from apf.live.timeline import Timeline
+
+#: s between two lines where there is no terminal; poses of which rate and latency are told.
+EVERY, _RECENT = 5.0, 30
+#: Share of the wanted rate below which a run does not keep up.
+_SLOW = 0.9
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Rates per second and s per pose: what was measured before a run began.
+
+    rate: of poses that the machine can find. wanted: those that are asked for, or that frames come
+    at. processing, searching: s. scale: of the pictures.
+    """
+
+    rate: float
+    wanted: float
+    processing: float
+    searching: float
+    scale: float
+
+    @property
+    def keeps_up(self) -> bool:
+        """Whether as many poses are found as are wanted."""
+        return self.rate >= _SLOW * self.wanted
+
+    def __str__(self) -> str:
+        return (
+            f"about {self.rate:.1f} poses per second can be found of the {self.wanted:g} wanted: "
+            f"{1000 * self.processing:.0f} ms for a frame's pictures at {self.scale:g} of their "
+            f"size, {1000 * self.searching:.0f} ms for its search"
+        )
+
+    @property
+    def advice(self) -> str:
+        """What makes a run faster, most helpful first."""
+        smaller = f"smaller pictures (--scale {self.scale / 2:g})"
+        search = "a smaller search (--particles, --layers)"
+        first = (smaller, search) if self.processing > self.searching else (search, smaller)
+        return f"faster with {', '.join(first)}, fewer cameras or a GPU; frames are dropped"
+
+
+class Progress:
+    """Tells now and then how a run goes: `progress(result, timeline)`, as `Live.run` calls it.
+
+    show: takes the line, which replaces the one before, at every call; say: takes a line to keep,
+    every `every` s. One of them may be None. warn: takes, once, that the run falls behind `wanted`
+    poses per second; None for a run of which that was said.
+    """
+
+    def __init__(
+        self,
+        wanted: float,
+        show: Callable[[str], object] | None,
+        say: Callable[[str], object] | None,
+        warn: Callable[[str], object] | None,
+        every: float = EVERY,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._wanted, self._show, self._say, self._warn = wanted, show, say, warn
+        self._every, self._clock = every, clock
+        self._began = self._said = clock()
+
+    def __call__(self, result: LiveResult, timeline: Timeline) -> None:
+        now = self._clock()
+        due = now - self._said >= self._every
+        if self._show is not None:
+            self._show(described(result, timeline))
+        if not due:
+            return
+        self._said = now
+        if self._say is not None:
+            self._say(f"{now - self._began:.0f} s: {described(result, timeline)}")
+        rate = _rate(timeline)
+        if self._warn is not None and rate < _SLOW * self._wanted:
+            self._warn(f"{rate:.1f} poses per second are found of the {self._wanted:g} wanted")
+            self._warn = None
+
+
+def described(result: LiveResult, timeline: Timeline) -> str:
+    """Return how a run goes, in a line."""
+    if not result.frames:
+        return "no pose yet"
+    latency = 1000 * timeline.latencies()[-_RECENT:].mean()
+    _, particles, layers = result.sizes[-1]
+    lost = "; LOST" if result.estimates and result.estimates[-1].lost else ""
+    return (
+        f"{len(result.frames)} poses, {_rate(timeline):.1f} per second, latency {latency:.0f} ms, "
+        f"{sum(timeline.dropped.values())} frames dropped, {particles} x {layers}{lost}"
+    )
+
+
+def _rate(timeline: Timeline) -> float:
+    intervals = timeline.intervals()[-_RECENT:]
+    return float(1 / intervals.mean()) if intervals.size else 0.0
