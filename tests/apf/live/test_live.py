@@ -69,7 +69,8 @@ def test_a_recording_from_the_command_line(filmed: Path, tmp_path: Path, capfd) 
     assert summary["error_mm"] < 80 and summary["lost"] == 0
     assert summary["error_when_known_mm"] is None or summary["error_when_known_mm"] > 0
     assert len(track) + sum(summary["dropped"].values()) <= 5
-    assert "mean error" in capfd.readouterr().out
+    said = capfd.readouterr()
+    assert "mean error" in said.out and "poses per second can be found" in said.err
 
 
 def test_videos_as_cameras(filmed: Path, tmp_path: Path) -> None:
