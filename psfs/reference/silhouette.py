@@ -78,25 +78,41 @@ def mixed_ratio(
     evidence: np.ndarray,
     config: SilhouetteConfig,
 ) -> np.ndarray:
-    """Return (H, W) log ratio of the pixels of the rim under N(I; mu + a (I_p - mu_p), sigma), the
-    mixture with a share a <= rim.share of the person that fits best; -inf elsewhere.
+    """Return (H, W) log ratio of the pixels of the rim under the mixture of background and person
+    that fits best; -inf elsewhere.
 
-    A pixel of the rim has positive evidence, and so has p, two pixels away in one of eight
-    directions (the best one counts); two pixels in the opposite direction it is negative.
+    The luma y of I - mu is a share a <= rim.share of that of I_p - mu_p, and its chroma (b - y,
+    r - y) any share up to 1, but for noise: that of the green channel, times rim.chroma_noise for
+    the chroma. A pixel of the rim has positive evidence, and so has p, two pixels away in one of
+    eight directions (the best one counts); two pixels in the opposite direction it is negative.
     """
     weight = _weight(std, config)
-    difference = image - mean.astype(np.float64)
+    luma, chroma = _luma_chroma(image - mean.astype(np.float64))
     least = np.full(evidence.shape, np.inf)
     y, x = 2 + np.array(np.nonzero(evidence[2:-2, 2:-2] > 0))
     for dy, dx in ((dy, dx) for dy in (-2, 0, 2) for dx in (-2, 0, 2)):
         on_rim = (evidence[y + dy, x + dx] > 0) & (evidence[y - dy, x - dx] < 0)
         here, ahead = (y[on_rim], x[on_rim]), (y[on_rim] + dy, x[on_rim] + dx)
-        shown, person, w = difference[here], difference[ahead], weight[here]
-        share = np.clip(_fitting(w, shown, person), 0, config.rim.share)
-        least[here] = np.minimum(least[here], _distance_left(w, shown, share, person))
+        left = _rest(luma[here], luma[ahead], config.rim.share)
+        left += _rest(chroma[here], chroma[ahead], 1) / config.rim.chroma_noise**2
+        least[here] = np.minimum(least[here], weight[here][:, 1] * left)
     peak = np.log(256 * np.sqrt(weight / (2 * np.pi))).sum(-1)
     ratio: np.ndarray = peak - config.rim.cost - 0.5 * least
     return ratio
+
+
+def _luma_chroma(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return luma (..., 1) and chroma (..., 2) of colours (..., 3) BGR or differences of them."""
+    luma = colours @ np.array([[0.114], [0.587], [0.299]])
+    return luma, colours[..., ::2] - luma
+
+
+def _rest(shown: np.ndarray, person: np.ndarray, most: float) -> np.ndarray:
+    """Return (n,) the squared distance of `shown` (n, c) to the nearest share of `person` (n, c)
+    from 0 to `most`."""
+    share = (shown * person).sum(-1) / ((person**2).sum(-1) + 1e-3)
+    rest: np.ndarray = shown - np.clip(share, 0, most)[:, None] * person
+    return (rest**2).sum(-1)
 
 
 def _log_ratios(
@@ -136,10 +152,11 @@ def floor_light(
     """Return (V, H, W) light on the floor that a pixel shows, 1 = that of the empty scene; NaN
     where there is no floor; twin of floor_light.cl.
 
-    For the middle of every cell of CELL x CELL pixels it is the brightest light factor, at most
-    1, that any other camera sees there; a camera whose pixel cannot be floor, shaded or not, has
-    no say, and where none has, it is 1. So it is where a cell's middle shows the floor lit. Steps
-    of 1 / 127; linear between the cells.
+    For the middle of every cell of CELL x CELL pixels it is, of the light factors that the other
+    cameras see there, the one second nearest to its own, at most 1; the nearest if fewer than
+    floor.enough have a say. A camera whose pixel cannot be floor, shaded or not, has none, and
+    where nobody has, it is 1. So it is where a cell's middle shows the floor lit. Steps of 1 / 127;
+    linear between the cells.
     """
     factors, left = [], []
     for image, mean, std in zip(images, background.mean, background.std, strict=True):
@@ -152,20 +169,30 @@ def floor_light(
         on_floor = np.isfinite(shown[..., 0])
         lit = (factors[view] > config.floor.lit) & (left[view] < config.floor.nearest)
         where = np.column_stack([shown[on_floor], np.full(on_floor.sum(), config.floor.height)])
-        brightest = np.zeros(len(where))
+        own = _of_middles(factors[view])[on_floor]
+        others = np.full((len(rig), len(where)), np.inf)
         for other, camera in enumerate(rig):
             if other == view:
                 continue
             seen, row, column, _ = camera.look_up(where)
             alpha, distance = factors[other][row, column], left[other][row, column]
             is_floor = (distance < config.floor.nearest) & (alpha < config.background.shadow_high)
-            brightest[seen] = np.maximum(brightest[seen], np.where(is_floor, alpha, 0))
+            others[other, seen] = np.where(is_floor, alpha, np.inf)
+        agreed = _agreed(others, own, config.floor.enough)
         cells = np.ones(on_floor.shape)
-        shaded = (brightest > 0) & (brightest < 1) & ~_of_middles(lit)[on_floor]
-        cells[on_floor] = np.where(shaded, np.floor(127 * brightest + 0.5) / 127, 1)
+        agreed[_of_middles(lit)[on_floor]] = 1
+        cells[on_floor] = np.floor(127 * agreed + 0.5) / 127
         between = _between_cells(cells, light.shape[1:])
         light[view] = np.where(of_pixels(on_floor, light.shape[1:]), between, np.nan)
     return light
+
+
+def _agreed(others: np.ndarray, own: np.ndarray, enough: int) -> np.ndarray:
+    """Return (n,) of the light factors `others` (V, n), inf for none, the one second nearest to
+    `own` (n,), at most 1; the nearest if there are fewer than `enough`; 1 if there is none."""
+    nearest = np.take_along_axis(others, np.argsort(np.abs(others - own), 0, kind="stable"), 0)
+    several = np.isfinite(others).sum(0) >= enough
+    return np.clip(np.where(several, nearest[:2][-1], nearest[0]), 0, 1)
 
 
 def of_pixels(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -239,8 +266,8 @@ def background_ratio(
     factor that fits best within a range. That is the shadow range, at the price of
     ((1 - alpha) / width)^2 / 2. On the floor, where `light` (H, W) is not NaN, it may be darker, at
     the price of ((1 - alpha) / floor.shadow_depth)^2 / 2, and of ((light - alpha) / width)^2 / 2:
-    with floor.lit_width where the floor is lit, with floor.shadow_width where it is shaded and
-    alpha darker than `light`.
+    with floor.lit_width where the floor is lit, with floor.shadow_width, to which the noise adds,
+    where it is shaded.
     """
     image, mean = image.astype(np.float64), mean.astype(np.float64)
     weight = _weight(std, config)
@@ -253,9 +280,10 @@ def background_ratio(
     dimmed = distance(alpha) + ((1 - alpha) / config.background.shadow_width(mean)) ** 2
     if light is not None:
         alpha = np.clip(factor, config.floor.shadow_low, config.background.shadow_high)
-        lit = ((light - alpha) / config.floor.lit_width) ** 2
-        shaded = (np.maximum(light - alpha, 0) / config.floor.shadow_width) ** 2
-        price = np.where(light > config.floor.fully_lit, lit, shaded)
+        lit = light > config.floor.fully_lit
+        width = np.where(lit, config.floor.lit_width, config.floor.shadow_width)
+        noise = np.where(lit, 0, 1 / (_weighed(weight, mean, mean) + 1e-6))
+        price = (light - alpha) ** 2 / (width**2 + noise)
         on_floor = distance(alpha) + price + ((1 - alpha) / config.floor.shadow_depth) ** 2
         dimmed = np.where(np.isnan(light), dimmed, on_floor)
     least = np.minimum(distance(np.ones(factor.shape)), dimmed)

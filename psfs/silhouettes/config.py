@@ -15,8 +15,8 @@ from psfs.common.ranges import check_range
 
 @dataclass(frozen=True)
 class FloorConfig:
-    """Shadows on the floor, which are the same for all cameras: arms before a floor of their colour
-    are not mistaken for shaded floor.
+    """Shadows on the floor, which are the same for all cameras: arms and shoes before a floor of
+    their colour are not mistaken for shaded floor.
 
     The defaults were tuned on synthetic walks with true masks and on a real person on a green
     carpet.
@@ -26,11 +26,14 @@ class FloorConfig:
     """Height of the floor, m, in the world of the calibration."""
     shadow_low: float = 0.15
     """Least light factor of a shadow that falls on the floor."""
-    shadow_width: float = 0.05
-    """Standard deviation of the light factor by which the floor may be darker for one camera than
-    for the one that sees it brightest."""
+    shadow_width: float = 0.03
+    """Standard deviation of the light factor between cameras that see the same shadow."""
     lit_width: float = 0.025
-    """The same where that camera sees the floor lit: it is lit for all."""
+    """The same where the others see the floor lit: it is lit for all."""
+    enough: int = 4
+    """Other cameras with a say of which two must agree on a shadow; of fewer one is enough."""
+    lit: float = 0.9
+    """Light factor above which the floor passes for lit, whatever the others see."""
     shadow_depth: float = 0.45
     """Standard deviation of a shadow's light factor around 1: shoes are darker than shadows."""
     nearest: float = 9.0
@@ -42,27 +45,28 @@ class FloorConfig:
     def __post_init__(self) -> None:
         for name in ("shadow_width", "lit_width", "shadow_depth"):
             check_range(f"the floor's {name}", getattr(self, name), 0)
-
-    @property
-    def lit(self) -> float:
-        """Light factor above which the floor passes for lit."""
-        return 1 - 2 * self.shadow_width
+        check_range("the floor's enough", self.enough, 2, ends=True)
 
 
 @dataclass(frozen=True)
 class RimConfig:
     """The silhouette's rim, where the person's colour and the background's are mixed. Without it
-    mixed pixels, which fit no background, would widen silhouettes. Tuned on synthetic walks with
-    true masks."""
+    mixed pixels, which fit no background, would widen silhouettes. Videos keep chroma at half the
+    resolution, so it bleeds farther than luma: any share of it may be the person's. Tuned on
+    synthetic people with true masks."""
 
-    share: float = 0.5
-    """A pixel of the rim is background up to that share of the person's colour..."""
-    cost: float = 3.0
+    share: float = 0.4
+    """A pixel of the rim is background up to that share of the person's luma..."""
+    cost: float = 4.0
     """...at the price of so many nats."""
+    chroma_noise: float = 0.67
+    """Standard deviation of the chroma's noise as a share of the luma's, which is the green
+    channel's."""
 
     def __post_init__(self) -> None:
         check_range("the rim's share", self.share, 0, 1)
         check_range("the rim's cost", self.cost, 0)
+        check_range("the rim's chroma_noise", self.chroma_noise, 0)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 // The light on the floor, as other cameras see it; twin: reference/silhouette.py.
-// Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance);
+// Defines: WIDTH, HEIGHT, VIEWS, FLOOR (m), SHADOW_HIGH, FLOOR_LIT, FLOOR_LEFT (squared distance),
+// FLOOR_ENOUGH (cameras);
 // CELL (px), CELLS_X, CELLS_Y of the cells.
 #if !defined(CAMERA_FLOATS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
-    !defined(FLOOR) || !defined(FLOOR_LEFT) || !defined(FLOOR_LIT) || !defined(SHADOW_HIGH) || \
+    !defined(FLOOR) || !defined(FLOOR_ENOUGH) || !defined(FLOOR_LEFT) || !defined(FLOOR_LIT) || !defined(SHADOW_HIGH) || \
     !defined(VIEWS)
-#error "reconstruction/floor_light.cl needs CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, FLOOR, FLOOR_LEFT, FLOOR_LIT, SHADOW_HIGH and VIEWS"
+#error "reconstruction/floor_light.cl needs CAMERA_FLOATS, CELL, CELLS_X, CELLS_Y, FLOOR, FLOOR_ENOUGH, FLOOR_LEFT, FLOOR_LIT, SHADOW_HIGH and VIEWS"
 #endif
 #include "reconstruction/background.h"
 #include "common/camera.h"
@@ -19,11 +20,12 @@ inline float light_factor(__global const uchar *colour, __global const float *pl
     return alpha;
 }
 
-// The light on the floor behind every cell: the brightest that any other camera sees there,
-// in steps of 1 / 127, times 2, plus 1 where there is floor at all. A camera whose pixel cannot be
-// floor, shaded or not, has no say; where nobody has, the floor is lit. The person who hides
-// the floor from some cameras may be dark like a shadow, but others see the floor beside him.
-// A cell whose middle shows the floor lit asks nobody.
+// The light on the floor behind every cell, as the other cameras have it that see there what the
+// cell's middle shows: of their light factors the one second nearest to the middle's, the nearest
+// if fewer than FLOOR_ENOUGH have a say; in steps of 1 / 127, times 2, plus 1 where there is floor
+// at all. A shadow looks alike to all who see it; shoes before a shadow hide another piece of floor
+// from every camera. A camera whose pixel cannot be floor, shaded or not, has no say, and where
+// nobody has the floor is lit. A cell whose middle shows the floor lit asks nobody.
 // `points` holds the floor behind a cell (x, y), NaN if there is none. `light` has a border of one
 // cell, which repeats the outermost.
 __kernel void floor_light(__global const float *restrict cameras,
@@ -43,7 +45,8 @@ __kernel void floor_light(__global const float *restrict cameras,
     const float own = light_factor(images + 3 * (view * PIXELS + middle),
                                    background + (size_t)view * 8 * PIXELS + middle, &left);
     const int asks = on_floor && (own <= FLOOR_LIT || left >= FLOOR_LEFT);
-    float brightest = 0.0f;
+    int asked = 0;
+    float nearest = 1.0f, second = 1.0f, nearest_off = 1e9f, second_off = 1e9f;
     for (int other = 0; asks && other < VIEWS; ++other) {
         if (other == view) continue;
         __global const float *camera = cameras + other * CAMERA_FLOATS;
@@ -53,8 +56,20 @@ __kernel void floor_light(__global const float *restrict cameras,
         if (depth <= 0.0f || at < 0) continue;
         const float alpha = light_factor(images + 3 * (other * PIXELS + at),
                                          background + (size_t)other * 8 * PIXELS + at, &left);
-        if (left < FLOOR_LEFT && alpha < SHADOW_HIGH && alpha > brightest) brightest = alpha;
+        if (left >= FLOOR_LEFT || alpha >= SHADOW_HIGH) continue;
+        ++asked;
+        const float off = fabs(alpha - own);
+        if (off < nearest_off) {
+            second = nearest;
+            second_off = nearest_off;
+            nearest = alpha;
+            nearest_off = off;
+        } else if (off < second_off) {
+            second = alpha;
+            second_off = off;
+        }
     }
-    const int steps = brightest > 0.0f && brightest < 1.0f ? (int)(127.0f * brightest + 0.5f) : 127;
+    const float agreed = asked >= FLOOR_ENOUGH ? second : nearest;
+    const int steps = (int)(127.0f * min(max(agreed, 0.0f), 1.0f) + 0.5f);
     light[(view * (CELLS_Y + 2) + row) * (CELLS_X + 2) + column] = 2 * steps + on_floor;
 }

@@ -1,15 +1,16 @@
 // Silhouette likelihood maps, Song et al. eq. (1)-(2), as evidence counts (see psfs/silhouettes/config.py);
 // twin: reference/silhouette.py. A work-item has PACK neighbouring pixels of a row; the last of a
 // row begin earlier where its width is not a multiple.
-// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, FLOOR_WEIGHT and LIT_WEIGHT (1 /
-// variance of the light factor in shadows and where the light is above FULLY_LIT), FLOOR_DEPTH (1 /
-// variance of its shadows), RIM_SHARE, RIM_COST (nats), STEPS (counts of log ratio per nat), LOWEST
-// and HIGHEST (counts), BINS of a colour channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
+// Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, LIT_VARIANCE and FLOOR_VARIANCE (of
+// the light factor where the light is above FULLY_LIT, and in shadows), FLOOR_DEPTH (1 / variance
+// of its shadows), RIM_SHARE, RIM_COST (nats), RIM_CHROMA (1 / the chroma's share of the luma's
+// variance), STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
+// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
 #if !defined(BINS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
-    !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(FLOOR_WEIGHT) || \
-    !defined(FULLY_LIT) || !defined(LIT_WEIGHT) || !defined(PACK) || !defined(RIM_COST) || \
+    !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(FLOOR_VARIANCE) || \
+    !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
     !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || !defined(STEPS)
-#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, FLOOR_DEPTH, FLOOR_LOW, FLOOR_WEIGHT, FULLY_LIT, LIT_WEIGHT, PACK, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW and STEPS"
+#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW and STEPS"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/ratios.h"
@@ -107,9 +108,9 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const vint on_floor = (by_cell((__global const char *)floors, x) & 1) == 1;
     const vfloat seen = TO_FLOAT(between_cells(lights, x, y)) * (1.0f / (4 * CELL * CELL * 254));
     const vfloat dim = within(factor, FLOOR_LOW, SHADOW_HIGH);
-    const vfloat off = seen - dim, darker = most(off, 0.0f);
-    const vfloat price = seen > FULLY_LIT ? LIT_WEIGHT * off * off : FLOOR_WEIGHT * darker * darker;
-    const vfloat on_it = distance_left(w, shown, dim, mean) + price +
+    const vfloat off = seen - dim, noise = 1.0f / (weighed(w, mean, mean) + 1e-6f);
+    const vfloat variance = seen > FULLY_LIT ? LIT_VARIANCE : FLOOR_VARIANCE + noise;
+    const vfloat on_it = distance_left(w, shown, dim, mean) + off * off / variance +
                          FLOOR_DEPTH * (1.0f - dim) * (1.0f - dim);
     const vfloat nearest = least(plain, on_floor ? on_it : shaded);
 
@@ -147,15 +148,25 @@ __kernel void silhouette(__global const char *restrict ratios, __global const in
                evidence + view * PIXELS + y * WIDTH + x);
 }
 
+// Luma and, beside it, the chroma of a difference of colours.
+typedef struct { vfloat y, b, r; } Chroma;
+
+inline Chroma chroma_of(Colour c)
+{
+    const vfloat y = 0.114f * c.b + 0.587f * c.g + 0.299f * c.r;
+    return (Chroma){y, c.b - y, c.r - y};
+}
+
 // Log ratio of pixels of the rim: how well the background's colour mixed with the person's, not
-// more than RIM_SHARE of it his, explains the pixel. The person is two pixels ahead, in one of
-// eight directions, and the background as far behind, as `person`, the evidence at the pixel, has
-// it. Less than LOWEST, if no direction is so. All pointers point to the pixel.
+// more than RIM_SHARE of its luma his and any share of its chroma, which videos have blurred,
+// explains the pixel. The person is two pixels ahead, in one of eight directions, and the background
+// as far behind, as `person`, the evidence at the pixel, has it. Less than LOWEST, if no direction
+// is so. All pointers point to the pixel.
 inline vfloat mixed(__global const uchar *colour, __global const float *plane,
                     __global const char *person)
 {
-    const Colour w = planes_of(plane, 3);
-    const Colour here = less(colour_of(colour), 1.0f, planes_of(plane, 0));
+    const vfloat weight = LOAD_PACK(plane + 4 * PIXELS);
+    const Chroma here = chroma_of(less(colour_of(colour), 1.0f, planes_of(plane, 0)));
     vfloat nearest = 1e9f;
 #pragma unroll
     for (int direction = 0; direction < 9; ++direction) {
@@ -163,9 +174,15 @@ inline vfloat mixed(__global const uchar *colour, __global const float *plane,
         const vint on_rim =
             (TO_INT(LOAD_CHARS(person + step)) > 0) & (TO_INT(LOAD_CHARS(person - step)) < 0);
         if (!PACK_ANY(on_rim)) continue;
-        const Colour ahead = less(colour_of(colour + 3 * step), 1.0f, planes_of(plane + step, 0));
-        const vfloat share = within(fitting(w, here, ahead), 0.0f, RIM_SHARE);
-        const vfloat left = distance_left(w, here, share, ahead);
+        const Chroma ahead =
+            chroma_of(less(colour_of(colour + 3 * step), 1.0f, planes_of(plane + step, 0)));
+        const vfloat luma = within(here.y * ahead.y / (ahead.y * ahead.y + 1e-3f), 0.0f, RIM_SHARE);
+        const vfloat chroma = within((here.b * ahead.b + here.r * ahead.r) /
+                                         (ahead.b * ahead.b + ahead.r * ahead.r + 1e-3f),
+                                     0.0f, 1.0f);
+        const vfloat y = here.y - luma * ahead.y;
+        const vfloat b = here.b - chroma * ahead.b, r = here.r - chroma * ahead.r;
+        const vfloat left = weight * (y * y + RIM_CHROMA * (b * b + r * r));
         nearest = (on_rim & (left < nearest)) ? left : nearest;
     }
     return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - RIM_COST - 0.5f * nearest);
