@@ -38,7 +38,13 @@ if TYPE_CHECKING:
     from psfs.cameras.camera import Camera, CameraRig
     from psfs.reconstructor import ReconstructionConfig, Reconstructor
     from psfs.sequence import Frame, Sequence
-    from psfs.silhouettes.config import AppearanceConfig, FloorConfig, RimConfig, SilhouetteConfig
+    from psfs.silhouettes.config import (
+        AppearanceConfig,
+        FloorConfig,
+        RimConfig,
+        SilhouetteConfig,
+        SmoothingConfig,
+    )
     from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
     from psfs.voxels.config import ColourConfig, ForegroundJoinConfig, OccupancyConfig, VolumeConfig
@@ -69,6 +75,7 @@ __all__ = [
     "RimConfig",
     "Sequence",
     "SilhouetteConfig",
+    "SmoothingConfig",
     "UserError",
     "VolumeConfig",
     "VoxelCloud",
@@ -104,7 +111,13 @@ _MODULES = {
     "psfs.cameras.camera": ("Camera", "CameraRig"),
     "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
     "psfs.sequence": ("Frame", "Sequence"),
-    "psfs.silhouettes.config": ("AppearanceConfig", "FloorConfig", "RimConfig", "SilhouetteConfig"),
+    "psfs.silhouettes.config": (
+        "AppearanceConfig",
+        "FloorConfig",
+        "RimConfig",
+        "SilhouetteConfig",
+        "SmoothingConfig",
+    ),
     "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
     "psfs.voxels.config": (

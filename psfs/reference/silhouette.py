@@ -12,7 +12,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL
 from psfs.reference.chroma_key import chroma_ratio
 from psfs.silhouettes.appearance import BINS
-from psfs.silhouettes.config import SilhouetteConfig
+from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
@@ -47,7 +47,10 @@ def silhouette_evidence(
         mixed = config.evidence.ratio_steps * mixed_ratio(image, mean, std, evidence[view], config)
         mixed -= _learnt(foreground, view, image)
         counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
-    return _evidence_of(counts, inside, config)
+        smoothed = smoothed_evidence(image, counts[view], config)
+        near = near_foreground(evidence[view])
+        evidence[view] = np.where(near & inside[view], smoothed, evidence[view])
+    return evidence
 
 
 def _learnt(foreground: NumpyForeground | None, view: int, image: np.ndarray) -> np.ndarray:
@@ -69,6 +72,40 @@ def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
 def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
     table = config.evidence.ratio_counts()[box_sums(counts) - 9 * config.evidence.ratio_range[0]]
     return np.where(inside, table, 0).astype(np.int8)
+
+
+def near_foreground(evidence: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: pixels whose span of CELL x SPAN pixels, or one of its eight neighbours,
+    shows positive evidence; false for the outermost two pixels, which do not count either."""
+    height, width = evidence.shape
+    rows, columns = -(-height // CELL), -(-width // SPAN)
+    shown = np.zeros((rows * CELL, columns * SPAN), bool)
+    shown[2 : height - 2, 2 : width - 2] = evidence[2:-2, 2:-2] > 0
+    spans = shown.reshape(rows, CELL, columns, SPAN).any((1, 3))
+    near = ndimage.binary_dilation(spans, np.ones((3, 3)))
+    inside = np.zeros(evidence.shape, bool)
+    inside[2:-2, 2:-2] = True
+    return np.asarray(near.repeat(CELL, 0).repeat(SPAN, 1)[:height, :width] & inside)
+
+
+def smoothed_evidence(
+    image: np.ndarray, counts: np.ndarray, config: SilhouetteConfig
+) -> np.ndarray:
+    """Return (H, W) evidence counts of a picture (H, W, 3) with log ratios `counts` (H, W): of the
+    mean over the pixels within smoothing.reach, weighed by the difference d of their luma from this
+    one's with 1 / (1 + (d / smoothing.contrast)^2)^2. Beyond the border ratios and luma are 0."""
+    reach, (height, width) = config.smoothing.reach, counts.shape
+    luma = np.floor(_luma_chroma(image.astype(np.float64))[0][..., 0] + 0.5)
+    lumas, ratios = np.pad(luma, reach), np.pad(counts, reach)
+    total, weights = np.zeros(counts.shape), np.zeros(counts.shape)
+    for y, x in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        part = slice(y, y + height), slice(x, x + width)
+        weight = (1 + ((lumas[part] - luma) / config.smoothing.contrast) ** 2) ** -2
+        total += weight * ratios[part]
+        weights += weight
+    place = 9 * total / weights - 9 * config.evidence.ratio_range[0]
+    evidence: np.ndarray = config.evidence.ratio_counts()[np.floor(place + 0.5).astype(int)]
+    return evidence
 
 
 def mixed_ratio(

@@ -14,7 +14,7 @@ from psfs.background.config import BackgroundConfig
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.silhouettes.appearance import BINS, Foreground
-from psfs.silhouettes.config import SilhouetteConfig
+from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ class Silhouette:
     ) -> None:
         self._device, self._config = device, config or SilhouetteConfig()
         self.rig, self.background = rig, background
+        self._shown: Array | None = None
         self.foreground: Foreground | None = None
         self.adaptation: Adaptation | None = None
         shape = (len(rig), rig.height, rig.width)
@@ -71,6 +72,8 @@ class Silhouette:
 
     def compute(self) -> Array:
         """Enqueue the map of what `input` holds."""
+        if self._shown is not None:
+            self._shown.fill(0)
         for launch in self._launches:
             launch()
         return self.evidence
@@ -113,6 +116,7 @@ class Silhouette:
         )
         if config.appearance.learn:
             self._learn_into(colours, location, scene)
+        luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
         seen = {"images": self.input, "background": scene, "light": light}
         known = {"colours": colours, "location": location}
         launches = [
@@ -132,9 +136,10 @@ class Silhouette:
                 **known,
                 sizes=self._sizes,
                 ratios=ratios,
+                luma=luma,
             ),
         ]
-        return launches, {"images": self.input, "background": scene, **known}
+        return launches, {"images": self.input, "background": scene, "luma": luma, **known}
 
     def _learn_into(self, colours: Array, location: Array, scene: Array) -> None:
         """Make what learns from one frame for the next: the person's colours and location, and the
@@ -147,16 +152,25 @@ class Silhouette:
             self.adaptation = Adaptation(device, rig, *light, *frame, scene)
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
-        """Return the launches that make new ratios for the pixels of the rim, and the evidence
-        around them once more."""
+        """Return the launches that make new ratios for the pixels of the rim, and near foreground
+        the evidence once more, smoothed."""
         rows, _ = cells(self.rig)
+        shape = (len(self.rig), rows + 2, -(-self.rig.width // SPAN) + 2)
+        self._shown = self._device.zeros(shape, np.uint8, "the foreground's spans")
         columns = -(-self.rig.width // max(CELL, pixel_pack(self._device, self.rig.width)))
-        shape = (len(self.rig), rows + 2, columns + 2)
-        changed = self._device.zeros(shape, np.uint8, "the rim's blocks")
-        size, both = (columns, rows), {"changed": changed, "evidence": self.evidence}
+        luma = scene.pop("luma")
+        both = {"shown": self._shown, "evidence": self.evidence}
+        rim = {**scene, **both, "ratios": mapped["ratios"]}
         return [
-            self._launch("silhouette", "rim", size, **scene, **both, ratios=mapped["ratios"]),
-            self._launch("silhouette", "silhouette_again", size, **{**mapped, **both}),
+            self._launch("silhouette", "rim", (columns, rows), **rim),
+            self._launch(
+                "silhouette",
+                "smoothed_evidence",
+                self._packs(),
+                **mapped,
+                luma=luma,
+                shown=self._shown,
+            ),
         ]
 
     def _packs(self) -> tuple[int, int]:
@@ -184,6 +198,8 @@ class Silhouette:
             "RIM_SHARE": float(config.rim.share),
             "RIM_CHROMA": float(config.rim.chroma_noise**-2),
             "RIM_COST": float(config.rim.cost),
+            **{"SMOOTH_REACH": config.smoothing.reach, "SPAN": SPAN},
+            "CONTRAST": float(config.smoothing.contrast**-2),
             "STEPS": float(evidence.ratio_steps),
             "LOWEST": evidence.ratio_range[0],
             "HIGHEST": evidence.ratio_range[1],

@@ -15,6 +15,7 @@ typedef char vchar;
 #define TO_FLOAT convert_float
 #define TO_UINT convert_uint
 #define TO_CHAR convert_char
+#define TO_BYTES convert_uchar
 // Lane l (0 to F) of a pack, and a pack of what the macro `each` says for every lane.
 #define LANE_OF(pack, l) (pack)
 #define PACK_OF(type, each) ((type)(each(0)))
@@ -47,6 +48,7 @@ typedef PACKED(char) vchar;
 #define TO_FLOAT PACKED(convert_float)
 #define TO_UINT PACKED(convert_uint)
 #define TO_CHAR PACKED(convert_char)
+#define TO_BYTES PACKED(convert_uchar)
 #define LANE_OF(pack, l) ((pack).s##l)
 #define LOAD_PACK(place) PACKED(vload)(0, place)
 #define STORE_PACK(pack, place) PACKED(vstore)(pack, 0, place)

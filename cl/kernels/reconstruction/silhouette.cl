@@ -5,12 +5,14 @@
 // the light factor where the light is above FULLY_LIT, and in shadows), FLOOR_DEPTH (1 / variance
 // of its shadows), RIM_SHARE, RIM_COST (nats), RIM_CHROMA (1 / the chroma's share of the luma's
 // variance), STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
-// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK.
+// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK; SPAN (px), SMOOTH_REACH (px, 1 or 2), CONTRAST (1 /
+// grey levels^2).
 #if !defined(BINS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
-    !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(FLOOR_VARIANCE) || \
+    !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(CONTRAST) || !defined(SMOOTH_REACH) || !defined(FLOOR_VARIANCE) || \
     !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
-    !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || !defined(STEPS)
-#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW and STEPS"
+    !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || \
+    !defined(SPAN) || !defined(STEPS)
+#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN and STEPS"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/ratios.h"
@@ -73,19 +75,21 @@ inline vint by_colour(__global const char *table, __global const uchar *pixel)
 #undef ENTRY
 }
 
+inline vfloat luma_of(Colour c) { return 0.114f * c.b + 0.587f * c.g + 0.299f * c.r; }
+
 // Log of the background's density over the foreground's, in counts of 1 / STEPS nats.
 // `background` holds, per view, planes of floats: mean of the channels (3), 1 / sigma^2 of the
 // channels (3), log of the background's peak density over the uniform foreground's, 1 / variance
 // of the light factor. `colours` holds the log of the foreground's density over the uniform one,
 // `location` the log odds of foreground by cell, both in counts; `light` that of floor_light.cl.
-// `ratios` has a border of one pixel.
+// `ratios` has a border of one pixel. `luma` is that of the pictures.
 __kernel void log_ratio(__global const uchar *restrict images,
                         __global const float *restrict background,
                         __global const int2 *restrict sizes,
                         __global const char *restrict colours,
                         __global const char *restrict location,
                         __global const uchar *restrict light,
-                        __global char *restrict ratios)
+                        __global char *restrict ratios, __global uchar *restrict luma)
 {
     const int x = PACK_BEGIN((int)get_global_id(0)), y = get_global_id(1), view = get_global_id(2);
     if (get_global_id(0) * PACK >= WIDTH || y >= HEIGHT) return;
@@ -120,6 +124,7 @@ __kernel void log_ratio(__global const uchar *restrict images,
     const vchar counts = in_counts(STEPS * uniform_ratio - TO_FLOAT(known));
     STORE_PACK(TO_CHAR(in_picture(sizes, view, x, y) ? TO_INT(counts) : 0),
                ratios + ratio_place(view, x, y));
+    STORE_PACK(TO_BYTES(luma_of(shown) + 0.5f), luma + view * PIXELS + pixel);
 }
 
 // Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each.
@@ -153,7 +158,7 @@ typedef struct { vfloat y, b, r; } Chroma;
 
 inline Chroma chroma_of(Colour c)
 {
-    const vfloat y = 0.114f * c.b + 0.587f * c.g + 0.299f * c.r;
+    const vfloat y = luma_of(c);
     return (Chroma){y, c.b - y, c.r - y};
 }
 
@@ -188,17 +193,25 @@ inline vfloat mixed(__global const uchar *colour, __global const float *plane,
     return STEPS * (LOAD_PACK(plane + 6 * PIXELS) - RIM_COST - 0.5f * nearest);
 }
 
-// Blocks of the picture: as high as a cell, as wide as a cell or a pack.
+// Blocks of the picture: as high as a cell, as wide as a cell or a pack; and spans of SPAN pixels, a
+// whole number of blocks.
+#define SPANS_X ((WIDTH + SPAN - 1) / SPAN)
 #define BLOCK (CELL > PACK ? CELL : PACK)
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
+// Where the span that has a pixel lies in the maps of spans.
+inline int span_place(int view, int x, int y)
+{
+    return (view * (CELLS_Y + 2) + y / CELL + 1) * (SPANS_X + 2) + x / SPAN + 1;
+}
+
 // Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are
-// higher. `evidence` is that of the ratios as they came. `changed` says which blocks have new
-// ratios; it has a border of one block.
+// higher. `evidence` is that of the ratios as they came. `shown` is 1 for spans with foreground, and
+// has a border of one; the picture's outermost two pixels do not count.
 __kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
                   __global const char *restrict colours, __global const char *restrict location,
                   __global const char *restrict evidence, __global char *restrict ratios,
-                  __global uchar *restrict changed)
+                  __global uchar *restrict shown)
 {
     const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
     if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
@@ -214,6 +227,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             const vint asked = (column >= first) & (column < end_x) &
                                (TO_INT(LOAD_CHARS(evidence + here)) > 0);
             if (!PACK_ANY(asked)) continue;
+            any = 1;
             __global const uchar *colour = images + 3 * here;
             const vfloat ratio = mixed(colour, background + (size_t)(7 * view) * PIXELS + here,
                                        evidence + here) -
@@ -229,36 +243,59 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
             STORE_PACK(better, taken);
             for (int k = 0; k < PACK; ++k)
                 if (taken[k]) old[k] = values[k];
-            any = 1;
         }
-    changed[(view * (CELLS_Y + 2) + block_y + 1) * (BLOCKS_X + 2) + block_x + 1] = any;
+    if (any) shown[span_place(view, BLOCK * block_x, CELL * block_y)] = 1;
 }
 
-// The evidence once more, of the blocks that are changed or have such neighbours.
-__kernel void silhouette_again(__global const uchar *restrict changed,
-                               __global const char *restrict ratios,
-                               __global const int2 *restrict sizes,
-                               __global const char *restrict table,
-                               __global char *restrict evidence)
+// Does the span of a pixel or one of its neighbours show foreground?
+inline int near_foreground(__global const uchar *shown, int view, int x, int y)
 {
-    const int block_x = get_global_id(0), block_y = get_global_id(1), view = get_global_id(2);
-    if (block_x >= BLOCKS_X || block_y >= CELLS_Y) return;
-    __global const uchar *corner =
-        changed + (view * (CELLS_Y + 2) + block_y) * (BLOCKS_X + 2) + block_x;
-    int any = 0;
+    __global const uchar *corner = shown + span_place(view, x, y) - (SPANS_X + 2) - 1;
+    int near = 0;
 #pragma unroll
     for (int row = 0; row < 3; ++row)
 #pragma unroll
-        for (int column = 0; column < 3; ++column) any |= corner[row * (BLOCKS_X + 2) + column];
-    if (!any) return;
-    const int end_x = min(BLOCK * block_x + BLOCK, WIDTH);
-    const int end_y = min(CELL * block_y + CELL, HEIGHT);
-    for (int y = CELL * block_y; y < end_y; ++y)
-        for (int first = BLOCK * block_x; first < end_x; first += PACK) {
-            const int x = first < WIDTH - PACK ? first : WIDTH - PACK;
-            STORE_PACK(evidence_of(ratios, sizes, table, view, x, y),
-                       evidence + view * PIXELS + y * WIDTH + x);
+        for (int column = 0; column < 3; ++column) near |= corner[row * (SPANS_X + 2) + column];
+    return near;
+}
+
+// The evidence once more, near foreground: of the ratios of all pixels within SMOOTH_REACH, as far
+// as they look like this one: weighed with 1 / (1 + CONTRAST d^2)^2 by how far their luma differs.
+__kernel void smoothed_evidence(__global const uchar *restrict shown,
+                             __global const char *restrict ratios,
+                             __global const uchar *restrict luma,
+                             __global const int2 *restrict sizes,
+                             __global const char *restrict table, __global char *restrict evidence)
+{
+    const int y = get_global_id(1), view = get_global_id(2), first = 2 + get_global_id(0) * PACK;
+    if (first >= WIDTH - 2 || y < 2 || y >= HEIGHT - 2) return;
+    const int x = first < WIDTH - 2 - PACK ? first : WIDTH - 2 - PACK;
+    const int left = near_foreground(shown, view, x, y);
+    const int right = near_foreground(shown, view, x + PACK - 1, y);
+    if (!(left | right)) return;
+    __global const uchar *light = luma + view * PIXELS + y * WIDTH + x;
+    __global const char *ratio = ratios + ratio_place(view, x, y);
+    const vfloat here = TO_FLOAT(LOAD_BYTES(light));
+    vfloat sum = 0.0f, weights = 0.0f;
+#pragma unroll
+    for (int row = -SMOOTH_REACH; row <= SMOOTH_REACH; ++row)
+#pragma unroll
+        for (int column = -SMOOTH_REACH; column <= SMOOTH_REACH; ++column) {
+            const vfloat off = TO_FLOAT(LOAD_BYTES(light + row * WIDTH + column)) - here;
+            const vfloat unlike = 1.0f + CONTRAST * off * off;
+            const vfloat weight = 1.0f / (unlike * unlike);
+            sum += weight * TO_FLOAT(LOAD_CHARS(ratio + row * (WIDTH + 2) + column));
+            weights += weight;
         }
+    const vint place = TO_INT(9.0f * (sum / weights) - 9 * LOWEST + 0.5f);
+#define EVIDENCE(l) table[LANE_OF(place, l)]
+    const vint counts = PACK_OF(vint, EVIDENCE);
+#undef EVIDENCE
+    __global char *out = evidence + view * PIXELS + y * WIDTH + x;
+    const vint leftmost = (x + LANE_NUMBERS) / SPAN == x / SPAN;
+    const vint near = (leftmost ? (vint)left : (vint)right) > 0;
+    const vint found = in_picture(sizes, view, x, y) ? counts : 0;
+    STORE_PACK(TO_CHAR(near ? found : TO_INT(LOAD_CHARS(out))), out);
 }
 
 // Ready masks, 0..255; `table` holds the evidence of the 256 values.

@@ -18,7 +18,7 @@ from psfs.reference.silhouette import (
     mask_evidence,
     silhouette_evidence,
 )
-from psfs.silhouettes.config import RimConfig, SilhouetteConfig
+from psfs.silhouettes.config import FloorConfig, RimConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIGS = [
@@ -182,3 +182,25 @@ def test_an_arm_of_the_floors_colour_is_no_shade_where_the_floor_is_lit() -> Non
 
     assert lit(0.88, 1.0) < 0 < lit(0.88, 0.88)
     assert lit(1.0, 1.0) - lit(1.1, 1.0) > 5  # nor brighter
+
+
+def test_shoes_before_a_shadow_are_no_lighter_shadow() -> None:
+    tiles = np.array([[[160.0, 160.0, 165.0]]])
+    std, config = np.full_like(tiles, 3.0), SilhouetteConfig()
+    light = np.array([[0.5]])  # what two other cameras see there
+    shadow, shoe = (
+        background_ratio(share * tiles, tiles, std, config, light)[0, 0] for share in (0.5, 0.8)
+    )
+    assert shoe < 0 < shadow
+
+
+@pytest.mark.parametrize(("least", "expected"), [(2, 0.5), (4, 0.75)])
+def test_two_cameras_must_agree_on_a_shadow_where_there_are_enough(
+    least: int, expected: float
+) -> None:
+    """One of three others sees a shoe as dark as this pixel, two see the shadow behind it."""
+    rig, plate, _, _ = shadowed_floor(4)
+    dark = np.rint(plate.mean * np.array([0.8, 0.75, 0.5, 0.5])[:, None, None, None])
+    config = replace(SilhouetteConfig(), floor=FloorConfig(enough=least))
+    light = floor_light(dark.astype(np.uint8), rig, plate, config)[0]
+    assert abs(np.nanmedian(light) - expected) < 0.02
