@@ -60,7 +60,8 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         device = worker_device(args.device)
         sequence, _ = open_trusted(args, device, person=True)
         frames = selected_frames(args, sequence)
-        parts = cut(frames, part_frames, round(PartsConfig().overlap * sequence.fps))
+        overlap = round(PartsConfig().overlap * sequence.fps / abs(frames.step))
+        parts = cut(frames, part_frames, overlap)
         if len(parts) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
