@@ -13,11 +13,11 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
-from apf.cli.kept_parts import Keeper, remove_parts
 from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
-from apf.cli.take_report import Judgement, Line, TakeLine, TakeReport
+from apf.cli.takes.kept_parts import Keeper, remove_parts
+from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
 from apf.report.judged import FILES, judged, run_facts, write_judged

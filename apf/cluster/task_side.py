@@ -42,8 +42,8 @@ class Progress:
 
 
 class TaskProgress:
-    """What a task reports to. It is the line of a take as `apf.cli.take_report.TakeLine` is: called
-    with the name of the stage in work, after every frame of those that go frame by frame.
+    """What a task reports to. It is the line of a take as `apf.cli.takes.take_report.TakeLine` is:
+    called with the name of the stage in work, after every frame of those that go frame by frame.
 
     worker: host and process. seconds: that each stage took. Calls raise KeyboardInterrupt in a task
     that is to stop.

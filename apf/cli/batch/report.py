@@ -12,7 +12,7 @@ from typing import Any
 from rich.progress import TaskID
 
 from apf.cli.batch.take import TakeDone
-from apf.cli.take_report import reports_of
+from apf.cli.takes.take_report import reports_of
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress

@@ -19,7 +19,7 @@ from psfs.cli.commandline import (
     messages,
     path_or_name,
 )
-from psfs.cli.outcome import exit_code
+from psfs.cli.program.outcome import exit_code
 from psfs.cli.settings import add_config_flag, with_settings
 from psfs.output.runs import versions
 
@@ -62,7 +62,7 @@ def program_parser(
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
     """Parse, run the chosen subcommand's `run(args)` and return the exit code of
-    `psfs.cli.outcome`."""
+    `psfs.cli.program.outcome`."""
     words = sys.argv[1:] if argv is None else list(argv)
 
     def run() -> None:

@@ -1,0 +1,1 @@
+"""What `apf track` keeps and says of its takes."""
