@@ -48,7 +48,7 @@ def write_mot(path: str | Path, motion: BodyMotion) -> None:
     table = coordinates(motion.body, motion.poses)
     columns = np.stack([np.where(motion.lost, np.nan, values) for values in table.values()], -1)
     header = [
-        Path(path).stem,
+        "Coordinates",
         "version=1",
         f"nRows={len(columns)}",
         f"nColumns={1 + len(table)}",

@@ -7,9 +7,11 @@ residual -1, as the format wants it.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -57,8 +59,10 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
     _add_events(file, events)
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = residuals
-    with written_whole(path) as temporary:
-        file.write(str(temporary))
+    with written_whole(path) as temporary, TemporaryDirectory() as folder:
+        plain = Path(folder) / "motion.c3d"  # ezc3d takes no path that is not UTF-8
+        file.write(str(plain))
+        shutil.copyfile(plain, temporary)
 
 
 def _add_events(file: Any, events: Sequence[C3dEvent]) -> None:

@@ -42,7 +42,7 @@ def write_glb(path: str | Path, motion: BodyMotion) -> None:
     if len(motion.poses):
         _add_animation(file, skeleton, motion)
     with written_whole(path) as temporary:
-        file.save(temporary)
+        temporary.write_bytes(file.content())
 
 
 class _File:
@@ -76,11 +76,11 @@ class _File:
         )
         return len(self.model.accessors) - 1
 
-    def save(self, path: Path) -> None:
-        """Write all of it."""
+    def content(self) -> bytes:
+        """Return all of it."""
         self.model.buffers = [self.gltf.Buffer(byteLength=len(self._bytes))]
         self.model.set_binary_blob(bytes(self._bytes))
-        self.model.save_binary(path)
+        return b"".join(self.model.save_to_bytes())
 
 
 def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:

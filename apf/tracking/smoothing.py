@@ -31,7 +31,6 @@ class SmoothingConfig:
     """Frames to look ahead, None for all that follow."""
     min_deviation: float = 0.1
     """Stated deviations below this share of their median are taken for it: none is certain."""
-
     contact: ContactConfig | None = field(default_factory=ContactConfig)
     """When feet stand, which then do not slide; None to leave them alone. A fixed lag cannot hold
     them: it does not know yet how long they will stand."""

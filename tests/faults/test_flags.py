@@ -55,6 +55,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
         ["apf", "smooth", "track", "-o", "new"],
         {"--cutoff": ("0", "-1", "1e-300"), "--lag": ("-1", "1.5")},
     ),
+    "export": (["apf", "export", "track", "-o", "new"], {"--cutoff": ("0", "-1", "1e-300")}),
     "render": (["apf", "render", "seq", "track", "-o", "new"], {"--vertices": ("3", "-8", "9")}),
     "synth": (
         ["apf", "synth", "-o", "new"],
@@ -130,6 +131,9 @@ def placed(stock: Path, words: list[str]) -> list[str]:
         ["apf", "evaluate", "track", "--truth", "track"],
         ["apf", "smooth", "track", "-o", "track"],
         ["apf", "smooth", "nowhere", "-o", "new"],
+        ["apf", "export", "nowhere", "-o", "new"],
+        ["apf", "export", "track", "-o", "new", "--to", "fbx"],
+        ["apf", "export", "track", "-o", "new", "--axes", "up"],
         ["apf", "render", "seq", "track", "-o", "track"],
         ["apf", "render", "seq", "track", "-o", "seq"],
         ["apf", "track", "seq", "-o", "seq"],
@@ -179,6 +183,8 @@ TAKERS = [
     ["apf", "evaluate", "track", "--truth", "{}"],
     ["apf", "smooth", "{}", "-o", "new"],
     ["apf", "smooth", "track", "-o", "new", "--body", "{}"],
+    ["apf", "export", "{}", "-o", "new"],
+    ["apf", "export", "track", "-o", "new", "--body", "{}"],
     ["apf", "render", "seq", "{}", "-o", "new"],
     ["apf", "render", "seq", "track", "-o", "new", "--mesh", "{}"],
     ["apf", "render", "seq", "track", "-o", "new", "--bind", "{}", "--mesh", "truth.trc"],
@@ -192,7 +198,7 @@ def test_paths_that_are_read(stock: Path, kind: str, monkeypatch: pytest.MonkeyP
     for words in TAKERS:
         if kind == "a device" and "--config" in words:
             continue  # no settings
-        if kind == "empty" and words[1] in ("check", "mesh", "view", "smooth"):
+        if kind == "empty" and words[1] in ("check", "mesh", "view", "smooth", "export"):
             continue  # the folder one is in
         refused([word.format(PATHS[kind]) for word in words], stock)
 
@@ -208,6 +214,7 @@ WRITERS = [
         "-o",
     ],
     ["apf", "smooth", "track", "-o"],
+    ["apf", "export", "track", "-o"],
     ["apf", "evaluate", "track", "--truth", "truth.npz", "--json", "-o"],
     ["psfs", "view", "out", "--frame", "1", "--png"],
 ]

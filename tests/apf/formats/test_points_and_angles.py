@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,6 +69,12 @@ def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
 
 
+def test_c3d_under_a_name_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"\xff.c3d")
+    walk().save(path)
+    assert path.stat().st_size > 1000
+
+
 def test_c3d_has_a_frame_for_each_that_was_left_out(tmp_path: Path) -> None:
     track = replace(strider(3), frames=np.array([4, 6, 10]))
     track.save(tmp_path / "a.c3d")
@@ -98,7 +105,7 @@ def test_trc_has_markers_and_named_axes(tmp_path: Path, axes: str) -> None:
 
 def read_mot(path: Path) -> dict[str, np.ndarray]:
     header, body = path.read_text().split("endheader\n")
-    assert "inDegrees=yes" in header and header.startswith("a\nversion=1\n")
+    assert "inDegrees=yes" in header and header.startswith("Coordinates\nversion=1\n")
     lines = body.strip().split("\n")
     table = np.array([line.split("\t") for line in lines[1:]], float)
     assert f"nRows={len(table)}" in header and f"nColumns={table.shape[1]}" in header
