@@ -102,6 +102,8 @@ def _views(path: Path, array: np.ndarray) -> np.ndarray:
         raise InputError(
             f"{path}: holds {array.dtype} of shape {array.shape}; expected {_DIMENSIONS}"
         )
+    if not views.size:
+        raise InputError(f"{path}: holds no keypoints: shape {array.shape}; expected {_DIMENSIONS}")
     views = views.astype(np.float64)
     if views.shape[-1] == 2:
         score = np.where(np.isfinite(views).all(-1, keepdims=True), 1.0, np.nan)
@@ -117,8 +119,6 @@ def _raw(
     notes: tuple[str, ...] = (),
 ) -> RawKeypoints:
     """Keypoints (V, F, K, 3) of one person."""
-    if not views.size:
-        raise InputError(f"{path}: holds no keypoints: shape {views.shape}")
     keys = [f"{view + 1}" for view in range(len(views))] if cameras is None else cameras
     by_camera = {str(key): view[:, None] for key, view in zip(keys, views, strict=True)}
     if len(by_camera) < len(views):

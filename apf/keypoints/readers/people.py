@@ -85,7 +85,7 @@ def _json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise unreadable(path, error) from None
-    except ValueError as error:  # also of text that is not UTF-8
+    except (ValueError, RecursionError) as error:  # also of text that is not UTF-8
         raise InputError(f"{path}: malformed JSON: {' '.join(str(error).split())}") from None
 
 
@@ -152,7 +152,7 @@ def _raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]) -> R
         raise InputError(f"{path}: persons have {found} keypoints; expected the same number of all")
     views = {}
     for name, frames in zip(_short_names(list(people)), people.values(), strict=True):
-        view = np.full((len(frames), max(1, *map(len, frames)), counts[0], 3), np.nan)
+        view = np.full((len(frames), max([1, *map(len, frames)]), counts[0], 3), np.nan)
         for row, frame in zip(view, frames, strict=True):
             row[: len(frame)] = np.array(frame).reshape(-1, counts[0], 3)
         view[(view[..., 2] == 0) | np.isnan(view).any(-1)] = np.nan  # what was not found

@@ -42,6 +42,9 @@ def check_view(where: str, view: np.ndarray) -> None:
     known = view[np.isfinite(view).all(-1)]
     if np.isinf(view).any():
         raise InputError(f"{where}: holds an infinite number; expected pixels, or NaN for missing")
+    farthest = np.abs(known[:, :2]).max(initial=0)
+    if farthest > FARTHEST:
+        raise InputError(f"{where}: a place at {farthest:g} px; expected up to {FARTHEST:g}")
     score = known[:, 2]
     if score.size and not 0 <= score.min() <= score.max() <= LARGEST_SCORE:
         raise InputError(
@@ -51,3 +54,5 @@ def check_view(where: str, view: np.ndarray) -> None:
 
 #: Networks' scores may exceed 1 by a little (heat maps, SimCC); much larger ones are no scores.
 LARGEST_SCORE = 3.0
+#: Pixels from the picture's corner: no keypoint is farther, not even one that a network guesses.
+FARTHEST = 1e6

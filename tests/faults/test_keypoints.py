@@ -1,0 +1,203 @@
+"""Keypoints of every format that are damaged, lie, or belong to something else: one line each."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import faults, footage
+from helpers.faults import WRONG, refused, run
+from helpers.keypoints import of_poses
+
+from apf.body import load_body
+from apf.keypoints import Keypoints
+from apf.keypoints.readers.orders import COCO_17
+from cl import InputError
+from psfs.common.names import printable
+
+FRAMES = 4
+#: Files of a stock of keypoints, by format.
+FILES = {"npz": "k.npz", "npy": "k.npy", "json": "json", "csv": "csv", "pkl": "pkl/*"}
+
+
+@pytest.fixture(scope="module")
+def keypoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A walk of three cameras and its keypoints in every format."""
+    folder = footage.native(tmp_path_factory.mktemp("keypoints") / "stock" / "walk", frames=FRAMES)
+    stock, rig, body = folder.parent, footage.rig(3), load_body("song31")
+    points = of_poses(rig, body, np.tile(body.rest_pose, (FRAMES, 1)), COCO_17).points
+    np.save(stock / "k.npy", points)
+    np.savez(stock / "k.npz", keypoints=points, keypoint_names=COCO_17, camera_names=rig.names)
+    for camera, view in zip(rig.names, points.astype(float), strict=True):
+        frames = [[{"person_id": [0], "pose_keypoints_2d": p.ravel().tolist()}] for p in view]
+        for frame, people in enumerate(frames):
+            path = stock / "json" / f"{camera}_json" / f"{camera}_{frame:06d}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps({"version": 1.3, "people": people}))
+        path = stock / "pkl" / camera / "x_rotated_pp.pkl"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(pickle.dumps(frames))
+        (stock / "csv").mkdir(exist_ok=True)
+        with (stock / "csv" / f"{camera}DLC_net.csv").open("w", newline="") as file:
+            parts = [name for name in COCO_17 for _ in range(3)]
+            rows = [["scorer", *["net"] * 51], ["bodyparts", *parts]]
+            rows += [["coords", *["x", "y", "likelihood"] * 17]]
+            rows += [[f, *row] for f, row in enumerate(view.reshape(FRAMES, -1).tolist())]
+            csv.writer(file).writerows(rows)
+    return stock
+
+
+def words(stock: Path, kind: str) -> list[str]:
+    return ["apf", "track", str(stock / "walk"), "-o", str(stock / "new"), "--method",
+            "triangulate", "--no-overlay", "--keypoints", str(stock / FILES[kind])]  # fmt: skip
+
+
+def not_opened(path: Path, said: str) -> None:
+    """Assert that what is wrong with the keypoints is said in one line."""
+    with pytest.raises(InputError) as error:
+        Keypoints.open(path, footage.rig(3))
+    line = printable(str(error.value))
+    assert said in line and len(line) < 2000 and "\n" not in line
+
+
+@contextmanager
+def rewritten(path: Path, content: bytes) -> Iterator[None]:
+    """Give a file another content in the meantime."""
+    before = path.read_bytes()
+    path.write_bytes(content)
+    try:
+        yield
+    finally:
+        path.write_bytes(before)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_whole_ones_are_read(keypoints: Path, kind: str) -> None:
+    done = run(
+        [*words(keypoints, kind)[:4], str(keypoints.parent / kind), *words(keypoints, kind)[5:]]
+    )
+    assert done.code == 0 and "17 points of 3.0 cameras" in done.out, done
+
+
+def test_json_with_a_wrong_value_anywhere(keypoints: Path) -> None:
+    path = keypoints / "json/cam02_json/cam02_000001.json"
+    good = json.loads(path.read_text())
+    for at in faults.leaves(good):
+        if at[:1] in [("version",)] or at[2:3] == ("person_id",):
+            continue  # which nobody looks at
+        for kind, value in WRONG.items():
+            if kind in ("a date", "401 digits"):
+                continue  # JSON has none
+            if kind == "an empty list" and at in [("people",), (*at[:2], "pose_keypoints_2d")]:
+                continue  # nobody is there
+            if kind == "NaN" and at[3:]:
+                continue  # not found
+            text = json.dumps(faults.replaced(good, at, value))
+            if at == () and '"people"' not in text:
+                text = text.replace("[", '[{"people": []}, ', 1)
+            with rewritten(path, text.encode()):
+                if at[3:] and kind in ("infinity", "1e300"):
+                    refused(words(keypoints, "json"), keypoints, "camera cam02")
+                elif not (
+                    at[3:] and kind in ("a number as text", "true")
+                ):  # which count as numbers
+                    refused(words(keypoints, "json"), keypoints, str(path))
+
+
+TEXTS: dict[str, bytes] = {
+    "nothing": b"",
+    "half": b'{"people": [{"pose_key',
+    "NUL": b"\0" * 50,
+    "no UTF-8": b'{"people": "\xff\xfe"}',
+    "deep": b'{"people": ' + b"[" * 100_000,
+    "a number of 5000 digits": b'{"people": [{"pose_keypoints_2d": [' + b"9" * 5000 + b"]}]}",
+}
+
+
+@pytest.mark.parametrize("fault", TEXTS)
+def test_texts_that_are_no_json(keypoints: Path, fault: str) -> None:
+    for name in ("cam01_000000", "cam03_000002"):
+        path = keypoints / "json" / f"{name[:5]}_json" / f"{name}.json"
+        with rewritten(path, TEXTS[fault]):
+            refused(words(keypoints, "json"), keypoints, name)
+
+
+class Evil:
+    """Whose pickle runs something."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.system, ("touch /tmp/pickle_was_run",)
+
+
+PICKLES: dict[str, bytes] = {
+    "nothing": b"",
+    "text": b"hello",
+    "half": pickle.dumps([[{"pose_keypoints_2d": [1.0] * 51}]] * 9)[:40],
+    "code": pickle.dumps([Evil()]),
+    "an array": pickle.dumps([[{"pose_keypoints_2d": np.ones(51)}]] * FRAMES),
+    "a table": pickle.dumps({"frames": []}),
+    "texts": pickle.dumps(["a", "b", "c", "d"]),
+    "persons are texts": pickle.dumps([["a"]] * FRAMES),
+    "too few frames": pickle.dumps([[{"pose_keypoints_2d": [1.0] * 51}]] * 2),
+    "no frames": pickle.dumps([]),
+    "ragged": pickle.dumps([[{"pose_keypoints_2d": [1.0] * 50}]] * FRAMES),
+    "a claimed length": b"\x80\x05\x8e" + b"\xff" * 8,
+}
+
+
+@pytest.mark.parametrize("fault", PICKLES)
+def test_pickles(keypoints: Path, fault: str) -> None:
+    with rewritten(keypoints / "pkl/cam02/x_rotated_pp.pkl", PICKLES[fault]):
+        refused(words(keypoints, "pkl"), keypoints, "pkl")
+    assert not Path("/tmp/pickle_was_run").exists()
+
+
+@pytest.mark.parametrize("row", range(1, 7))  # the first has the scorer's name, which is free
+def test_tables_with_a_wrong_cell(keypoints: Path, row: int) -> None:
+    path = keypoints / "csv/cam02DLC_net.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    for column in (0, 1, 3) if row < 3 else (1, 3):
+        for value in ("many", "inf", "1e300", "\0", '"', "x" * 200_000):
+            cells = [list(cells) for cells in rows]
+            cells[row][column] = value
+            text = "\n".join(",".join(line) for line in cells) + "\n"
+            with rewritten(path, text.encode()):
+                not_opened(keypoints / "csv", "csv")
+
+
+def test_arrays_that_are_no_keypoints(keypoints: Path) -> None:
+    good = np.load(keypoints / "k.npy").astype(float)
+    wrong = {
+        "flat": good.ravel(),
+        "five numbers": np.zeros((3, FRAMES, 17, 5)),
+        "complex": good + 1j,
+        "texts": good.astype(str),
+        "frames": good[:, :2],
+        "cameras": good[:2],
+        "no points": good[:, :, :0],
+        "no cameras": good[:0],
+        "infinite": np.where(good > 10, np.inf, good),
+        "huge": good * 1e300,
+        "nothing found": np.full_like(good, np.nan),
+    }
+    names = {
+        "keypoint_names": np.array(COCO_17),
+        "camera_names": np.array(["cam01", "cam02", "cam03"]),
+    }
+    for fault, array in wrong.items():
+        np.save(keypoints / "bad.npy", array)
+        np.savez(keypoints / "bad.npz", keypoints=array, **names)
+        for ending in ("npy", "npz"):
+            given = [*words(keypoints, "npy")[:-1], str(keypoints / f"bad.{ending}")]
+            said = "walk" if fault == "nothing found" else f"bad.{ending}"
+            refused(given, keypoints, said)
+    (keypoints / "bad.npy").unlink()
+    (keypoints / "bad.npz").unlink()
