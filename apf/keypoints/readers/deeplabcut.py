@@ -132,8 +132,8 @@ def _arranged(
         raise InputError(f"{path}: has the same column twice, or none; expected {_EXPECTED}")
     strange = sorted({axis for *_, axis in columns} - set(_COORDINATES))
     if strange:
-        found = repr(strange[0][:50])
-        raise InputError(f"{path}: has a coordinate {found}; expected {listed(_COORDINATES)}")
+        shown = repr(strange[0][:50])
+        raise InputError(f"{path}: has a coordinate {shown}; expected {listed(_COORDINATES)}")
     out = np.full((len(values), len(individuals), len(parts), 3), np.nan)
     for n, individual in enumerate(individuals):
         for k, part in enumerate(parts):
