@@ -19,8 +19,8 @@ from scipy.stats import chi2
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
 
-#: Frames whose derivatives are taken at once, and the step, m or rad.
-_BLOCK, _STEP = 32, 1e-4
+#: Of the derivatives by differences, m or rad.
+_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ def raw_covariance(
     spread[known] += np.linalg.inv(information[known])
     out = np.empty((len(poses), n_joints, 3, 3))
     steps = _STEP * np.eye(body.n_dof)
-    for first in range(0, len(poses), _BLOCK):
-        block = slice(first, min(len(poses), first + _BLOCK))
+    for frame in range(len(poses)):  # alone: the same to the bit, whatever it is computed with
+        block = slice(frame, frame + 1)
         moved = poses[block, None, None] + np.stack([steps, -steps])
         n = len(moved)
         joints = posed_joints(body, moved.reshape(-1, body.n_dof))

@@ -5,8 +5,17 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import faults
+
+
+@pytest.fixture(autouse=True)
+def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Six shaded views take seconds, and no fault is in them."""
+    picture = np.zeros((4, 6, 3), np.uint8)
+    monkeypatch.setattr("psfs.cli.reconstruct.preview", lambda *_: picture)
+    monkeypatch.setattr("psfs.cli.view.preview", lambda *_: picture)
 
 
 @pytest.fixture(scope="session")

@@ -59,11 +59,11 @@ def write(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def reflection(folder: Path) -> None:
+def stretched(folder: Path) -> None:
     (folder / "calibration.toml").unlink()
     lines = []
     for camera in footage.rig(3):
-        values = [*camera.K.ravel(), *(camera.R * [1, 1, -1]).ravel(), *camera.t]
+        values = [*camera.K.ravel(), *(camera.R * [1, 1, 1.1]).ravel(), *camera.t]
         lines.append(" ".join([camera.name, *map(str, values)]))
     (folder / "x_par.txt").write_text("\n".join(["3", *lines]))
 
@@ -86,7 +86,7 @@ PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "3 cameras for 2 videos": (lambda f: (f / "videos/cam01.mp4").unlink(), "for 3 cameras"),
     "a background is missing": (lambda f: (f / "background/cam01.mp4").unlink(), "background"),
-    "not a rotation": (reflection, "R is not a rotation"),
+    "not a rotation": (stretched, "R is not a rotation"),
     "NaN": (
         lambda f: edit(f, lambda t: t["cam01"].update(translation=[0.0, float("nan"), 1.0])),
         "calibration.toml: camera cam01: translation.1 is nan; expected a finite number",

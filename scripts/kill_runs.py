@@ -1,0 +1,133 @@
+"""Kills reconstruct, track and synth at random times: every visible file must be readable, the next
+run must work, and nothing may be left behind.
+
+    python scripts/kill_runs.py [--kills 20] [--seed 1] [--commands reconstruct track synth]
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+
+from apf.body import load_body
+from apf.results.evaluate import load_truth
+from apf.tracking.track import Track
+from psfs.common.files import read_json
+from psfs.common.outputs import Manifest, unfinished
+from psfs.common.toml import read_toml
+from psfs.output.video import frames_of
+from psfs.voxels.clouds import read_cloud
+
+_SIZE = ["--cameras", "4", "--frames", "40", "--size", "160x120"]
+
+
+def commands(work: Path) -> dict[str, list[str]]:
+    """Return the commands by name; each writes to a folder of its name."""
+    seq, truth = str(work / "sequence"), str(work / "sequence/truth.npz")
+    small = ["--all-cameras", "--voxel-size", "0.06"]
+    return {
+        "reconstruct": ["psfs", "reconstruct", seq, "-o", str(work / "reconstruct"), *small],
+        "track": ["apf", "track", seq, "-o", str(work / "track"), "--init", truth, *small,
+                  "--particles", "60", "--layers", "4"],
+        "synth": ["apf", "synth", "-o", str(work / "synth"), *_SIZE],
+    }  # fmt: skip
+
+
+def check(out: Path) -> int:
+    """Read every visible file below a folder; return how many there are. Raises UserError."""
+    count = 0
+    for path in sorted(out.rglob("*")) if out.is_dir() else ():
+        if path.is_dir() or path.name.startswith("."):
+            continue
+        count += 1
+        suffix = path.suffix
+        if suffix == ".npz" and path.parent.name == "clouds":
+            read_cloud(path)
+        elif path.name == "truth.npz" or suffix == ".trc":
+            load_truth(path)
+        elif suffix == ".npz":
+            Track.open(path)
+        elif path.name == "body.toml":
+            load_body(path)
+        elif suffix == ".toml":
+            read_toml(path)
+        elif suffix == ".json":
+            read_json(path, "JSON")
+        elif suffix == ".png":
+            assert cv2.imread(str(path)) is not None, path
+        elif suffix == ".mp4":
+            assert frames_of(path) > 0, path
+        elif suffix == ".ply":
+            assert path.read_bytes().startswith(b"ply"), path
+        elif path.name == "manifest.txt":
+            Manifest.read(out)
+    return count
+
+
+def started(words: list[str]) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-c", f"import sys; from {words[0]}.cli import main; sys.exit(main())",
+         *words[1:]],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def done(words: list[str]) -> float:
+    """Run to the end and return the seconds that it took."""
+    began = time.perf_counter()
+    process = started(words)
+    _, said = process.communicate()
+    if process.returncode:
+        raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}: {said.decode()}")
+    return time.perf_counter() - began
+
+
+def hidden(folder: Path) -> list[str]:
+    return [str(path) for path in folder.rglob(".psfs-*")]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--commands", nargs="+", default=["reconstruct", "track", "synth"])
+    args = parser.parse_args()
+    rng = random.Random(args.seed)
+    work = Path(tempfile.mkdtemp(prefix="kill_runs"))
+    try:
+        done(["apf", "synth", "-o", str(work / "sequence"), *_SIZE])
+        for name in args.commands:
+            words, out = commands(work)[name], work / name
+            seconds = done(words)
+            killed = begun = 0
+            for _ in range(args.kills):
+                process = started(words)
+                time.sleep(rng.uniform(0.05, 1) * seconds)
+                process.kill()
+                process.communicate()
+                killed += process.returncode == -9
+                begun += unfinished(out) is not None
+                check(out)
+            done(words)
+            left = hidden(work)
+            files = check(out)
+            print(
+                f"{name}: {killed} of {args.kills} killed within {seconds:.1f} s, {begun} of them "
+                "while it was writing; all files readable each time; then whole: "
+                f"{unfinished(out) is None}, {files} files; left behind: {left or 'nothing'}",
+                flush=True,
+            )
+    finally:
+        shutil.rmtree(work)
+
+
+if __name__ == "__main__":
+    main()
