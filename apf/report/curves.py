@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
 
+from apf.body.model import side_of, sideless
 from apf.report.parts import plain_name
 from apf.report.quality import Quality
 from apf.tracking.track import Track
 
 
 def angle_curves(track: Track) -> list[dict[str, Any]]:
-    """Return the body's joint angles, degrees, in groups by bone: name, curves with a name and
-    values (F,), turns taken out."""
-    body, groups = track.its_body, {}
-    for bone in body.bones:
-        axes = [axis for axis in bone.axes if axis.kind[0] == "r"]
-        if axes:
-            groups[plain_name(bone.name)] = [
-                {
-                    "name": f"about {axis.kind[1]}",
-                    "values": rounded(np.degrees(np.unwrap(track.poses[:, axis.dof])), 1),
-                }
-                for axis in axes
-            ]
+    """Return the joints' angles, degrees, NaN where lost, in groups: name, curves with a name, a
+    side and values (F,). Clinical ones, see `apf.body.angles`; of a body that has none its own."""
+    groups = defaultdict[str, list[dict[str, Any]]](list)
+    for name, values in track.angles.items():
+        side, (joint, *of) = side_of(name), sideless(name).split("_")
+        curve = {"name": " ".join(of), "side": side, "values": rounded(values, 1)}
+        groups[joint].append(curve)
+    if not groups:
+        for bone in track.its_body.bones:
+            for axis in bone.axes:
+                if axis.kind[0] == "r":
+                    turned = np.degrees(np.unwrap(track.poses[:, axis.dof]))
+                    values = np.where(track.lost, np.nan, turned)
+                    curve = {"name": f"about {axis.kind[1]}", "side": "middle"}
+                    groups[plain_name(bone.name)].append({**curve, "values": rounded(values, 1)})
     return [{"name": name, "curves": curves} for name, curves in groups.items()]
 
 

@@ -251,10 +251,14 @@ if (page.agreement) {
   ]), layout("IoU", { yaxis: { title: { text: "IoU" }, range: [0, 1.02] } }));
 } else byId("agreement-section").remove();
 
+/** Left and right of an angle share a colour; left is dashed. */
 function angles() {
   const group = page.angles[byId("joint").value];
-  chart("angles", group.curves.map((one, i) => curve(page.frames, one.values, one.name, i)),
-    layout("degrees", { showlegend: true }));
+  const names = [...new Set(group.curves.map((one) => one.name))];
+  chart("angles", group.curves.map((one) => curve(page.frames, one.values,
+    one.side === "middle" ? one.name : `${one.side} ${one.name}`, names.indexOf(one.name),
+    one.side === "left" ? { line: { color: COLOURS[names.indexOf(one.name) % COLOURS.length],
+      width: 1.6, dash: "dash" } } : {})), layout("degrees", { showlegend: true }));
 }
 page.angles.forEach((group, i) => { element("option", group.name, byId("joint")).value = i; });
 byId("joint").onchange = angles;

@@ -8,9 +8,9 @@ marks itself whole at its end. What the manifest does not name is the user's and
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import re
+import sys
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -27,6 +27,19 @@ _LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
 #: Folders that are written to now, by their full paths: `claimed` asks them.
 _OPEN: dict[Path, OutputFolder] = {}
 _lock = threading.RLock()
+
+
+if sys.platform == "win32":  # a lock there keeps others from reading, too: the manifest has none
+
+    def _lock_file(file: IO[bytes]) -> None:
+        pass
+
+else:
+    import fcntl
+
+    def _lock_file(file: IO[bytes]) -> None:
+        """Raise BlockingIOError if another process has locked the file; hold it until it closes."""
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def temporary_name(path: Path) -> Path:
@@ -53,6 +66,8 @@ def _removed(path: Path) -> None:
 
 
 def _alive(process: int) -> bool:
+    if sys.platform == "win32":  # where a signal of 0 is Ctrl-C: nothing is cleared
+        return True
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -258,7 +273,7 @@ class OutputFolder:
 
     def _locked(self, file: IO[bytes]) -> None:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock_file(file)
         except BlockingIOError:
             raise InputError(
                 f"{self.folder}: another process is writing to it; expected another folder"

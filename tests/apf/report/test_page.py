@@ -123,6 +123,11 @@ def test_in_a_browser(page_file: Path) -> None:
         page.locator("#lines a").nth(1).click()
         page.wait_for_function(shown.format(3), timeout=60_000)
         assert "left arm" in page.locator("#lines").inner_text()
+        joints = page.locator("#joint option").all_inner_texts()
+        assert {"hip", "knee", "shoulder"} <= set(joints)
+        page.locator("#joint").select_option(label="knee")
+        curves = page.evaluate("document.getElementById('angles').data.map((one) => one.name)")
+        assert curves == ["left flexion", "right flexion"]
         assert page.locator("#warnings").inner_text() == "left out: cam09 <b>disagrees</b>"
         page.locator("#slider").focus()
         page.keyboard.press("ArrowRight")
