@@ -112,6 +112,43 @@ def start_from_keypoints(
     )
 
 
+def pose_of_points(
+    body: BodyModel,
+    rig: CameraRig,
+    observations: PointObservations,
+    config: KeypointStartConfig | None = None,
+) -> np.ndarray | None:
+    """Return the pose (D,) of `body` that fits the points observed in a frame best, whatever it was
+    before; None where too few can be triangulated."""
+    config = config or KeypointStartConfig()
+    n_points, own = len(observations.bone), np.arange(len(observations.bone))
+    seen = np.full((len(rig), 1, n_points, 3), np.nan)
+    inverse = np.zeros(seen.shape[:3])
+    where = observations.camera, 0, observations.point
+    seen[where] = np.column_stack([observations.pixel, np.ones(len(observations))])
+    inverse[where] = observations.inverse_scale
+    partner = own.copy()
+    partner[observations.point] = np.where(
+        observations.partner >= 0, observations.partner, observations.point
+    )
+    outlier = config.outlier * rig.height / 480
+    found = triangulate(rig, seen, TriangulationConfig(max_error=outlier)).points
+    if np.isfinite(found).all(-1).sum() < config.least_points:
+        return None
+    views = PointViews(
+        observations.bone, observations.position, np.full(n_points, 1e-3), partner,
+        np.nan_to_num(seen[..., :2]), inverse, found,
+    )  # fmt: skip
+    fitter = PointFitter(body, rig, views, config.fit, keep_shape=True)
+    near = fitter.begun()
+    tried = [
+        fitter.refined(fitter.brought_near(replace(near, poses=poses)), poses_alone=True)
+        for poses in (near.poses, fitter.turned(near.poses))
+    ]
+    pose: np.ndarray = min(tried, key=lambda fit: float(fitter.missed(fit)[0])).poses[0]
+    return pose
+
+
 def unexchanged(
     rig: CameraRig, seen: np.ndarray, found: np.ndarray, points: BodyPoints, near: float
 ) -> np.ndarray:

@@ -181,7 +181,7 @@ class PointFitter:
         before = sound[np.maximum(np.searchsorted(sound, suspect) - 1, 0)]
         best = replace(fit, poses=fit.poses[suspect])
         least = missed[suspect]
-        for poses in (fit.poses[before], fit.poses[after], self._turned(best.poses)):
+        for poses in (fit.poses[before], fit.poses[after], self.turned(best.poses)):
             for near in (True, False):
                 tried = replace(fit, poses=poses)
                 tried = part.refined(part.brought_near(tried) if near else tried, poses_alone=True)
@@ -201,8 +201,8 @@ class PointFitter:
         mean: np.ndarray = share.sum((0, 2)) / seen
         return mean
 
-    def _turned(self, poses: np.ndarray) -> np.ndarray:
-        """The poses (M, D), with the root turned round."""
+    def turned(self, poses: np.ndarray) -> np.ndarray:
+        """Return poses (M, D) with the root turned round."""
         out = poses.copy()
         for axis in self.template.bones[0].axes:
             if axis.kind == "rz":

@@ -11,6 +11,7 @@ from apf.backend import device_tracker, shares_launches, tracker_for
 from apf.filters.method import Method
 from apf.initialisation import StartConfig, StartError, find_start
 from apf.initialisation.config import AcceptanceConfig
+from apf.initialisation.from_keypoints import pose_of_points
 from apf.initialisation.kept_voxels import stored
 from apf.likelihood.observations import parted
 from apf.scene import Scene
@@ -43,13 +44,21 @@ def watched(
     """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
     `tracker`, if there is one, which searches by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
+    if method.objective == "keypoints":  # which say at once where somebody is
+        config = replace(config, retry=1)
     search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
     wide = method.filter.changed(noise=config.wider * search.noise, **longer)
     wider = replace(method, filter=wide)
 
     def everywhere(observation: Any) -> list[np.ndarray]:
-        voxels = stored(scene.device, parted(observation).shown)
+        shown, points = parted(observation)
+        by_points = None if points is None else pose_of_points(scene.body, scene.rig, points)
+        if by_points is not None:
+            return [by_points]
+        if not method.uses_voxels:
+            return []
+        voxels = stored(scene.device, shown)
         try:
             found = find_start(
                 scene, [voxels], search.noise, keep_shape=True,
@@ -62,6 +71,6 @@ def watched(
     return Watched(
         tracker or tracker_for(scene, method),
         lambda: tracker_for(scene, wider),
-        everywhere if method.uses_voxels else None,
+        everywhere if method.uses_voxels or method.uses_keypoints else None,
         config,
     )

@@ -13,8 +13,9 @@ from apf.body import BodyModel, bone_matrices, load_body, posed_joints
 from apf.body.jacobian import bone_point_jacobian
 from apf.body.stature import stature
 from apf.initialisation import StartError
-from apf.initialisation.from_keypoints import start_from_keypoints
+from apf.initialisation.from_keypoints import pose_of_points, start_from_keypoints
 from apf.keypoints import Keypoints, points_on
+from apf.likelihood.observations import no_observations
 from cl import InputError
 
 TEMPLATE = load_body("song31")
@@ -27,7 +28,7 @@ def child() -> BodyModel:
     return TEMPLATE.scaled(lengths, 0.7)
 
 
-def poses_of(body: BodyModel, n: int = 12) -> np.ndarray:
+def poses_of(body: BodyModel, n: int = 8) -> np.ndarray:
     """(n, D) a person who turns round while limbs swing."""
     time = np.arange(n)[:, None] / n
     poses = bodies.random_poses(body, 1)[0] + 0.3 * np.sin(6 * time + np.arange(body.n_dof))
@@ -126,3 +127,15 @@ def test_points_move_as_their_derivatives_say() -> None:
     for dof, step in enumerate(1e-6 * np.eye(body.n_dof)):
         slope = (placed(poses + step) - placed(poses - step)) / 2e-6
         np.testing.assert_allclose(found[:, :, dof], slope, atol=1e-6)
+
+
+def test_the_pose_of_one_frame() -> None:
+    """Of a person who stands anywhere and looks anywhere."""
+    poses = poses_of(TEMPLATE, 4)
+    found = start_from_keypoints(RIG, of_poses(RIG, TEMPLATE, poses), TEMPLATE, range(4))
+    for frame, pose in enumerate(poses):
+        alone = pose_of_points(found.body, RIG, found.observations(frame))
+        assert alone is not None
+        away = posed_joints(found.body, alone[None]) - posed_joints(TEMPLATE, pose[None])
+        assert np.linalg.norm(away, axis=-1).mean() < 0.02
+    assert pose_of_points(TEMPLATE, RIG, no_observations()) is None

@@ -1,0 +1,98 @@
+"""Tracks by keypoints: without pictures' silhouettes, beside voxels, live, and found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.keypoints import of_poses
+
+import apf
+from apf.backend import tracker_for
+from apf.body import load_body, posed_joints
+from apf.filters.annealed import AnnealedParticleFilter
+from apf.filters.config import FilterConfig
+from apf.filters.method import Method
+from apf.initialisation.from_keypoints import start_from_keypoints
+from apf.keypoints import Keypoints
+from apf.scene import Scene
+from apf.tracking.batch import track_take
+from cl import Device, InputError
+
+BODY = load_body("song31")
+RIG = scenes.ring(4, size=(640, 480), radius=4.0)
+N = 10
+
+
+def poses() -> np.ndarray:
+    """(N, D) a person who turns while an arm goes up."""
+    time = np.arange(N)[:, None] / N
+    found = np.tile(BODY.rest_pose, (N, 1))
+    found[:, BODY.dof_names.index("pelvis.rz")] = 0.6 * time[:, 0]
+    found[:, BODY.dof_names.index("l_upper_arm.rx")] = 1.5 * time[:, 0]
+    return found
+
+
+class Blind:
+    """A sequence whose pictures nobody looks at."""
+
+    rig, fps, folder, name = RIG, 30.0, Path("nowhere"), "nowhere"
+
+    def __len__(self) -> int:
+        return N
+
+
+def miss(track: apf.Track) -> float:
+    """m, mean over frames and joints."""
+    truth = posed_joints(BODY, poses()[track.frames])
+    return float(np.linalg.norm(track.joints - truth, axis=-1).mean())
+
+
+def test_keypoints_alone_need_no_picture(device: Device) -> None:
+    keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
+    method = Method.of(objective="keypoints", n_particles=100, n_layers=5)
+    take = track_take(device, Blind(), method, [0, 1], keypoints=keypoints)  # type: ignore[arg-type]
+    assert len(take.tracks) == 2 and take.start is None
+    for track in take.tracks:
+        assert miss(track) < 0.03 and not track.lost.any()
+    assert (take.tracks[0].poses != take.tracks[1].poses).any()
+
+
+def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
+    """Half of the frames show nobody, then somebody elsewhere who looks the other way."""
+    moved = poses()
+    moved[7:, 0] += 1.0
+    moved[7:, BODY.dof_names.index("pelvis.rz")] += 2.5
+    keypoints = of_poses(RIG, BODY, moved)
+    points = keypoints.points.copy()
+    points[:, 4:7] = np.nan
+    gone = replace(keypoints, points=points)
+    method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
+    track = track_take(device, Blind(), method, keypoints=gone).tracks[0]  # type: ignore[arg-type]
+    assert track.lost.tolist() == [False] * 4 + [True] * 3 + [False] * 3
+    truth = posed_joints(BODY, moved[7:])
+    assert np.linalg.norm(track.joints[7:] - truth, axis=-1).mean() < 0.05
+
+
+def test_a_method_with_keypoints_needs_some(device: Device) -> None:
+    with pytest.raises(InputError, match="none were given"):
+        track_take(device, Blind(), Method.of(objective="keypoints"))  # type: ignore[arg-type]
+
+
+def test_live_keypoints_frame_by_frame(device: Device) -> None:
+    """As a callback gives them: a tracker's step takes each frame's."""
+    keypoints: Keypoints = of_poses(RIG, BODY, poses(), noise=2.0)
+    known = start_from_keypoints(RIG, keypoints, BODY, range(N))
+    config = FilterConfig.of(n_particles=100, n_layers=5, keypoints_weight=4.0).at_rate(30)
+    method = Method(objective="keypoints", filter=config)
+    tracker = tracker_for(Scene(device, RIG, None, known.body), method)
+    assert isinstance(tracker, AnnealedParticleFilter)
+    tracker.start(known.anchored[1])
+    for frame in range(N):
+        live = known.keypoints.points[:, frame]
+        estimate = tracker.step(None, keypoints=known.model.observations(live))
+    away = estimate.joints - posed_joints(BODY, poses()[-1:])[0]
+    assert np.linalg.norm(away, axis=-1).mean() < 0.04
