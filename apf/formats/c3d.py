@@ -17,7 +17,11 @@ from typing import Any
 import numpy as np
 
 from apf.formats.trc import JointSeries
+from cl import InputError
 from psfs.common.files import written_whole
+
+#: The format's header counts frames in 16 bits; ezc3d leaves out those that follow.
+_MOST_FRAMES = 65535
 
 
 @dataclass(frozen=True)
@@ -31,10 +35,17 @@ class C3dEvent:
 
 
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
-    """Write points and events. Raises InputError where the file cannot be written."""
+    """Write points and events. Raises InputError for more frames than the format can count, and
+    where the file cannot be written."""
     import ezc3d  # takes a while to load
 
     rate, rows = series.on_a_beat()
+    first = int(series.frames[0]) if len(rows) else 0
+    if first + len(rows) > _MOST_FRAMES:
+        raise InputError(
+            f"{path}: a C3D counts frames up to {_MOST_FRAMES}, there are {len(rows)} from frame "
+            f"{first} on; expected fewer, or another format"
+        )
     kept = rows >= 0
     points = np.full((4, series.joints.shape[1], len(rows)), np.nan)
     points[:3, :, kept] = 1000 * series.joints[rows[kept]].transpose(2, 1, 0)
@@ -47,7 +58,7 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
 
     file: Any = ezc3d.c3d()
     names = list(series.joint_names)
-    file["header"]["points"]["first_frame"] = int(series.frames[0]) if len(rows) else 0
+    file["header"]["points"]["first_frame"] = first
     point = file["parameters"]["POINT"]
     point["RATE"]["value"], point["UNITS"]["value"] = [rate], ["mm"]
     point["LABELS"]["value"] = names

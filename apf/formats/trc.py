@@ -24,6 +24,8 @@ CONVENTIONS: dict[str, np.ndarray] = {
 #: m from the origin that a marker may be, frames, and bytes of a file.
 FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+#: Frames of a file that has no times: nine hours at 30 frames/s.
+_MOST_BEATS = 1_000_000
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
          "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")  # fmt: skip
 
@@ -51,11 +53,17 @@ class JointSeries:
 
     def on_a_beat(self) -> tuple[float, np.ndarray]:
         """Return the rate, frames/s, for files that have no times, and for each of their frames the
-        row here, (N,): -1 where there is none, because a program that ran live left it out."""
+        row here, (N,): -1 where there is none, because a program that ran live left it out. Raises
+        InputError for frames so far apart that such a file would hold hardly anything else."""
         if len(self.frames) < 2:
             return self.fps, np.arange(len(self.frames))
         beats = self.frames - self.frames[0]
-        step = int(np.gcd.reduce(beats))
+        step = max(int(np.gcd.reduce(beats)), 1)
+        if beats[-1] // step >= _MOST_BEATS:
+            raise InputError(
+                f"frames {self.frames[0]} to {self.frames[-1]} in steps of {step} are too many for "
+                f"a file without times; expected at most {_MOST_BEATS}"
+            )
         rows = np.full(beats[-1] // step + 1, -1)
         rows[beats // step] = np.arange(len(beats))
         return self.fps / step, rows

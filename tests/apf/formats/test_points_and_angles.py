@@ -19,7 +19,7 @@ from apf.body.anatomy import anatomical_frames
 from apf.formats import write_angle_csv, write_c3d
 from apf.formats.angles import coordinates
 from apf.formats.c3d import C3dEvent
-from apf.formats.trc import read_trc
+from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.smoothing import smoothed
 from apf.tracking.track import Track
 from cl import InputError
@@ -67,6 +67,26 @@ def test_c3d_has_events_as_laboratories_write_them(tmp_path: Path) -> None:
     assert group["LABELS"]["value"] == ["Foot Strike", "Foot Off"]
     assert group["CONTEXTS"]["value"] == ["Left", "Right"]
     np.testing.assert_allclose(group["TIMES"]["value"], [[0, 1], [0.25, 1.5]])
+
+
+def test_frames_far_apart_and_twice(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="too many for a file without times"):
+        replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
+    assert not list(tmp_path.iterdir())
+    rate, rows = replace(strider(2), frames=np.array([4, 4])).points.on_a_beat()
+    assert rate == 60 and len(rows) == 1
+
+
+def test_c3d_of_as_many_frames_as_its_header_counts(tmp_path: Path) -> None:
+    most = 65535
+    points = np.zeros((most, 1, 3))
+    points[:, 0, 0] = np.linspace(0, 1, most)
+    write_c3d(tmp_path / "a.c3d", JointSeries(("a",), points, 100.0, np.arange(most)))
+    found = ezc3d.c3d(str(tmp_path / "a.c3d"))["data"]["points"]
+    np.testing.assert_allclose(found[0, 0], 1000 * points[:, 0, 0], atol=1e-3)
+    later = JointSeries(("a",), points[:9], 100.0, np.arange(most - 8, most + 1))
+    with pytest.raises(InputError, match="counts frames up to 65535, there are 9 from frame 65527"):
+        write_c3d(tmp_path / "b.c3d", later)
 
 
 def test_c3d_under_a_name_that_is_no_text(tmp_path: Path) -> None:
