@@ -115,6 +115,13 @@ def examined(
     return sequence, diagnosis, found
 
 
+def synchronised(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:
+    """Return the sequence; with `sync` "auto", its late cameras shifted."""
+    if sequence.settings.sync != "auto":
+        return sequence
+    return sequence.synchronised(diagnosed(sequence, device).late)
+
+
 def remarks(diagnosis: Diagnosis, left_out: list[Suspect]) -> list[str]:
     """Return what to warn of: the cameras left out, and the other faults; one line each."""
     gone = {suspect.camera for suspect in left_out}

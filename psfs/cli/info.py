@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -11,7 +12,10 @@ from cl import Device, NumpyDevice, select_device
 from psfs.api import examined, remarks
 from psfs.cli.commandline import add_command, add_device_flag, remark, stdout, warn
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
-from psfs.diagnostics.sequence_info import SequenceInfo, sequence_info
+from psfs.common.files import write_picture
+from psfs.diagnostics.faults import Diagnosis
+from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
+from psfs.diagnostics.small_views import contact_sheet
 from psfs.sequence import Sequence
 
 
@@ -23,6 +27,12 @@ def register(commands: argparse._SubParsersAction) -> None:
         dest="pictures",
         action="store_false",
         help="do not look at the pictures for what is wrong with them, which takes seconds",
+    )
+    parser.add_argument(
+        "--masks",
+        type=Path,
+        metavar="FILE",
+        help="write what was looked at as one picture: silhouettes of all cameras, in some frames",
     )
     add_device_flag(parser)
 
@@ -37,20 +47,27 @@ def _run(args: argparse.Namespace) -> None:
     if info.keypoints is not None:
         unasked = "not used unless asked for, with apf track --keypoints"
         remark("note", "cyan", f"keypoints of a pose network: {info.keypoints}; {unasked}")
-    for warning in info.warnings:
-        warn(warning, stdout)
     if args.pictures:
-        _say_faults(sequence, select_device(args.device))
+        diagnosis = _say_faults(sequence, info.warnings, select_device(args.device))
+        if args.masks is not None:
+            write_picture(args.masks, contact_sheet(diagnosis.views))
+            stdout.print(f"wrote {args.masks}", soft_wrap=True, markup=False)
+    else:
+        for warning in info.warnings:
+            warn(warning, stdout)
 
 
-def _say_faults(sequence: Sequence, device: Device | NumpyDevice) -> None:
-    """Print what the pictures show to be wrong, a line for each fault."""
+def _say_faults(sequence: Sequence, warnings: list[str], device: Device | NumpyDevice) -> Diagnosis:
+    """Print `warnings` and what the pictures show to be wrong, a line for each fault."""
     _, diagnosis, suspects = examined(sequence, device)
+    if any(fault.kind == "unit" for fault in diagnosis.faults):  # which knows better
+        warnings = [text for text in warnings if UNIT_ASKED not in text]
     for fault in diagnosis.faults:
         if not fault.serious:
             remark("note", "cyan", str(fault))
-    for text in (*map(str, suspects), *remarks(diagnosis, suspects)[len(suspects) :]):
+    for text in (*warnings, *map(str, suspects), *remarks(diagnosis, suspects)[len(suspects) :]):
         warn(text, stdout)
+    return diagnosis
 
 
 def _cameras(info: SequenceInfo) -> Table:

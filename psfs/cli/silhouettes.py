@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
+from psfs.api import synchronised
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.iou import plain
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
@@ -51,7 +52,7 @@ def _run(args: argparse.Namespace) -> None:
 def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     out: Path = args.output
     device = select_device(args.device)
-    sequence = open_sequence(args)
+    sequence = synchronised(open_sequence(args), device)
     opened.keep_off(sequence.inputs)
     wanted = _wanted(args, sequence)
     report = _Report(sequence)

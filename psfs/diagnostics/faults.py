@@ -70,7 +70,8 @@ def diagnosed(
     if len(sequence.rig) > 1 and math.isfinite(compared.cost):
         if not any(fault.kind == "exchange" for fault in faults):
             faults = [*_arranged(sequence, views, tangency, faults, config), *faults]
-        faults += _unit(sequence, tangency.size)
+        if not any(fault.kind in ("disagree", "convention") for fault in faults):
+            faults += _unit(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
     faults = explained[:1] or faults  # which spoil all that is said of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
@@ -146,7 +147,7 @@ def _unfitting(
             f"({cost / CAP:.0%} of the worst): the calibration is not of these pictures, or they "
             "are not of one time"
         )
-    return Fault("disagree", (), f"{text}; look at them: psfs silhouettes FOLDER -o SIL")
+    return Fault("disagree", (), f"{text}; look at them: psfs info FOLDER --masks FILE.png")
 
 
 def _poor_silhouettes(views: SmallViews) -> str:

@@ -11,6 +11,8 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import axes_meet, seen_box, seen_points, views_needed
 from psfs.sequence import Sequence
 
+#: What warnings of a rig's size end with.
+UNIT_ASKED = "State the `unit`"
 #: A rig of people or things is this large, m; anything else hints at a wrong unit.
 PLAUSIBLE_EXTENT = (0.05, 100.0)
 #: Names of keypoints: ours, Pose2Sim's, OpenPose's, FreeMoCap's, OpenCap's, DeepLabCut's.
@@ -114,8 +116,9 @@ def rig_warnings(rig: CameraRig) -> list[str]:
     extent = rig_extent(rig)
     low, high = PLAUSIBLE_EXTENT
     if not low <= extent <= high:
-        guess = "millimetres read as metres" if extent > high else "metres read as millimetres"
-        warnings.append(f"the rig is {extent:.3g} m across; {guess}? State the `unit`")
+        large = "millimetres" if extent > 10 * high else "centimetres"
+        guess = f"{large} read as metres" if extent > high else "metres read as millimetres"
+        warnings.append(f"the rig is {extent:.3g} m across; {guess}? {UNIT_ASKED}")
     below = [camera.name for camera in rig if camera.centre[2] < 0]
     if len(below) == len(rig):
         warnings.append("all cameras lie below z = 0; is the up axis right? State it as `up`")

@@ -80,6 +80,26 @@ def small_views(
     )  # fmt: skip
 
 
+def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 BGR: a row per camera, some frames each, silhouettes in
+    green."""
+    chosen = np.unique(np.linspace(0, len(views.samples) - 1, columns).round().astype(int))
+    rows = []
+    for view in range(len(views.rig)):
+        cells = []
+        for index in chosen:
+            mask = views.silhouettes[index, view]
+            grey = np.zeros(mask.shape, np.uint8)
+            if views.pictures is not None:
+                grey = views.pictures[index, view]
+            cell = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+            cell[mask] = cell[mask] // 2 + np.array([0, 127, 0], np.uint8)
+            cells.append(cv2.copyMakeBorder(cell, 0, 2, 0, 2, cv2.BORDER_CONSTANT))
+        rows.append(np.hstack(cells))
+    sheet: np.ndarray = np.vstack(rows)
+    return sheet
+
+
 def looked_at(sequence: Sequence, config: FaultConfig) -> range:
     """Return the frames in the middle of `sequence` that are worth their decoding."""
     pixels = sum(camera.size[0] * camera.size[1] for camera in sequence.rig)

@@ -149,6 +149,27 @@ def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> 
     assert fault.kind == "convention" and "camera to the world" in str(fault)
 
 
+def test_poor_silhouettes_are_told_from_a_calibration(
+    tmp_path: Path, masks: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speckled = masks.copy()
+    noise = np.random.default_rng(0).random((FRAMES, 5, 12, 16)) < 0.3
+    speckled[:] = 255 * noise.repeat(10, 2).repeat(10, 3)
+    fault = faults(write(tmp_path / "a", speckled))[0]
+    assert fault.kind == "disagree" and "silhouettes are poor" in str(fault)
+    elsewhere = CameraRig(
+        tuple(
+            replace(c, K=np.add(c.K, [[0, 0, 55 * (-1) ** k], [0, 0, 40], [0, 0, 0]]))
+            for k, c in enumerate(rig())
+        )
+    )
+    folder, sheet = write(tmp_path / "b", masks, elsewhere), tmp_path / "sheet.png"
+    assert main(["info", str(folder), "--masks", str(sheet)]) == 0
+    assert "the calibration is not of these pictures" in capsys.readouterr().out
+    picture = cv2.imread(str(sheet))
+    assert picture is not None and picture.shape == (5 * 122, 6 * 162, 3)
+
+
 def test_a_turned_camera(tmp_path: Path, masks: np.ndarray) -> None:
     turn = cv2.Rodrigues(np.array([0.02, 0.06, 0.0]))[0]
     cameras = list(rig())
