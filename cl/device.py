@@ -216,9 +216,7 @@ class Device:
         with self._building:
             if key not in self._programs:
                 started = time.perf_counter()
-                with failing_as_device(self.name, f"building {file}"):
-                    program = pyopencl.Program(self.context, source).build(options=options)
-                self._programs[key] = program
+                self._programs[key] = pyopencl.Program(self.context, source).build(options=options)
                 log.info("built %s in %.2f s", file, time.perf_counter() - started)
             named = (*key, name)
             if named not in self._kernels:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pyopencl
@@ -39,6 +42,7 @@ def ranked_devices() -> list[Any]:
 
 
 def _opencl_devices() -> list[Any]:
+    _mend_cache()
     try:
         platforms = pyopencl.get_platforms()
     except pyopencl.Error:  # the loader reports "no platform" as an error
@@ -50,6 +54,21 @@ def _opencl_devices() -> list[Any]:
         except pyopencl.Error:
             log.warning("the OpenCL platform %s has no usable device", platform.name)
     return devices
+
+
+def _mend_cache() -> None:
+    """Let PoCL, which has no device without a cache that it can write, have one in a temporary
+    folder."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    cache = Path(os.environ.get("POCL_CACHE_DIR") or Path(home) / "pocl")
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=cache):
+            return
+    except (OSError, RuntimeError):
+        mended = Path(tempfile.gettempdir()) / f"pocl-cache-{os.getuid()}"
+        log.warning("PoCL's cache %s cannot be written; %s is taken", cache, mended)
+        os.environ["POCL_CACHE_DIR"] = str(mended)
 
 
 def where_to_get_opencl(system: str = sys.platform) -> str:

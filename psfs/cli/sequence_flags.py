@@ -16,6 +16,8 @@ from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VOXEL_EDGES
 
+#: Share of the longest view that the shortest has, at least, where nobody states the frames.
+_MOST_OF_THEM = 0.9
 #: The flags that become overrides of `Sequence.open`.
 _KEYS = (
     *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
@@ -174,4 +176,22 @@ def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
         raise InputError(
             f"--frames chooses none of the {len(sequence)} frames of {sequence.folder}"
         )
+    if args.frames is None:
+        _check_counts(sequence)
     return chosen
+
+
+def _check_counts(sequence: Sequence) -> None:
+    """Warn of views of different lengths. Raises InputError where much would be left out."""
+    media = (*(sequence.footage.images or ()), *(sequence.footage.masks or ()))
+    counts = {item.name: item.count for item in media}
+    if len(set(counts.values())) == 1:
+        return
+    found = ", ".join(f"{name} {count}" for name, count in counts.items())
+    if len(sequence) >= _MOST_OF_THEM * max(counts.values()):
+        warn(f"{sequence.name}: unequal numbers of frames: {found}; {len(sequence)} are used")
+        return
+    raise InputError(
+        f"{sequence.folder}: unequal numbers of frames: {found}; expected as many of each camera, "
+        f"or --frames 0:{len(sequence)} for those that all have"
+    )

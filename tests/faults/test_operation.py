@@ -208,6 +208,19 @@ def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> N
     assert warned.code == 0 and "did not come to its end" in warned.err
 
 
+def test_a_camera_with_fewer_frames(stock: Path) -> None:
+    (stock / "seq/masks/c3/0002.png").unlink()
+    faults.refused(reconstruct(stock), stock, "c3 2", "--frames 0:2")
+
+
+def test_a_cache_that_cannot_be_written(stock: Path) -> None:
+    words = [sys.executable, "-m", "psfs.cli", "devices"]
+    for place in ("/proc/x", "/dev/null/x"):
+        environment = {**os.environ, "POCL_CACHE_DIR": place, "PYTHONPATH": str(Path.cwd())}
+        done = subprocess.run(words, capture_output=True, check=False, env=environment, text=True)
+        assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+
+
 def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: Any, **__: Any) -> None:
         raise MemoryError
