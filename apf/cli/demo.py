@@ -50,7 +50,7 @@ def _demonstrate(args: argparse.Namespace, out: Path) -> None:
     _step("apf", _apf, ["evaluate", tracked, "--truth", truth])
     write_json(out / "summary.json", _summary(out))
     stdout.print(
-        f"{out}: voxels/preview.png and voxels/clouds, track/overlay.mp4, joints.trc, track.npz "
+        f"{out}: track/report.html, overlay.mp4, joints.trc, track.npz, voxels/preview.png, clouds "
         "and evaluation.png, summary.json"
     )
 
