@@ -11,8 +11,10 @@ from helpers import scenes
 from helpers.keypoints import of_poses
 
 import apf
+import psfs
 from apf.backend import tracker_for
 from apf.body import load_body, posed_joints
+from apf.cli import main
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
 from apf.filters.method import Method
@@ -96,3 +98,22 @@ def test_live_keypoints_frame_by_frame(device: Device) -> None:
         estimate = tracker.step(None, keypoints=known.model.observations(live))
     away = estimate.joints - posed_joints(BODY, poses()[-1:])[0]
     assert np.linalg.norm(away, axis=-1).mean() < 0.04
+
+
+def test_the_command_by_keypoints_alone(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence = psfs.open_sequence(walk)
+    keypoints = of_poses(sequence.rig, BODY, poses()[: len(sequence)], noise=1.0)
+    path = tmp_path / "keypoints.npz"
+    np.savez(
+        path, keypoints=keypoints.points, keypoint_names=keypoints.names,
+        camera_names=keypoints.camera_names,
+    )  # fmt: skip
+    command = ["track", str(walk), "-o", str(tmp_path / "out"), "--objective", "keypoints"]
+    command += ["--particles", "60", "--layers", "5", "--no-overlay"]
+    assert main([*command, "--keypoints", str(path)]) == 0
+    assert miss(apf.Track.open(tmp_path / "out")) < 0.04
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "none were given" in capsys.readouterr().err
