@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -97,18 +97,18 @@ def test_a_body_and_a_pose_given_again(walk: Path, tmp_path: Path) -> None:
 
 def test_interrupted(walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is done is kept, and the exit code says that it is not all."""
-    real = apf.tracking.pipeline.Sequence.frames
+    real = apf.tracking.pipeline.observed
 
-    def two(self: object, selection: slice | None = None) -> Iterator[object]:
-        for number, frame in enumerate(real(self, selection)):
+    def two(frames: Iterable[object]) -> Iterator[object]:
+        for number, frame in enumerate(frames):
             if number == 2:
                 raise KeyboardInterrupt
             yield frame
 
-    monkeypatch.setattr(apf.tracking.pipeline.Sequence, "frames", two)
-    # The cameras are not examined, which reads frames, too.
-    flags = ["--no-overlay", "--no-report", "--all-cameras"]
-    assert track(walk, tmp_path / "out", *flags) == 130
+    monkeypatch.setattr(
+        apf.tracking.pipeline, "observed", lambda observe, frames: real(observe, two(frames))
+    )
+    assert track(walk, tmp_path / "out", "--no-overlay", "--no-report") == 130
     assert Track.open(tmp_path / "out").frames.tolist() == [0, 1]
 
 
