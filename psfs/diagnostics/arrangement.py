@@ -68,7 +68,7 @@ def mirrored(tangency: Tangency, config: FaultConfig) -> list[int]:
     return guesses[best] if tried[best] < config.mirror_share * cost else []
 
 
-#: Cost that is added before costs are compared: silhouettes of who keeps still agree at any lag.
+#: Differences of costs up to this are noise: silhouettes of who keeps still agree at any lag.
 _NOISE = 0.003
 
 
@@ -132,7 +132,8 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
                 continue
             best.append(int(np.nanargmin(curve)) - most)
             here, least = curve[most + shifts[view]], float(np.nanmin(curve))
-            gains.append((here + _NOISE) / (least + _NOISE))
+            told = here - least > _NOISE
+            gains.append((here + _NOISE) / (least + _NOISE) if told else 1.0)
         far = [
             gain if abs(to - shift) >= config.least_lag or shift else 1.0
             for gain, to, shift in zip(gains, best, shifts, strict=True)
