@@ -30,7 +30,7 @@ from psfs.voxels.grid import VoxelGrid
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
 
 #: s of tracking that are kept together.
-_PART = 1.0
+PART_SECONDS = 1.0
 
 
 def track_sequence(
@@ -153,11 +153,11 @@ def _part(
     seen: Iterator[tuple[int, Any]],
     progress: Callable[[], object] | None,
 ) -> tuple[list[int], list[Any], bool, BaseException | None]:
-    """Track for about `_PART` s, from `pose` if it is given. Return frames, estimates, whether
+    """Track for about `PART_SECONDS`, from `pose` if it is given. Return frames, estimates, whether
     there may be more, and what ended them early."""
     frames: list[int] = []
     estimates: list[Any] = []
-    until = time.perf_counter() + _PART
+    until = time.perf_counter() + PART_SECONDS
     try:
         if pose is not None:
             tracker.start(pose)

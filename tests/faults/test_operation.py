@@ -21,6 +21,7 @@ from helpers.faults import run
 import apf.tracking.pipeline as pipeline
 import cl.launch
 import psfs.footage.threads as threads
+from apf.cli.takes.kept_parts import Keeper
 from apf.tracking.track import PARTS, Track
 from psfs.common.outputs import unfinished
 from psfs.voxels.clouds import read_cloud
@@ -113,15 +114,14 @@ def test_a_device_that_is_lost(
     monkeypatch.setattr(pyopencl, "enqueue_nd_range_kernel", lost)
     assert launch
     if command is track:
-        step = pipeline._part
-        monkeypatch.setattr(pipeline, "_PART", 0.0)
+        monkeypatch.setattr(pipeline, "PART_SECONDS", 0.0)
+        keep = Keeper.__call__
 
-        def counted(*arguments: Any) -> Any:
-            found = step(*arguments)
-            done.append(found)
-            return found
+        def counted(*arguments: Any) -> None:
+            keep(*arguments)
+            done.append(None)
 
-        monkeypatch.setattr(pipeline, "_part", counted)
+        monkeypatch.setattr(Keeper, "__call__", counted)
     else:
         import psfs.cli.reconstruct as module
 
@@ -163,7 +163,7 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each second's frames are there; the parts go when the whole is written."""
-    monkeypatch.setattr(pipeline, "_PART", 0.0)
+    monkeypatch.setattr(pipeline, "PART_SECONDS", 0.0)
     assert run(track(stock, "--seed", "3")).code == 0
     whole = Track.open(stock / "new")
     assert not list((stock / "new").glob(PARTS)) and len(whole) == 3
