@@ -272,7 +272,7 @@ def finish_take(
         _draw_overlays(args, take, seeds, line)
     reasons = {suspect.camera: str(suspect) for suspect in left_out}
     doubts = take.start.doubts if take.start is not None else []
-    warnings = [*(f"left out: {reason}" for reason in reasons.values()), *doubts]
+    warnings = [*getattr(args, "remarks", ()), *doubts]  # keypoints alone are not examined
     sequence = sequence_facts(take.sequence, seed_folders(args, seeds)[0], stated(args), reasons)
     facts = run_facts(
         device, sequence, _config(args), (n_done, line.n_frames), warnings, take.seconds

@@ -152,7 +152,8 @@ def open_trusted(
     args: argparse.Namespace, device: Device | NumpyDevice, person: bool = False
 ) -> tuple[Sequence, list[Suspect]]:
     """Return the sequence as `examined` leaves it, and the cameras left out; warn of what is wrong.
-    What was found is stated in `args`: a run opened again is the same. Raises InputError if a
+    What was found is stated in `args`: a run opened again is the same;
+    the warnings are its `remarks`. Raises InputError if a
     `person` is wanted and the unit makes nobody so large or small.
     """
     opened = open_sequence(args)
@@ -164,7 +165,8 @@ def open_trusted(
         args.cameras = sequence.rig.names
     if opened.settings.sync == "auto":
         args.sync = sequence.settings.sync
-    for text in (*sequence.timing_notes, *remarks(diagnosis, left_out)):
+    args.remarks = [*sequence.timing_notes, *remarks(diagnosis, left_out)]
+    for text in args.remarks:
         warn(f"{sequence.name}: {text}")
     return sequence, left_out
 

@@ -241,6 +241,8 @@ def _plain(action: argparse.Action, value: Any) -> Any:
         return None
     if action.nargs == 0:
         return bool(value == action.const)
+    if isinstance(value, Mapping):  # cameras' shifts that were found
+        return ",".join(f"{name}={number}" for name, number in value.items())
     if isinstance(value, list):
         several = [_plain(action, entry) for entry in value]
         return several if action.nargs in ("+", "*") else ",".join(map(str, several))
