@@ -15,7 +15,13 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.config import FaultConfig
 from psfs.sequence import Frame, Sequence
-from psfs.silhouettes.config import SilhouetteConfig
+from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
+
+#: Nothing is learnt, and no shadow is looked for on a floor, whose cells are too coarse for feet in
+#: small pictures.
+_SILHOUETTES = SilhouetteConfig(
+    appearance=AppearanceConfig(learn=False), floor=FloorConfig(height=-1000.0)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +63,7 @@ def small_views(
     config = config or FaultConfig()
     shrink = _Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
-    evidence_of = evidence_for(device, shrink.small, background, SilhouetteConfig.without_memory())
+    evidence_of = evidence_for(device, shrink.small, background, _SILHOUETTES)
     frames = looked_at(sequence, config)
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
     plates = None if background is None else _grey(background.mean.astype(np.uint8))
