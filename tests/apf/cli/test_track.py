@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -186,5 +187,5 @@ def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more:
     """One line on standard error, exit code 2, and nothing written."""
     assert track(folder, out, *more) == 2
     lines = capfd.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith("apf: error: "), lines
+    assert len(lines) == 1 and re.match("apf( track)?: error: ", lines[0]), lines
     assert not out.exists()
