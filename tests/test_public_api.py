@@ -125,7 +125,7 @@ def test_track_takes_a_pose_and_says_what_is_wrong(walk: Path) -> None:
     assert track.frames.tolist() == [0, 1] and np.isfinite(track.joints).all()
     with pytest.raises(ValueError, match="chooses none of the 5 frames"):
         apf.track(sequence, body=body, init=pose, frames=slice(9, 12))
-    with pytest.raises(apf.InputError, match="expected 31 finite values"):
+    with pytest.raises(apf.InputError, match=r"expected \(31,\)"):
         apf.track(sequence, body=body, init=pose[:-1], frames=slice(0, 2))
     with pytest.raises(apf.DeviceError, match="nonsense"):
         apf.track(sequence, device="nonsense")
