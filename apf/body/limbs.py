@@ -9,13 +9,18 @@ import numpy as np
 from apf.body.model import BodyModel
 
 
-def trunk_mask(body: BodyModel) -> np.ndarray:
-    """Return (D,) bool: the degrees of freedom of the bones beyond which the body branches."""
+def trunk_bones(body: BodyModel) -> list[int]:
+    """Return the bones beyond which the body branches."""
     children = _children(body)
     branches = [False] * len(body.bones)
     for bone in reversed(range(len(body.bones))):  # children come after their parents
         branches[bone] = len(children[bone]) > 1 or any(branches[c] for c in children[bone])
-    return _dof_mask(body, [bone for bone, branching in enumerate(branches) if branching])
+    return [bone for bone, branching in enumerate(branches) if branching]
+
+
+def trunk_mask(body: BodyModel) -> np.ndarray:
+    """Return (D,) bool: the degrees of freedom of the `trunk_bones`."""
+    return _dof_mask(body, trunk_bones(body))
 
 
 def limb_chains(body: BodyModel) -> list[tuple[int, ...]]:

@@ -113,6 +113,7 @@ class DeviceTracker(Tracker):
     def restart(self, run: int, pose: np.ndarray) -> None:
         """Put all particles of one run at `pose` (D,), while the others go on."""
         self.particles.restart(run, checked_pose(self.body, pose))
+        self.likelihood.forget(run)
 
     def step(self, observation: Any, keypoints: PointObservations | None = None) -> Estimate:
         """Track one frame further and return the first run's estimate."""

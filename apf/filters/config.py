@@ -254,13 +254,13 @@ _USUAL_TERMS = {
     "surface": "surface_weight",
     "overlap": "overlap_weight",
     "posture": "posture_prior_weight",
+    "part_colour": "part_colour_weight",
     "pictures": "foreground_join_on",
 }
 #: and the others with the weight that they have when they are chosen by name. Silhouette recall
 #: weighs as in the limb search; the others by hand.
 _OTHER_TERMS = {
     "silhouette_recall": ("silhouette_recall_weight", 2.0),
-    "part_colour": ("part_colour_weight", 1.0),
     "motion_prior": ("motion_prior_weight", 0.01),
     "keypoints": ("keypoints_weight", 4.0),
 }

@@ -27,6 +27,10 @@ class StoredVoxels:
         self.surface = device.to_device(indices.astype(np.int32), "the surface voxels")
         self.count = device.to_device(np.array([len(cloud.indices)], np.int32))
 
+    def pictures(self) -> None:
+        """The pictures are not kept."""
+        return
+
     def cloud(self) -> VoxelCloud:
         """The surface voxels on the host."""
         return self._cloud
@@ -36,7 +40,7 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
     """What remains of `voxels` when their reconstructor goes on to the next frame."""
     if isinstance(device, NumpyDevice):
         assert isinstance(voxels, HostVoxels)
-        return replace(voxels, colours=None)
+        return replace(voxels, colours=None, pictures=None)
     assert not isinstance(voxels, HostVoxels)
     evidence = None
     if voxels.evidence is not None:

@@ -75,5 +75,5 @@ class Likelihood:
         """Score poses of `body`, which differs from the scene's in numbers alone, from now on."""
         raise NotImplementedError
 
-    def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
+    def forget(self, run: int | None = None) -> None:
+        """Forget what was learnt, of one run or of all: a new track begins."""

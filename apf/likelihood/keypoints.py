@@ -97,10 +97,10 @@ class KeypointLikelihood(Likelihood):
         if self.base is not None:
             self.base.change_body(body)
 
-    def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
+    def forget(self, run: int | None = None) -> None:
+        """Forget what was learnt, of one run or of all: a new track begins."""
         if self.base is not None:
-            self.base.forget()
+            self.base.forget(run)
 
     def _scored(self, poses: Array, errors: Array) -> Launch:
         return self._launch(

@@ -1,143 +1,246 @@
-"""What colour each part of the body has, and whether poses go with it (kernels: part_colour.cl)."""
+"""What colours each part of the body has in the pictures (kernels: part_colour.cl, likelihood.cl).
+
+Silhouettes do not show an arm before the trunk; its colour does. As sums of Gaussians do (Stoll et
+al. 2011) the term asks whether what a camera sees where a part should be has that part's colour,
+but with histograms, which know more than one colour per part: of each code of a palette, how much
+likelier it is on the part than on the mean part.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
+from scipy.cluster.vq import kmeans2
 
+from apf.body.limbs import trunk_bones
 from apf.body.model import BodyModel
-from apf.body.posing import CONE_DEFINES, body_defines
-from apf.likelihood.base import PointSubset
-from apf.likelihood.config import LikelihoodConfig
-from cl import Array, Device, InputError, Launch
-from cl.workgroups import pack_defines, pack_size
+from apf.body.posing import CONE_DEFINES, Kinematics
+from apf.likelihood.config import PartColourConfig
+from cl import Array, Device, Launch
+from cl.workgroups import pack_defines
+from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
 from psfs.voxels.device_voxels import Voxels
 
 _GROUP = 128
+#: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
+N_CODES = 64
+#: Ratios are kept in so many steps up to their bound.
+RATIO_STEPS = 127
+#: Samples along and across a cone from which colours are learnt.
+ROWS, COLUMNS = 10, 6
+#: Bits of each channel that a palette looks at, and colours that it has then.
+_BITS = 5
+N_COLOURS = 1 << 3 * _BITS
+#: Pixels from which a palette is made: more change it little.
+_PALETTE_PIXELS = 4096
+
+
+def part_names(body: BodyModel) -> list[str]:
+    """Return the names of the parts that have colours of their own: those of the cones in the
+    images, left and right alike."""
+    return list(dict.fromkeys(_two_sided(cone.name) for cone in body.cones if cone.in_images))
+
+
+def _two_sided(name: str) -> str:
+    return name[2:] if name[:2] in ("l_", "r_") else name
+
+
+def part_of(body: BodyModel, cone: int, share: float) -> int:
+    """Return the number in `part_names` of the part that a cone is at this share of its length, -1
+    for a cone that is not looked for in the images.
+
+    What a cone holds beyond a joint that lies on it, a hand beyond the wrist, is as bare as the
+    head and counts as that, where the body has one.
+    """
+    own, names = body.cones[cone], part_names(body)
+    if not own.in_images:
+        return -1
+    axis = own.end - own.start
+    for joint in body.joints:
+        at = float((joint.position - own.start) @ axis / (axis @ axis))
+        if joint.bone == own.bone and 0.5 < at < 1 and share > at and "head" in names:
+            return names.index("head")
+    return names.index(_two_sided(own.name))
+
+
+def scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
+    """Return (R,) int32 the part of each of the likelihood's rows (R, 4), -1 for the trunk's: other
+    parts lie before it in most pictures."""
+    trunk = trunk_bones(body)
+    parts = [
+        -1 if body.cones[int(row[0])].bone in trunk else part_of(body, int(row[0]), float(row[1]))
+        for row in rows
+    ]
+    return np.array(parts, np.int32)
+
+
+def learnt_parts(body: BodyModel) -> np.ndarray:
+    """Return (C, ROWS) int32 the part of each row of samples that colours are learnt from."""
+    shares = (np.arange(ROWS) + 0.5) / ROWS
+    parts = [[part_of(body, c, share) for share in shares] for c in range(len(body.cones))]
+    return np.array(parts, np.int32)
+
+
+def trunk_cone(body: BodyModel) -> int:
+    """Return the thickest cone of the trunk in the images, which hides limbs behind it; -1 without
+    one."""
+    trunk = trunk_bones(body)
+    chosen = [c for c, cone in enumerate(body.cones) if cone.in_images and cone.bone in trunk]
+    return max(chosen, key=lambda c: float(np.mean(body.cones[c].radii)), default=-1)
+
+
+def palette_of(
+    pictures: np.ndarray, silhouettes: np.ndarray, config: PartColourConfig
+) -> np.ndarray | None:
+    """Return (N_COLOURS,) uint8 the code of every colour, blue's bits first, by the colours inside
+    silhouettes (V, H, W) of pictures (V, H, W, 3) uint8 BGR; None where too few pixels are.
+
+    The palette is found by k-means in CIE Lab, in which lightness counts half: shading changes it.
+    """
+    person = pictures[silhouettes > 0]
+    if len(person) < config.least_pixels:
+        return None
+    chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]
+    n = min(config.n_colours, N_CODES - 1)
+    centres, _ = kmeans2(_lab(chosen), n, iter=20, minit="++", seed=0, missing="warn")
+    levels = (np.arange(1 << _BITS) << 8 - _BITS) + (1 << 7 - _BITS)
+    every = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
+    away = ((_lab(every.astype(np.uint8))[:, None] - centres) ** 2).sum(-1)
+    codes: np.ndarray = away.argmin(1).astype(np.uint8)
+    return codes
+
+
+def _lab(colours: np.ndarray) -> np.ndarray:
+    lab = cv2.cvtColor(np.ascontiguousarray(colours)[None], cv2.COLOR_BGR2LAB)[0]
+    return lab.astype(np.float32) * np.array([0.5, 1, 1], np.float32)
 
 
 class PartColours:
-    """The colours of surface samples `points` (K, 4) against those of the parts they lie on.
+    """The colours of a body's parts in the pictures that `maps` (V, H, W, 2) are silhouettes of.
 
-    Colours are compared by chromaticity, (R, G, B) / (R + G + B + dark) less its grey share: two
-    numbers, in which the shading of a limb that turns, a shadow and the gains of the cameras
-    cancel, all of which change RGB more than another garment does. The price: black, grey and
-    white are one colour.
-
-    `parts` (C, 4) float32 is what was learnt of each cone: chromaticity, 1 where it is known, 0.
-    What is not known yet costs nothing, nor do samples that no camera sees. Twin:
-    reference/likelihood/part_colour.py.
+    `codes` (V, H, W) uint8 are those of the latest frame; `ratios` (R, P, N_CODES) int8 of R runs,
+    in steps, say how much likelier each code is on a part than on the mean part, and are 0 until
+    something is learnt. `known` tells whether there are codes at all: frames without pictures, or
+    without a person, have none. Twin: reference/likelihood/part_colour.py.
     """
 
     def __init__(
         self,
         device: Device,
+        rig: CameraRig,
         body: BodyModel,
-        table: Array,
-        points: Array,
-        config: LikelihoodConfig,
+        cameras: Array,
+        maps: Array,
+        config: PartColourConfig,
+        n_runs: int = 1,
     ) -> None:
-        self.device, self.config = device, config.part_colour
-        self._table, self._points, self._surface_scale = table, points, config.surface_scale
-        self._n_points, self._n_cones = points.shape[0], len(body.cones)
-        self._pack = pack_defines(device, _GROUP)
-        constants = {"DARK": self.config.dark, "LEAST_SAMPLES": self.config.least_samples}
-        self._defines: dict[str, float] = {**body_defines(body), **self._pack, **constants}
-        self.parts = device.zeros((self._n_cones, 4), np.float32, "the parts' colours")
-        self._samples = device.zeros((self._n_points, 4), np.float32, "the samples' colours")
-        self._nearest = device.empty((self._n_points, 2), np.float32, "the samples' parts")
-        shape = (self._n_points, self._n_cones)
-        self._costs = device.empty(shape, np.float32, "the samples' costs")
-        self._colours: Array | None = None
-        self._compare = device.launch(
-            self._kernel("compare_colours"),
-            (self._n_cones, self._n_points),
-            None,
-            n_points=self._n_points,
-            scale=self.config.scale,
-            samples=self._samples,
-            parts=self.parts,
-            costs=self._costs,
-        )
+        self.device, self.config, self._maps, self._rig = device, config, maps, rig
+        self._cameras, self._n_parts = cameras, len(part_names(body))
+        self._group = pack_defines(device, _GROUP)["GROUP"]
+        shape = len(rig), rig.height, rig.width
+        self.codes = device.empty(shape, np.uint8, "the pictures' codes")
+        self.codes.fill(N_CODES - 1)
+        self._palette = device.empty((N_COLOURS,), np.uint8)
+        self.known = self._has_palette = False
+        histograms = n_runs, self._n_parts, N_CODES
+        self.histograms = device.zeros(histograms, np.float32)
+        self.ratios = device.zeros(histograms, np.int8)
+        self._counts = device.zeros(histograms, np.int32)
+        self._rows = device.to_device(learnt_parts(body))
+        self._kinematics = Kinematics(device, body, n_runs)
+        self._pictures: Array | None = None
 
-    def forget(self) -> None:
-        """Forget every part's colour: a new track begins."""
-        self.parts.fill(0)
+    def change_body(self, body: BodyModel) -> None:
+        """Learn from poses of `body`, which differs from the one before in numbers alone."""
+        self._kinematics.change_body(body)
+        self._rows.set(learnt_parts(body))
+
+    def forget(self, run: int | None = None) -> None:
+        """Forget every part's colours, of one run or of all: a new track begins."""
+        for array in (self.histograms, self.ratios):
+            kept = array.get()
+            kept[slice(None) if run is None else run] = 0
+            array.set(kept)
 
     def observe(self, voxels: Voxels) -> None:
-        """Enqueue the samples' colours. Raises InputError if the frame has no pictures."""
-        try:
-            colours = voxels.colours()
-        except InputError as error:
-            raise InputError(f"the likelihood's term part_colour: {error}") from None
-        if colours is not self._colours:
-            self._colours = colours
-            self._sample = self.device.launch(
-                self._kernel("sample_colours"),
-                (self._n_points,),
-                None,
-                n_points=self._n_points,
-                count=voxels.count,
-                colours=colours,
-                samples=self._samples,
-            )
-        self._sample()
-        self._compare()
+        """Enqueue the codes of a frame, whose maps are made. The first person seen makes the
+        palette, which waits for the device."""
+        pictures = voxels.pictures()
+        if pictures is None:
+            if self.known:
+                self.codes.fill(N_CODES - 1)  # nothing is learnt from this frame
+                self.known = False
+            return
+        if pictures is not self._pictures:
+            self._pictures, self._encode = pictures, self._encoding(pictures)
+        if not self._has_palette:
+            palette = palette_of(pictures.get(), self._maps.get()[..., 0], self.config)
+            if palette is None:
+                return
+            self._palette.set(palette)
+            self._has_palette = True
+        self.known = True
+        self._encode()
 
-    def launcher(
-        self, poses: Array, subset: PointSubset, weight: float, errors: Array
-    ) -> list[Launch]:
-        """Return the launches that add to `errors` (n,) of `poses` (n, D) `weight` times the mean
-        of d^2 / (d^2 + scale^2) over the samples in `subset` that a camera sees, d from a sample's
-        colour to that of the part nearest to it."""
-        return [
-            self.device.launch(
-                self._kernel("add_colour_errors"),
-                pack_size(poses.shape[0], self._pack),
-                (self._pack["GROUP"],),
-                n_particles=poses.shape[0],
-                poses=poses,
-                table=self._table,
-                n_points=self._n_points,
-                first_point=subset.first,
-                stride=subset.stride,
-                weight=weight,
-                points=self._points,
-                samples=self._samples,
-                costs=self._costs,
-                errors=errors,
-            )
-        ]
+    def _encoding(self, pictures: Array) -> Launch:
+        n_pixels = int(np.prod(self.codes.shape))
+        return self.device.launch(
+            self._kernel("encode_colours"),
+            (-(-n_pixels // 64) * 64,),
+            (64,),
+            n_pixels=n_pixels,
+            maps=self._maps,
+            pictures=pictures,
+            palette=self._palette,
+            codes=self.codes,
+        )
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from the frame whose estimate is the first of `pose`
-        (.., D)."""
-        group = self._pack["GROUP"]
+        """Return the launches that learn from the frame whose runs' estimates are the first R of
+        `pose` (.., D)."""
+        config = self.config
         return [
+            *self._kinematics.launcher(pose),
             self.device.launch(
-                self._kernel("find_nearest_parts"),
-                (group,),
-                (group,),
-                pose=pose,
-                table=self._table,
-                n_points=self._n_points,
-                scale=self._surface_scale,
-                points=self._points,
-                samples=self._samples,
-                nearest_parts=self._nearest,
+                self._kernel("count_colours"),
+                (self._group * len(self._rig), self.ratios.shape[0]),
+                (self._group, 1),
+                width=self._rig.width,
+                height=self._rig.height,
+                cameras=self._cameras,
+                cones=self._kinematics.cones,
+                row_parts=self._rows,
+                codes=self.codes,
+                counts=self._counts,
             ),
             self.device.launch(
                 self._kernel("learn_colours"),
-                (self._n_cones * group,),
-                (group,),
-                n_points=self._n_points,
-                rate=self.config.rate,
-                samples=self._samples,
-                nearest_parts=self._nearest,
-                parts=self.parts,
+                (N_CODES * self.ratios.shape[0],),
+                (N_CODES,),
+                decay=config.decay,
+                rare=config.rare,
+                bound=config.bound,
+                least=config.least_samples,
+                counts=self._counts,
+                histograms=self.histograms,
+                ratios=self.ratios,
             ),
         ]
 
     def _kernel(self, name: str) -> Any:
-        return self.device.kernel("tracking/part_colour", name, **self._defines, **CONE_DEFINES)
+        return self.device.kernel(
+            "tracking/part_colour",
+            name,
+            PACK=1,
+            GROUP=self._group,
+            N_CODES=N_CODES,
+            N_CONES=len(self._kinematics.body.cones),
+            N_PARTS=self._n_parts,
+            ROWS=ROWS,
+            COLUMNS=COLUMNS,
+            RATIO_STEPS=RATIO_STEPS,
+            CAMERA_FLOATS=CAMERA_FLOATS,
+            **CONE_DEFINES,
+        )

@@ -14,7 +14,13 @@ from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_define
 from apf.likelihood.base import Likelihood, PointSubset
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.motion_prior import MotionPrior
-from apf.likelihood.part_colour import PartColours
+from apf.likelihood.part_colour import (
+    N_CODES,
+    RATIO_STEPS,
+    PartColours,
+    scored_parts,
+    trunk_cone,
+)
 from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.scene import Scene
 from cl import Array, InputError, Launch
@@ -83,8 +89,8 @@ class VoxelLikelihood(Likelihood):
     ) -> None:
         if n_runs > 1 and config.depends_on_track:
             raise InputError(
-                f"{n_runs} runs at once: the likelihood's terms part_colour and motion_prior "
-                "depend on the track so far; expected neither"
+                f"{n_runs} runs at once: the likelihood's term motion_prior depends on the track "
+                "so far; expected none"
             )
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.config, self._scene = device, rig, config, scene
@@ -97,6 +103,7 @@ class VoxelLikelihood(Likelihood):
         self._body = device.to_device(pack_body(body), "the body model")
         rows = sample_rows(cone_sampling(body, config.reprojection.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
+        self._row_parts = device.to_device(scored_parts(body, rows))
         self._defines = self._fitting_defines(body)
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
@@ -112,8 +119,13 @@ class VoxelLikelihood(Likelihood):
         if config.silhouette_recall_weight > 0:
             self._recall = SilhouetteRecall(scene, self._cameras, self.points)
         self.part_colours: PartColours | None = None
+        self._no_ratios = device.zeros((1,), np.int8)
+        self._coloured: list[Launch] = []
+        self._colour_weight = 0.0
         if config.part_colour.weight > 0:
-            self.part_colours = PartColours(device, body, self._body, self.points, config)
+            self.part_colours = PartColours(
+                device, rig, body, self._cameras, self.reprojection.maps, config.part_colour, n_runs
+            )
         self.motion_prior: MotionPrior | None = None
         if config.motion_prior.weight > 0:
             self.motion_prior = MotionPrior(device, body, config.motion_prior, velocity)
@@ -125,18 +137,22 @@ class VoxelLikelihood(Likelihood):
         self._posture.set(posture_prior(body))
         rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
+        self._row_parts = self.device.to_device(scored_parts(body, rows))
         for launch in self._scores:
             launch.set(**self._row_arguments())
+        if self.part_colours is not None:
+            self.part_colours.change_body(body)
         if self._recall is not None:
             self._recall.change_body(body)
         if self.motion_prior is not None:
             self.motion_prior.change_body(body)
 
-    def forget(self) -> None:
-        """Forget colours and the expected pose: a new track begins."""
-        for term in (self.part_colours, self.motion_prior):
-            if term is not None:
-                term.forget()
+    def forget(self, run: int | None = None) -> None:
+        """Forget colours and the expected pose, of one run or of all: a new track begins."""
+        if self.part_colours is not None:
+            self.part_colours.forget(run)
+        if self.motion_prior is not None:
+            self.motion_prior.forget()
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
         """Return the launches that learn from a frame whose estimate is the first of `pose`
@@ -163,6 +179,11 @@ class VoxelLikelihood(Likelihood):
             self._recall.observe()
         if self.part_colours is not None:
             self.part_colours.observe(voxels)
+            weight = self.config.part_colour.weight if self.part_colours.known else 0.0
+            if weight != self._colour_weight:
+                self._colour_weight = weight
+                for launch in self._coloured:
+                    launch.set(colour_weight=weight)
 
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that score `poses` (N, D) float32 into `errors`.
@@ -188,15 +209,16 @@ class VoxelLikelihood(Likelihood):
     ) -> list[Launch]:
         config = self.config
         weights = config.weights, config.posture_prior_weight
-        launches = [self._launch(poses.shape[0], poses, subset, *weights, errors)]
+        score = self._launch(poses.shape[0], poses, subset, *weights, errors)
+        if self.part_colours is not None:
+            self._coloured.append(score)
+            score.set(colour_weight=self._colour_weight)
+        launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = SilhouetteRecall(self._scene, self._cameras, self.points)
             launches += self._recall.launcher(poses, subset, recall_weight, errors)
         n_views = len(self.rig)
-        if self.part_colours is not None:
-            weight = n_views * config.part_colour.weight
-            launches += self.part_colours.launcher(poses, subset, weight, errors)
         if self.motion_prior is not None:
             weight = n_views * config.motion_prior.weight
             launches += self.motion_prior.launcher(poses, weight, errors)
@@ -220,7 +242,7 @@ class VoxelLikelihood(Likelihood):
         errors: Array,
     ) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples."""
-        config = self.config
+        config, colours = self.config, self.part_colours
         launch = self.device.launch(
             self._kernel("score_poses"),
             pack_size(n, self._defines),
@@ -244,6 +266,11 @@ class VoxelLikelihood(Likelihood):
             posture=self._posture,
             weights=weights,
             posture_weight=posture_weight,
+            codes=colours.codes if colours is not None else self.reprojection.maps,
+            ratios=colours.ratios if colours is not None else self._no_ratios,
+            n_per_run=max(1, n // self.misfits.size),
+            table_size=0 if colours is None else int(np.prod(colours.ratios.shape[1:])),
+            colour_weight=0.0,
             errors=errors,
         )
         self._scores.append(launch)
@@ -252,7 +279,12 @@ class VoxelLikelihood(Likelihood):
     def _row_arguments(self) -> dict[str, Any]:
         """Return the arguments of score_poses that depend on the number of sample rows."""
         room = pyopencl.LocalMemory(self._rows.nbytes)
-        return {"n_rows": self._rows.shape[0], "row_table": self._rows, "rows": room}
+        return {
+            "n_rows": self._rows.shape[0],
+            "row_table": self._rows,
+            "row_parts": self._row_parts,
+            "rows": room,
+        }
 
     def _fitting_defines(self, body: BodyModel) -> dict[str, int]:
         """Return the defines of likelihood.cl, with as many cameras at once as local memory holds.
@@ -263,9 +295,10 @@ class VoxelLikelihood(Likelihood):
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}
+        defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
-        fixed = pack * (2 * body.n_dof + posed + 5 * defines["GROUP"])
+        fixed = pack * (2 * body.n_dof + posed + 7 * defines["GROUP"])
         fixed += self._body.nbytes + self._rows.nbytes
         per_view = pack * (_OUTLINE_FLOATS * n_cones + 2)
         room = self.device.handle.local_mem_size

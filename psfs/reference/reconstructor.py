@@ -100,7 +100,7 @@ class NumpyReconstructor:
             seen = (frame.images, evidence, self.config.colour)
             colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
         count = int(occupied.sum())
-        return HostVoxels(self.grid, probability, surface, count, colours, evidence)
+        return HostVoxels(self.grid, probability, surface, count, colours, evidence, frame.images)
 
 
 def physical_memory() -> int:

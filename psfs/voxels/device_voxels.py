@@ -52,17 +52,22 @@ class Voxels:
 
         Raises InputError if the frame has no pictures.
         """
-        if self.frame is None or self.frame.images is None:
+        pictures = self.pictures()
+        if pictures is None:
             raise InputError("the frame has no pictures to colour its voxels with; expected images")
         if self._colour is None:
             rig, evidence = self._silhouette.rig, self._silhouette.evidence
             self._colour = SurfaceColour(
                 evidence.device, rig, self.grid, self._surface.list, evidence, self._config
             )
-        return self._colour(self.grid, self._pictures(self.frame.images))
+        return self._colour(self.grid, pictures)
 
-    def _pictures(self, images: np.ndarray) -> Array:
-        """Return the frame's pictures on the device, where silhouettes may be made of masks."""
+    def pictures(self) -> Array | None:
+        """Return the frame's pictures (V, H, W, 3) uint8 BGR on the device, None where it has
+        none. They are uploaded where silhouettes are made of masks."""
+        images = None if self.frame is None else self.frame.images
+        if images is None:
+            return None
         if self._silhouette.background is not None:
             return self._silhouette.input
         if self._images is None:

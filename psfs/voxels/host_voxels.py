@@ -16,8 +16,9 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 @dataclass(frozen=True, eq=False)
 class HostVoxels:
-    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices, and the
-    evidence maps (V, H, W) int8 that they were carved with, if known."""
+    """The voxels of one frame: `probability` (nx, ny, nz), `surface` (N,) flat indices; if known
+    the evidence maps (V, H, W) int8 that they were carved with and the pictures (V, H, W, 3) uint8
+    BGR."""
 
     grid: VoxelGrid
     probability: np.ndarray
@@ -25,6 +26,7 @@ class HostVoxels:
     occupied: int
     colours: Callable[[], np.ndarray] | None = None
     evidence: np.ndarray | None = None
+    pictures: np.ndarray | None = None
 
     def cloud(self, colour: bool = False) -> VoxelCloud:
         """Return the surface voxels, with `colour` in RGB. Raises InputError if there is no

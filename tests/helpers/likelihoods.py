@@ -52,7 +52,9 @@ def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
 
 def cloud(grid: VoxelGrid, surface: Array, count: Array) -> Any:
     """As much of `Voxels` as a likelihood needs."""
-    return SimpleNamespace(grid=grid, evidence=None, surface=surface, count=count)
+    return SimpleNamespace(
+        grid=grid, evidence=None, surface=surface, count=count, pictures=lambda: None
+    )
 
 
 class Setup:

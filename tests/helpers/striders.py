@@ -79,7 +79,7 @@ def _set(poses: np.ndarray, name: str, values: np.ndarray) -> None:
 
 def _leg(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles of hip and knee that put the ankle at x, z m from the hip, by the law of cosines."""
-    thigh, calf = 0.426, 0.433
+    thigh, calf = 0.41, 0.433
     reach = np.hypot(x, z)
     knee = np.pi - np.arccos((thigh**2 + calf**2 - reach**2) / (2 * thigh * calf))
     between = np.arccos((thigh**2 + reach**2 - calf**2) / (2 * thigh * reach))

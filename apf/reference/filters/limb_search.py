@@ -66,6 +66,6 @@ def searched(
         refined_poses = np.stack([pose for pose, _ in found])
         errors = likelihood.rescore(refined_poses, 1, config.limb_search.least_recall)
         margins = (config.limb_search.near_margin, config.limb_search.far_margin)
-        gains = errors[0] * (1 - np.repeat(margins, n_limbs)) - errors[1:]
+        gains = errors[0] - np.abs(errors[0]) * np.repeat(margins, n_limbs) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
     return found[best]

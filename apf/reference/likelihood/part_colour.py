@@ -1,67 +1,126 @@
-"""Colours of the parts of a body, and how badly poses go with them. Twin of part_colour.cl."""
+"""What colours each part of the body has in the pictures. Twin of apf/likelihood/part_colour.py,
+part_colour.cl and the term in likelihood.cl."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import distances
-from apf.likelihood.config import LikelihoodConfig
+from apf.body.cones import outlines
+from apf.body.kinematics import posed_cones
+from apf.body.model import BodyModel
+from apf.likelihood.config import PartColourConfig
+from apf.likelihood.part_colour import (
+    COLUMNS,
+    N_CODES,
+    RATIO_STEPS,
+    ROWS,
+    learnt_parts,
+    part_names,
+    trunk_cone,
+)
+from psfs.cameras.camera import Camera, CameraRig
+
+_NO_CODE = N_CODES - 1
 
 
-def chromaticities(colours: np.ndarray, dark: float) -> np.ndarray:
-    """Return (K, 3) chromaticity x, y and whether a camera sees it, of colours (K, 4).
-
-    A colour is RGB 0..255 and the number of cameras. Its chromaticity is
-    (R, G, B) / (R + G + B + dark) in the plane R + G + B = 0.
-    """
-    rgb = colours[:, :3].astype(float)
-    red, green, blue = (rgb / (rgb.sum(1, keepdims=True) + dark)).T
-    plane = [(red - green) / np.sqrt(2), (red + green - 2 * blue) / np.sqrt(6)]
-    seen = colours[:, 3] > 0
-    return np.stack([*plane, np.ones(len(rgb))], -1) * seen[:, None]
+def encoded(pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """Return the codes (V, H, W) uint8 of pictures (V, H, W, 3) uint8 BGR by `palette` (32768,),
+    N_CODES - 1 outside silhouettes (V, H, W)."""
+    blue, green, red = np.moveaxis(pictures.astype(int) >> 3, -1, 0)
+    return np.where(silhouettes > 0, palette[blue << 10 | green << 5 | red], _NO_CODE).astype(
+        np.uint8
+    )
 
 
-def colour_errors(
-    points: np.ndarray, samples: np.ndarray, parts: np.ndarray, cones: np.ndarray, scale: float
-) -> np.ndarray:
-    """Return (N,) the mean over the samples (K, 3) that a camera sees of d^2 / (d^2 + scale^2).
-
-    d is the distance from a sample's chromaticity to that of the part (C, 3) whose surface in cones
-    (N, C, 16) is nearest to its point (K, 3). Parts that are not known cost nothing; 0 where no
-    camera sees any sample. Geman & McClure 1987.
-    """
-    seen = samples[:, 2] > 0
-    if not seen.any():
-        return np.zeros(len(cones))
-    d2 = np.sum((samples[seen, None, :2] - parts[:, :2]) ** 2, -1) / scale**2
-    costs = np.where(parts[:, 2] > 0, d2 / (1 + d2), 0.0)
-    nearest = [np.abs(distances(points[seen], posed)).argmin(1) for posed in cones]
-    return np.array([costs[np.arange(len(costs)), part].mean() for part in nearest])
+def in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return whether pixels (..., 2) lie in trapezoids with corners (..., 4, 2); never in one that
+    is NaN."""
+    onwards = np.roll(corners, -1, -2) - corners
+    to = pixels[..., None, :] - corners
+    sides = onwards[..., 0] * to[..., 1] - onwards[..., 1] * to[..., 0]
+    return (sides >= 0).all(-1) | (sides <= 0).all(-1)
 
 
-def learnt(
-    parts: np.ndarray,
-    points: np.ndarray,
-    samples: np.ndarray,
+def _codes_at(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The codes at pixels (..., 2), -1 outside of the picture."""
+    x, y = np.moveaxis(np.floor(np.nan_to_num(pixels, nan=-1e6) + 0.5), -1, 0)
+    inside = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
+    found = codes[np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)]
+    return np.where(inside, found.astype(int), -1)
+
+
+def counted(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray) -> np.ndarray:
+    """Return (P, N_CODES) how many samples of each part show each of the codes (V, H, W) at a pose
+    (D,): of those that no other cone lies before or behind."""
+    cones = posed_cones(body, pose[None])
+    parts = learnt_parts(body)
+    counts = np.zeros((len(part_names(body)), N_CODES))
+    t = ((np.arange(ROWS) + 0.5) / ROWS)[:, None, None]
+    u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
+    for camera, view in zip(rig, codes, strict=True):
+        corners = outlines(camera, cones)[0]
+        for c, own in enumerate(corners):
+            left, right = own[0] + t * (own[3] - own[0]), own[1] + t * (own[2] - own[1])
+            pixels = left + u * (right - left)
+            others = np.delete(corners, c, 0)
+            alone = ~in_outline(others[:, None, None], pixels).any(0)
+            code = _codes_at(camera, view, pixels)
+            taken = alone & (code >= 0) & (code != _NO_CODE) & (parts[c][:, None] >= 0)
+            part = np.broadcast_to(parts[c][:, None], code.shape)
+            np.add.at(counts, (part[taken], code[taken]), 1)
+    return counts
+
+
+def ratios_of(histograms: np.ndarray, config: PartColourConfig) -> np.ndarray:
+    """Return (P, N_CODES) int8: the log of how much likelier each code is on a part than on the
+    mean part, RATIO_STEPS at the bound and beyond."""
+    total = histograms.sum(1, keepdims=True)
+    share = histograms / np.maximum(total, 1)
+    mean = share.sum(0) / max(1, int((total > 0).sum()))
+    ratio = np.log((share + config.rare) / (mean + config.rare)) / config.bound
+    ratio = ratio * np.minimum(total / config.least_samples, 1)
+    ratio[:, _NO_CODE] = 0
+    return np.rint(RATIO_STEPS * np.clip(ratio, -1, 1)).astype(np.int8)
+
+
+def colour_means(
+    camera: Camera,
+    body: BodyModel,
     cones: np.ndarray,
-    config: LikelihoodConfig,
+    codes: np.ndarray,
+    ratios: np.ndarray,
+    row_parts: np.ndarray,
+    rows: np.ndarray,
 ) -> np.ndarray:
-    """Return the parts' colours (C, 3) after a frame whose pose is cones (C, 16).
+    """Return (N,) the mean of what `ratios` say, as shares of the bound, of the codes (H, W) that a
+    camera sees in the rows (R, 4) of cones (N, C, 16); 0 where it sees none.
 
-    Each moves by the share `rate` (all the way if it was not known) to the mean of the samples
-    nearest to it, which count by scale^2 / (d^2 + scale^2), d the distance to its surface.
+    Rows of parts (R,) -1 count nothing; nor do samples in the outline of the trunk's cone whose
+    row lies further from the camera than the trunk's middle.
     """
-    parts = parts.copy()
-    if len(points) == 0:
-        return parts
-    away = np.abs(distances(points, cones))
-    nearest = away.argmin(1)
-    weights = samples[:, 2] / (1 + (away.min(1) / config.surface_scale) ** 2)
-    for part in range(len(cones)):
-        mine = weights * (nearest == part)
-        if mine.sum() >= config.part_colour.least_samples:
-            mean = mine @ samples[:, :2] / mine.sum()
-            share = config.part_colour.rate if parts[part, 2] > 0 else 1.0
-            parts[part, :2] += share * (mean - parts[part, :2])
-            parts[part, 2] = 1.0
-    return parts
+    corners = outlines(camera, cones)
+    sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
+    trunk = trunk_cone(body)
+    for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
+        if part < 0:
+            continue
+        c = int(number)
+        quad = corners[:, c, :, None]
+        left, right = (
+            quad[:, 0] + t * (quad[:, 3] - quad[:, 0]),
+            quad[:, 1] + t * (quad[:, 2] - quad[:, 1]),
+        )
+        u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
+        pixels = left + u * (right - left)  # (N, columns, 2)
+        code = _codes_at(camera, codes, pixels)
+        seen = code >= 0
+        if trunk >= 0:
+            own = cones[:, c, 0:3] + t * (cones[:, c, 4:7] - cones[:, c, 0:3])
+            middle = (cones[:, trunk, 0:3] + cones[:, trunk, 4:7]) / 2
+            further = (own - middle) @ camera.R[2] > 0
+            covered = in_outline(corners[:, trunk, None], pixels)
+            seen = seen & ~(further[:, None] & covered)
+        sums += np.where(seen, ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
+        counts += seen.sum(1)
+    means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))
+    return means

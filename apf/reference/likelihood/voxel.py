@@ -11,13 +11,14 @@ from apf.body.cones import distances, outlines, overlap_errors
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.voxel import cone_sampling
+from apf.likelihood.part_colour import N_CODES, palette_of, part_names, scored_parts
+from apf.likelihood.voxel import cone_sampling, sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.motion_prior import expectation, motion_errors
-from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
+from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
 from apf.scene import Scene
-from cl import InputError, NumpyDevice
+from cl import NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.reference.reprojection import NumpyReprojection
 from psfs.voxels.host_voxels import HostVoxels
@@ -135,34 +136,39 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         )
         self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
-        self._colours = np.empty((0, 3))
+        self._rows = sample_rows(self._sampling)
+        self._row_parts = scored_parts(scene.body, self._rows)
+        self.codes: np.ndarray | None = None
+        self._palette: np.ndarray | None = None
         self.forget()
 
     def forget(self) -> None:
         """Forget colours and the expected pose: a new track begins."""
-        self.parts = np.zeros((len(self.body.cones), 3))
+        self.histograms = np.zeros((len(part_names(self.body)), N_CODES))
+        self.ratios = np.zeros(self.histograms.shape, np.int8)
         self.motion = np.full((self.body.n_dof, 2), np.nan)
 
     def learn(self, pose: np.ndarray) -> None:
         """Learn from a frame whose estimate is `pose` (D,)."""
         self.motion = expectation(self.motion, pose, self._velocity)
-        if self.config.part_colour.weight > 0:
-            cones = posed_cones(self.body, pose[None])[0]
-            colours = (self.points, self._colours, cones)
-            self.parts = learnt(self.parts, *colours, self.config)
+        config = self.config.part_colour
+        if config.weight > 0 and self.codes is not None:
+            counts = counted(self.rig, self.body, pose, self.codes)
+            self.histograms = config.decay * self.histograms + counts
+            self.ratios = ratios_of(self.histograms, config)
 
     def observe(self, voxels: HostVoxels) -> None:
-        """Take the voxels of a frame. Raises InputError if a term lacks pictures."""
+        """Take the voxels of a frame."""
         self._maps = self._reprojection(voxels)
         self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
-        if self.config.part_colour.weight > 0:
-            if voxels.colours is None:
-                raise InputError(
-                    "the likelihood's term part_colour: the frame has no pictures to colour its "
-                    "voxels with; expected images"
-                )
-            colours = sampled_surface(voxels.colours(), self.config.n_points)
-            self._colours = chromaticities(colours, self.config.part_colour.dark)
+        self.codes = None
+        if self.config.part_colour.weight > 0 and voxels.pictures is not None:
+            silhouettes = self._maps[..., 0]
+            if self._palette is None:
+                pictures = voxels.pictures
+                self._palette = palette_of(pictures, silhouettes, self.config.part_colour)
+            if self._palette is not None:
+                self.codes = encoded(voxels.pictures, silhouettes, self._palette)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D)."""
@@ -181,14 +187,24 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         cones, seen = posed_cones(body, poses), subset(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
-        if config.part_colour.weight > 0:
-            samples = subset(self._colours, turn, turns)
-            found = colour_errors(seen, samples, self.parts, cones, config.part_colour.scale)
-            errors = errors + len(rig) * config.part_colour.weight * found
+        if config.part_colour.weight > 0 and self.codes is not None:
+            errors = errors - config.part_colour.weight * self._colour_gains(cones)
         if config.motion_prior.weight > 0:
             found = motion_errors(body, poses, self.motion[:, 1], config.motion_prior)
             errors = errors + len(rig) * config.motion_prior.weight * found
         return errors
+
+    def _colour_gains(self, cones: np.ndarray) -> np.ndarray:
+        """(N,) the mean over the cameras of the colours' means, times the number of cameras."""
+        assert self.codes is not None
+        look = self.ratios, self._row_parts, self._rows
+        means, seeing = np.zeros(len(cones)), np.zeros(len(cones))
+        for camera, codes, view in zip(self.rig, self.codes, self._maps, strict=True):
+            sums = image_errors(camera, cones, view, self._sampling).sum(1)
+            seen = (sums[:, 1] > 0) & (sums[:, 3] > 0)
+            means += np.where(seen, colour_means(camera, self.body, cones, codes, *look), 0.0)
+            seeing += seen
+        return len(self.rig) * means / np.maximum(seeing, 1)
 
     def misfit(self, pose: np.ndarray) -> float:
         """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""

@@ -1,9 +1,10 @@
 // How badly the poses of particles fit the voxels; twin: reference/likelihood/voxel.py.
 // Defines: those of kinematics.h; VIEWS, the cameras whose outlines are in local memory at once, at
-// most GROUP; NO_DISTORTION if no camera has any. None depends on a body's size: bodies that differ
-// in that alone share a program.
-#if !defined(CAMERA_FLOATS) || !defined(OUTLINE_FLOATS) || !defined(PACK) || !defined(VIEWS)
-#error "tracking/likelihood.cl needs CAMERA_FLOATS, OUTLINE_FLOATS, PACK and VIEWS"
+// most GROUP; NO_DISTORTION if no camera has any; TRUNK, the cone that hides limbs behind it, or -1.
+// None depends on a body's size: bodies that differ in that alone share a program.
+#if !defined(CAMERA_FLOATS) || !defined(N_CODES) || !defined(OUTLINE_FLOATS) || !defined(PACK) || \
+    !defined(RATIO_STEPS) || !defined(TRUNK) || !defined(VIEWS)
+#error "tracking/likelihood.cl needs CAMERA_FLOATS, N_CODES, OUTLINE_FLOATS, PACK, RATIO_STEPS, TRUNK and VIEWS"
 #endif
 #include "common/packed_cones.h"
 
@@ -27,8 +28,20 @@ __kernel void sample_surface(int n_points, __global const int *count,
     points[k] = (float4)(origin_size.xyz + (ijk + 0.5f) * origin_size.w, 1.0f);
 }
 
-// Sums over samples of a map: 255 - value, and how many of them lie in the picture.
-typedef struct { vint edge, n_edge, inside, n_inside; } samples;
+// Sums over samples of a map: 255 - value, and how many of them lie in the picture; of `colour` the
+// log ratios of visible samples, see part_colour.cl.
+typedef struct { vint edge, n_edge, inside, n_inside, colour, n_colour; } samples;
+
+// What the colours of parts are looked up in: the cameras' pictures of codes, the tables of log
+// ratios and where that of each particle's run begins, the part of every row, and what their mean
+// weighs.
+typedef struct {
+    __global const uchar *codes;
+    __global const char *ratios;
+    vint table;
+    __global const int *row_parts;
+    float weight;
+} part_colours;
 
 // Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
 inline void take_sample(__global const float *camera, __global const uchar *channel, int width,
@@ -43,10 +56,60 @@ inline void take_sample(__global const float *camera, __global const uchar *chan
     *count += inside & 1;
 }
 
+// Whether a row of a cone, `row` as in take_row, lies further from the camera than the trunk's
+// middle: what it shows inside the trunk's outline is hidden.
+inline vint behind_trunk(__global const float *camera, __local const vfloat *cones, float4 row)
+{
+#if TRUNK < 0
+    return (vint)0;
+#else
+    __local const vfloat *own = cones + (int)row.x * CONE_FLOATS;
+    __local const vfloat *trunk = cones + TRUNK * CONE_FLOATS;
+    vfloat further = 0.0f;
+    for (int i = 0; i < 3; ++i)
+        further += camera[6 + i] * (own[i] + row.y * (own[4 + i] - own[i]) -
+                                    0.5f * (trunk[i] + trunk[4 + i]));
+    return further > 0.0f;
+#endif
+}
+
+// Whether pixel (x, y) lies in the trapezoid with these corners; never in one that is NOWHERE.
+inline vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
+{
+    vint left = corners[0] > NOWHERE, right = left;
+    for (int i = 0; i < 4; ++i) {
+        const int j = (i + 1) % 4;
+        const vfloat side = (corners[2 * j] - corners[2 * i]) * (y - corners[2 * i + 1]) -
+                            (corners[2 * j + 1] - corners[2 * i + 1]) * (x - corners[2 * i]);
+        left &= side >= 0.0f;
+        right &= side <= 0.0f;
+    }
+    return left | right;
+}
+
+// Adds the log ratio of the colour at pixel (x, y), whose half is added already; table: where the
+// part's ratios begin.
+inline void take_colour(__global const float *camera, __global const uchar *codes,
+                        __global const char *ratios, vint table, int width, vfloat x, vfloat y,
+                        vint visible, samples *sums)
+{
+    const vint inside =
+        visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
+#define RATIO(l) ratios[LANE_OF(table, l) + codes[LANE_OF(pixel, l)]]
+    const vint value = PACK_OF(vint, RATIO);
+#undef RATIO
+    sums->colour += inside ? value : 0;
+    sums->n_colour += inside & 1;
+}
+
 // One row of a cone, x = its number, y = share of the way along it: samples at both outlines and z
 // evenly between them, w = 1 / z.
+// Where its part has colours, `part` is not negative and `hidden` says where the trunk hides it.
 inline void take_row(__global const float *camera, __global const uchar *map, int width,
-                     __local const vfloat *outlines, float4 row, samples *sums)
+                     __local const vfloat *outlines, float4 row, int part,
+                     __global const uchar *codes, __global const char *ratios, vint table,
+                     vint hidden, samples *sums)
 {
     __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
     const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;
@@ -57,18 +120,29 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
     take_sample(camera, map + 1, width, right_x, right_y, &sums->edge, &sums->n_edge);
     const vfloat step_x = (right_x - left_x) * row.w, step_y = (right_y - left_y) * row.w;
     const int n = (int)row.z;
-    for (int column = 0; column < n; ++column)
-        take_sample(camera, map, width, left_x + (column + 0.5f) * step_x,
-                    left_y + (column + 0.5f) * step_y, &sums->inside, &sums->n_inside);
+    for (int column = 0; column < n; ++column) {
+        const vfloat x = left_x + (column + 0.5f) * step_x;
+        const vfloat y = left_y + (column + 0.5f) * step_y;
+        take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
+        if (part < 0) continue;
+#if TRUNK < 0
+        const vint visible = -1;
+#else
+        const vint covered = in_outline(outlines + TRUNK * OUTLINE_FLOATS, x - 0.5f, y - 0.5f);
+        const vint visible = (hidden & covered) == 0;
+#endif
+        take_colour(camera, codes, ratios, table + part * N_CODES, width, x, y, visible, sums);
+    }
 }
 
 // Song et al. eq. (14)-(15) of the cameras from `first_view` on, at most VIEWS of them: the items'
 // sums over the rows of all cones become error and 1 of every camera that sees both edge and
-// silhouette, else 0 and 0; the first item gets their sums.
+// silhouette, else 0 and 0; the first item gets their sums. From the error goes the mean log ratio
+// of the colours that the camera sees, as a share of its bound, times its weight.
 inline void score_views(int first_view, int n_views, int width, int height,
                         __global const float *cameras, __global const uchar *maps,
                         int n_rows, __local const float4 *rows, float2 weights,
-                        __local const vfloat *cones, __local vfloat *outlines,
+                        part_colours colours, __local const vfloat *cones, __local vfloat *outlines,
                         __local samples *partial, __local vfloat *views, vfloat *error,
                         vfloat *seeing)
 {
@@ -80,12 +154,17 @@ inline void score_views(int first_view, int n_views, int width, int height,
     barrier(CLK_LOCAL_MEM_FENCE);
 
     const int view = lane / VIEW_LANES, view_lane = lane % VIEW_LANES;
-    samples sums = {0, 0, 0, 0};
+    samples sums = {0, 0, 0, 0, 0, 0};
     if (view < here) {
-        __global const uchar *map = maps + 2 * (size_t)(first_view + view) * width * height;
-        for (int r = view_lane; r < n_rows; r += VIEW_LANES)
-            take_row(cameras + (first_view + view) * CAMERA_FLOATS, map, width,
-                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], &sums);
+        const size_t before = (size_t)(first_view + view) * width * height;
+        __global const float *camera = cameras + (first_view + view) * CAMERA_FLOATS;
+        for (int r = view_lane; r < n_rows; r += VIEW_LANES) {
+            const int part = colours.weight > 0.0f ? colours.row_parts[r] : -1;
+            const vint hidden = part < 0 ? (vint)0 : behind_trunk(camera, cones, rows[r]);
+            take_row(camera, maps + 2 * before, width,
+                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], part,
+                     colours.codes + before, colours.ratios, colours.table, hidden, &sums);
+        }
     }
     partial[lane] = sums;
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -97,6 +176,8 @@ inline void score_views(int first_view, int n_views, int width, int height,
             partial[lane].n_edge += more.n_edge;
             partial[lane].inside += more.inside;
             partial[lane].n_inside += more.n_inside;
+            partial[lane].colour += more.colour;
+            partial[lane].n_colour += more.n_colour;
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
@@ -105,7 +186,10 @@ inline void score_views(int first_view, int n_views, int width, int height,
         const vint seen = (sums.n_edge > 0) & (sums.n_inside > 0);
         const vfloat edge = TO_FLOAT(sums.edge) / (255.0f * TO_FLOAT(sums.n_edge));
         const vfloat inside = TO_FLOAT(sums.inside) / (255.0f * TO_FLOAT(sums.n_inside));
-        views[2 * view] = seen ? weights.x * edge + weights.y * inside : 0.0f;
+        const vfloat known = most(TO_FLOAT(sums.n_colour), 1.0f);
+        const vfloat colour = TO_FLOAT(sums.colour) / (RATIO_STEPS * known);
+        const vfloat own = weights.x * edge + weights.y * inside - colours.weight * colour;
+        views[2 * view] = seen ? own : 0.0f;
         views[2 * view + 1] = seen ? (vfloat)1.0f : 0.0f;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -181,7 +265,9 @@ inline vfloat posture_error(__global const float2 *posture, __global const float
 // silhouette error, to which surface, overlap and posture error are added once per camera. Cameras
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
 // row_table: the n_rows rows of samples on all cones, for which `rows` is room.
-// weights: of edge, silhouette, surface, overlap. One work-group per pack of particles.
+// weights: of edge, silhouette, surface, overlap. n_per_run: particles of a run, whose table of
+// table_size ratios they are compared with. row_parts: of every row, the part whose colours
+// it is compared with, or -1. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses, __global const float *table,
                  int n_views, int width, int height, __global const float *cameras,
@@ -190,6 +276,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  int n_points, int first_point, int stride, float scale,
                  __global const float4 *points, int n_pairs, __global const int2 *pairs,
                  __global const float2 *posture, float4 weights, float posture_weight,
+                 __global const uchar *codes, __global const char *ratios, int n_per_run,
+                 int table_size, __global const int *row_parts, float colour_weight,
                  __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
@@ -202,10 +290,13 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     for (int r = lane; r < n_rows; r += GROUP) rows[r] = row_table[r];
     take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
 
+#define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
+    const part_colours colours = {codes, ratios, PACK_OF(vint, TABLE), row_parts, colour_weight};
+#undef TABLE
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cones,
-                    outlines, partial, views, &error, &seeing);
+        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, colours,
+                    cones, outlines, partial, views, &error, &seeing);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat sum = 0.0f;

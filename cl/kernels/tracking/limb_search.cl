@@ -95,7 +95,7 @@ __kernel void accept(float2 margins, __global const float *errors,
     float most = 0.0f;
     for (int i = 1; i < CANDIDATES; ++i) {
         const float margin = i > N_LIMBS ? margins.y : margins.x;
-        const float gain = errors[first] * (1.0f - margin) - errors[first + i];
+        const float gain = errors[first] - margin * fabs(errors[first]) - errors[first + i];
         if (gain > most) {
             most = gain;
             best = i;

@@ -1,151 +1,137 @@
-// What colour each part of the body has, and how badly poses go with it; twin:
-// reference/likelihood/part_colour.py. Defines: those of kinematics.h; DARK, grey levels;
-// LEAST_SAMPLES.
-#if !defined(DARK) || !defined(LEAST_SAMPLES) || !defined(PACK)
-#error "tracking/part_colour.cl needs DARK, LEAST_SAMPLES and PACK"
+// What colours the parts of a body have; twin: reference/likelihood/part_colour.py.
+// Colours are codes: numbers of the nearest of a palette's colours, NO_CODE outside the silhouettes.
+// Defines: PACK 1; GROUP; N_CONES; N_CODES, at most 256; N_PARTS; ROWS and COLUMNS of samples on a
+// cone; RATIO_STEPS.
+#if !defined(CAMERA_FLOATS) || !defined(COLUMNS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || \
+    !defined(GROUP) || !defined(N_CODES) || !defined(N_CONES) || !defined(N_PARTS) || \
+    !defined(RATIO_STEPS) || !defined(ROWS)
+#error "tracking/part_colour.cl needs CAMERA_FLOATS, COLUMNS, CONE_FLOATS, FAR_OUT, GROUP, N_CODES, N_CONES, N_PARTS, RATIO_STEPS and ROWS"
 #endif
-#include "common/packed_cones.h"
-#include "common/reduction.h"
+#include "common/camera.h"
+#include "common/cones.h"
 
-// Chromaticities of the surface samples, which sample_surface (likelihood.cl) took: x, y, 1 where a
-// camera sees the voxel, 0. colours: RGB of the surface voxels, and how many cameras see them.
-__kernel void sample_colours(int n_points, __global const int *count,
-                             __global const uchar4 *colours, __global float4 *samples)
+#define NO_CODE (N_CODES - 1)
+
+// Codes (V, H, W) of pictures (V, H, W, 3) BGR inside the silhouettes, the first channel of maps
+// (V, H, W, 2); palette: the code of every colour of 5 bits per channel.
+__kernel void encode_colours(int n_pixels, __global const uchar *maps,
+                             __global const uchar *pictures, __global const uchar *palette,
+                             __global uchar *codes)
 {
-    const int k = get_global_id(0);
-    if (k >= n_points) return;
-    float4 sample = (float4)(0.0f);
-    if (count[0] > 0) {
-        const uchar4 colour = colours[(int)((long)k * count[0] / n_points)];
-        const float r = colour.x, g = colour.y, b = colour.z, sum = r + g + b + DARK;
-        // Orthonormal axes of the plane R + G + B = 0.
-        if (colour.w > 0)
-            sample = (float4)(0.70710678f * (r - g) / sum, 0.40824829f * (r + g - 2.0f * b) / sum,
-                              1.0f, 0.0f);
+    const int at = get_global_id(0);
+    if (at >= n_pixels) return;
+    uchar code = NO_CODE;
+    if (maps[2 * (size_t)at] > 0) {
+        const uchar3 colour = vload3(at, pictures);
+        code = palette[(colour.x >> 3) << 10 | (colour.y >> 3) << 5 | colour.z >> 3];
     }
-    samples[k] = sample;
+    codes[at] = code;
 }
 
-// What it costs (n_points, N_CONES) if a sample lies on a part: d^2 / (d^2 + scale^2), d between
-// their chromaticities; 0 where one of them is not known.
-__kernel void compare_colours(int n_points, float scale, __global const float4 *samples,
-                              __global const float4 *parts, __global float *costs)
+// Signs by which a point tells which side of the line from `a` to `b` it is on.
+inline float side_of(float2 a, float2 b, float2 point)
 {
-    const int c = get_global_id(0), k = get_global_id(1);
-    if (c >= N_CONES || k >= n_points) return;
-    const float4 sample = samples[k], part = parts[c];
-    const float x = (sample.x - part.x) / scale, y = (sample.y - part.y) / scale;
-    const float d2 = x * x + y * y;
-    costs[k * N_CONES + c] = sample.z > 0.0f && part.z > 0.0f ? d2 / (1.0f + d2) : 0.0f;
+    return (b.x - a.x) * (point.y - a.y) - (b.y - a.y) * (point.x - a.x);
 }
 
-// Adds to the errors `weight` times the mean cost of the samples (every `stride`-th from `first`)
-// that a camera sees, each at the part whose surface is nearest to it. One work-group per pack of
-// particles.
+// Whether a pixel lies in the trapezoid with these corners; an outline without image has none.
+inline bool within_corners(__local const float2 *corners, float2 pixel)
+{
+    if (!(corners[0].x > -FAR_OUT)) return false;
+    float low = 0.0f, high = 0.0f;
+    for (int i = 0; i < 4; ++i) {
+        const float side = side_of(corners[i], corners[(i + 1) % 4], pixel);
+        low = fmin(low, side);
+        high = fmax(high, side);
+    }
+    return low >= 0.0f || high <= 0.0f;
+}
+
+// Adds to counts (R, N_PARTS, N_CODES) the codes of samples on all cones (R, N_CONES, CONE_FLOATS)
+// of a pose of each run, ROWS along and COLUMNS across each: of those that no other cone lies before
+// or behind, so that a limb that is taken for another, or hidden, teaches nothing. One work-group
+// per camera and run. row_parts: (N_CONES, ROWS), -1 for cones that are not looked for in the images.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void add_colour_errors(int n_particles, __global const float *poses, __global const float *table,
-                       int n_points, int first_point, int stride, float weight,
-                       __global const float4 *points, __global const float4 *samples,
-                       __global const float *costs, __global float *errors)
+void count_colours(int width, int height, __global const float *cameras,
+                   __global const float *cones, __global const int *row_parts,
+                   __global const uchar *codes, __global int *counts)
 {
-    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
-    __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
-    __local vfloat spans[N_CONES * SPAN_FLOATS] __attribute__((aligned(64)));
-    __local float body[BODY_FLOATS], numbers[GROUP];
-    __local vfloat sums[GROUP];
-    const int lane = get_local_id(0), first = get_group_id(0) * PACK;
-    take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
-
-    const int n = (n_points + stride - 1) / stride;
-    vfloat sum = 0.0f;
-    float number = 0.0f;
-    for (int i = lane; i < n; i += GROUP) {
-        const int at = first_point + i * stride;
-        const int k = at < n_points ? at : at - n_points;
-        if (samples[k].z == 0.0f) continue;
-        const float4 point = points[k];
-        const vpoint here = {point.x, point.y, point.z};
-        vfloat nearest = 1e6f, cost = 0.0f;
-        for (int c = 0; c < N_CONES; ++c) {
-            const vfloat d =
-                packed_distance(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
-            const vfloat away = d < 0.0f ? -d : d, here_cost = costs[k * N_CONES + c];
-            cost = away < nearest ? here_cost : cost;
-            nearest = least(nearest, away);
+    __local float2 corners[4 * N_CONES];
+    const int lane = get_local_id(0), view = get_group_id(0), run = get_group_id(1);
+    __global const float *camera = cameras + view * CAMERA_FLOATS;
+    for (int c = lane; c < N_CONES; c += GROUP) {
+        float3 ends[4];
+        cone_corners(cones + (run * N_CONES + c) * CONE_FLOATS, vload3(0, camera + 25), ends);
+        bool seen = true;
+        for (int i = 0; i < 4; ++i) {
+            float2 pixel;
+            const float depth = camera_project(camera, ends[i].x, ends[i].y, ends[i].z, &pixel);
+            seen &= depth > 0.0f && fabs(pixel.x) < FAR_OUT && fabs(pixel.y) < FAR_OUT;
+            corners[4 * c + i] = pixel;
         }
-        sum += cost;
-        number += 1.0f;
+        if (!seen) corners[4 * c] = (float2)(-2.0f * FAR_OUT);
     }
-    sums[lane] = sum;
-    numbers[lane] = number;
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) {
-            sums[lane] += sums[lane + half_size];
-            numbers[lane] += numbers[lane + half_size];
-        }
+    for (int item = lane; item < N_CONES * ROWS * COLUMNS; item += GROUP) {
+        const int row = item / COLUMNS, c = row / ROWS, part = row_parts[row];
+        __local const float2 *own = corners + 4 * c;
+        if (part < 0 || !(own[0].x > -FAR_OUT)) continue;
+        const float t = (row % ROWS + 0.5f) / ROWS, u = (item % COLUMNS + 0.5f) / COLUMNS;
+        const float2 left = own[0] + t * (own[3] - own[0]);
+        const float2 right = own[1] + t * (own[2] - own[1]);
+        const float2 pixel = left + u * (right - left);
+        const int at = camera_offset(camera, pixel, width);
+        if (at < 0) continue;
+        bool alone = true;
+        for (int other = 0; other < N_CONES && alone; ++other)
+            alone = other == c || !within_corners(corners + 4 * other, pixel);
+        const int code = codes[(size_t)view * width * height + at];
+        if (alone && code != NO_CODE)
+            atomic_inc(counts + (run * N_PARTS + part) * N_CODES + code);
+    }
+}
+
+// Sum of `value` over the work-group's N_CODES items.
+inline float total(float value, __local float *sums)
+{
+    const int lane = get_local_id(0);
+    sums[lane] = value;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int half_size = N_CODES / 2; half_size > 0; half_size /= 2) {
+        if (lane < half_size) sums[lane] += sums[lane + half_size];
         barrier(CLK_LOCAL_MEM_FENCE);
     }
-    if (lane == 0 && numbers[0] > 0.0f) {
-        float lanes[PACK];
-        STORE_PACK(sums[0] * (weight / numbers[0]), lanes);
-        for (int l = 0; l < PACK && first + l < n_particles; ++l) errors[first + l] += lanes[l];
-    }
+    const float sum = sums[0];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    return sum;
 }
 
-// The part nearest to every sample in one pose, and how much the sample says about its colour:
-// scale^2 / (d^2 + scale^2), d the distance to its surface; 0 where no camera sees the sample.
-// One work-group.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void find_nearest_parts(__global const float *pose, __global const float *table, int n_points,
-                        float scale, __global const float4 *points,
-                        __global const float4 *samples, __global float2 *nearest_parts)
+// Moves histograms (R, N_PARTS, N_CODES) on by the counts, which it clears, and makes of them ratios
+// (R, N_PARTS, N_CODES): the log of how much likelier each code is on the part than on the mean part,
+// RATIO_STEPS at `bound` and beyond; less for parts of fewer than `least` samples. decay: what
+// histograms keep. rare: added to likelihoods. One work-group per run, of an item per code.
+__kernel __attribute__((reqd_work_group_size(N_CODES, 1, 1)))
+void learn_colours(float decay, float rare, float bound, float least, __global int *counts,
+                   __global float *histograms, __global char *ratios)
 {
-    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
-    __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
-    __local vfloat spans[N_CONES * SPAN_FLOATS] __attribute__((aligned(64)));
-    __local float body[BODY_FLOATS];
-    take_cones(table, pose, 0, 1, body, turns, frames, cones, spans);
-
-    for (int k = get_local_id(0); k < n_points; k += GROUP) {
-        const float4 point = points[k];
-        const vpoint here = {point.x, point.y, point.z};
-        float nearest = 1e6f, part = 0.0f;
-        for (int c = 0; c < N_CONES; ++c) {
-            const vfloat distance =
-                packed_distance(cones + c * CONE_FLOATS, spans + c * SPAN_FLOATS, here);
-            const float away = fabs(LANE_OF(distance, 0));  // all lanes are of the same pose
-            part = away < nearest ? c : part;
-            nearest = away < nearest ? away : nearest;
-        }
-        const float ratio = nearest / scale;
-        nearest_parts[k] = (float2)(part, samples[k].z / (1.0f + ratio * ratio));
+    __local float sums[N_CODES];
+    const int code = get_local_id(0), first = get_group_id(0) * N_PARTS * N_CODES;
+    float share[N_PARTS], weight[N_PARTS], mean = 0.0f, n_known = 0.0f;
+    for (int part = 0; part < N_PARTS; ++part) {
+        const int at = first + part * N_CODES + code;
+        const float value = decay * histograms[at] + (float)counts[at];
+        histograms[at] = value;
+        counts[at] = 0;
+        const float sum = total(value, sums);
+        share[part] = value / fmax(sum, 1.0f);
+        weight[part] = fmin(sum / least, 1.0f);
+        mean += share[part];
+        n_known += sum > 0.0f ? 1.0f : 0.0f;
     }
-}
-
-// Moves every part's colour towards the mean of the samples nearest to it by the share `rate`; all
-// the way if it was not known. One work-group per part.
-__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void learn_colours(int n_points, float rate, __global const float4 *samples,
-                   __global const float2 *nearest_parts, __global float4 *parts)
-{
-    __local float scratch[GROUP];
-    const int part = get_group_id(0), lane = get_local_id(0);
-    float x = 0.0f, y = 0.0f, weight = 0.0f;
-    for (int k = lane; k < n_points; k += GROUP) {
-        const float2 nearest = nearest_parts[k];
-        const float mine = (int)nearest.x == part ? nearest.y : 0.0f;
-        x += mine * samples[k].x;
-        y += mine * samples[k].y;
-        weight += mine;
-    }
-    x = group_sum(scratch, x);
-    y = group_sum(scratch, y);
-    weight = group_sum(scratch, weight);
-    if (lane == 0 && weight >= LEAST_SAMPLES) {
-        const float4 known = parts[part];
-        const float share = known.z > 0.0f ? rate : 1.0f;
-        parts[part] = (float4)(known.x + share * (x / weight - known.x),
-                               known.y + share * (y / weight - known.y), 1.0f, 0.0f);
+    mean /= fmax(n_known, 1.0f);
+    for (int part = 0; part < N_PARTS; ++part) {
+        const float ratio = log((share[part] + rare) / (mean + rare)) * weight[part] / bound;
+        const float step = rint(RATIO_STEPS * clamp(ratio, -1.0f, 1.0f));
+        ratios[first + part * N_CODES + code] = code == NO_CODE ? 0 : (char)step;
     }
 }

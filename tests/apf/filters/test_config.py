@@ -107,14 +107,15 @@ def test_terms_of_the_likelihood_by_name() -> None:
     default = LikelihoodConfig()
     song = of_terms("edge,silhouette").likelihood
     assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
+    assert song.part_colour.weight == 0
     assert song.posture_prior_weight == 0 and not song.reprojection.foreground_join.on
     assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
-    every = of_terms("edge,silhouette,surface,overlap,posture,pictures")
+    every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,pictures")
     assert every == FilterConfig.of(limb_search_least_recall=0.0)
 
 
 def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
-    for term, weight in (("silhouette_recall", 2.0), ("part_colour", 1.0), ("motion_prior", 0.01)):
+    for term, weight in (("silhouette_recall", 2.0), ("motion_prior", 0.01)):
         name = f"{term}_weight"
         assert FilterConfig().settings[name] == 0
         assert of_terms(f"silhouette,{term}").settings[name] == weight
@@ -124,10 +125,10 @@ def test_terms_that_are_off_by_default_are_chosen_by_name() -> None:
 
 def test_single_settings_find_their_parts() -> None:
     config = FilterConfig.of(
-        n_layers=3, surface_scale=0.1, part_colour_rate=0.5, refinement_scale=1
+        n_layers=3, surface_scale=0.1, part_colour_decay=0.5, refinement_scale=1
     )
     assert config.search.n_layers == 3 and config.likelihood.surface_scale == 0.1
-    assert config.likelihood.part_colour.rate == 0.5 and config.refinement.scale == 1
+    assert config.likelihood.part_colour.decay == 0.5 and config.refinement.scale == 1
     other = config.changed(limb_search_reach=2.0)
     assert other.limb_search.reach == 2 and other.search == config.search
     assert FilterConfig.of(**other.settings) == other

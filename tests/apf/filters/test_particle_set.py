@@ -189,7 +189,7 @@ def test_diffuse_kernel_agrees_with_the_twin(device: Device, body: BodyModel, n:
 
 
 def test_children_keep_the_limits_however_wide_the_noise(device: Device) -> None:
-    layer = Layer(device, SONG, 129, noise=100.0)
+    layer = Layer(device, SONG, 129, noise=99.0)
     parents = np.arange(129)
     poses = np.stack([SONG.lower, SONG.upper, SONG.rest_pose])[parents % 3]
     poses = np.where(np.isfinite(poses), poses, 0)

@@ -1,44 +1,47 @@
-"""The colours of the parts of a body, and their kernels against the twin."""
+"""The colours of the parts of a body in the pictures, and their kernels against the twin."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, only, scattered_poses, smooth_maps
+from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.parity import traced
 from helpers.worlds import World
 
-from apf.body.cones import distances
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.filters.annealed import AnnealedParticleFilter
 from apf.filters.config import FilterConfig
-from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.voxel import VoxelLikelihood
-from apf.reference.likelihood.part_colour import chromaticities, colour_errors, learnt
-from apf.reference.likelihood.voxel import (
-    NumpyVoxelLikelihood,
-    sampled_surface,
-    subset,
-    surface_errors,
+from apf.likelihood.config import PartColourConfig
+from apf.likelihood.part_colour import (
+    N_CODES,
+    N_COLOURS,
+    RATIO_STEPS,
+    learnt_parts,
+    palette_of,
+    part_names,
+    part_of,
+    scored_parts,
+    trunk_cone,
 )
+from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.reference.image_objective.render import draw_hypotheses
+from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
+from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import Reconstructor
 from psfs.reference.reconstructor import NumpyReconstructor
-from psfs.voxels.grid import VoxelGrid
 
 SONG = bodies.named("song31")
-GRID = scenes.small_grid(0.05)
-CONFIG = LikelihoodConfig()
-SCALE, DARK = CONFIG.part_colour.scale, CONFIG.part_colour.dark
-QUARTER = FilterConfig.of(part_colour_rate=0.25).likelihood
-BLUE, SKIN = (60, 70, 130), (200, 150, 120)
+CONFIG = PartColourConfig()
+RIG = scenes.ring(4, (161, 121))
+SHIRT, SKIN, NOTHING = 3, 9, N_CODES - 1
 
 
 def crossing() -> np.ndarray:
@@ -49,223 +52,225 @@ def crossing() -> np.ndarray:
     return pose
 
 
-def shell(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Voxels (M,) of GRID at the surface of a pose, and the cone that each belongs to."""
-    away = distances(GRID.centres(), posed_cones(SONG, pose[None])[0])
-    outer = np.flatnonzero(np.abs(away.min(1)) < 0.6 * GRID.voxel_size)
-    return outer, np.abs(away[outer]).argmin(1)
+def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
+    """Codes (V, H, W) of pictures of a person in this pose: `arms` at arms and head, else SHIRT."""
+    bare = [cone.name[2:] in ("forearm", "upper_arm") or cone.name == "head" for cone in SONG.cones]
+    code = np.array([NOTHING, *np.where(bare, arms, SHIRT)], np.uint8)
+    codes = np.full((len(rig), rig.height, rig.width), NOTHING, np.uint8)
+    for view, drawn in enumerate(draw_hypotheses(SONG, rig, pose[None])):
+        parts = drawn[0][0]
+        codes[view, : parts.shape[0], : parts.shape[1]] = code[parts]
+    return codes
 
 
-def painted(cones: np.ndarray, arms: tuple[int, int, int]) -> np.ndarray:
-    """Colours (M, 4), seen by two cameras, of voxels at cones (M,): blue, `arms` at the arms."""
-    bare = np.array(["arm" in cone.name for cone in SONG.cones])
-    rgb = np.where(bare[cones][:, None], arms, BLUE)
-    return np.concatenate([rgb, np.full((len(cones), 1), 2)], 1).astype(np.uint8)
+def means(poses: np.ndarray, codes: np.ndarray, ratios: np.ndarray) -> np.ndarray:
+    """The term's means (N,) over the cameras."""
+    rows = sample_rows(cone_sampling(SONG, 0.06))
+    look = ratios, scored_parts(SONG, rows), rows
+    cones = posed_cones(SONG, poses)
+    views = zip(RIG, codes, strict=True)
+    return np.mean([colour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
 
 
-def test_chromaticity_is_of_the_garment_and_not_of_the_light() -> None:
-    def one(*colour: float) -> np.ndarray:
-        return chromaticities(np.array([[*colour, 3]]), DARK)[0]
-
-    lit, shaded, skin = one(*BLUE), one(*(c / 2 for c in BLUE)), one(*SKIN)
-    assert np.linalg.norm(lit - shaded) < 0.03 < 0.2 < np.linalg.norm(lit - skin)
-    np.testing.assert_allclose([one(0, 0, 0), one(90, 90, 90)], [[0, 0, 1]] * 2, atol=1e-12)
-    np.testing.assert_allclose(one(255, 0, 0)[:2], 255 / 285 / np.sqrt([2, 6]))
-    assert np.linalg.norm(one(4, 0, 2)[:2]) < 0.12  # the noise of a dark pixel
-    assert not chromaticities(np.array([[255, 0, 0, 0]]), DARK).any()  # nobody sees it
-
-
-@pytest.mark.parametrize("arms", [SKIN, BLUE])
-def test_an_arm_that_is_taken_for_the_torso_costs(arms: tuple[int, int, int]) -> None:
-    """Learnt with hanging arms; then one crosses the torso. If it has the torso's colour, nothing
-    tells; else a pose that leaves it hanging has bare skin on its torso."""
-    voxels, of = shell(SONG.rest_pose)
-    parts = np.zeros((len(SONG.cones), 3))
-    cones = posed_cones(SONG, np.stack([SONG.rest_pose, crossing()]))
-    samples = chromaticities(painted(of, arms), DARK)
-    parts = learnt(parts, GRID.centres(voxels), samples, cones[0], CONFIG)
-    assert parts[:, 2].mean() > 0.8
-
-    voxels, of = shell(crossing())
-    points, samples = GRID.centres(voxels), chromaticities(painted(of, arms), DARK)
-    hanging, right = colour_errors(points, samples, parts, cones, SCALE)
-    assert right < 1e-6
+@pytest.mark.parametrize("arms", [SKIN, SHIRT])
+def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
+    """Learnt with hanging arms; then one crosses the belly. Of one colour, nothing tells."""
+    counts = counted(RIG, SONG, SONG.rest_pose, painted(RIG, SONG.rest_pose, arms))
+    ratios = ratios_of(counts, CONFIG)
+    poses = np.stack([SONG.rest_pose, crossing()])
+    hanging, right = means(poses, painted(RIG, crossing(), arms), ratios)
     if arms == SKIN:
-        assert hanging > 0.03
-        geometry = surface_errors(points, cones, 0.05)
-        assert hanging > geometry[0] - geometry[1]  # says more than the surface does
+        assert right > hanging + 0.03
     else:
-        assert hanging < 1e-6
+        assert abs(right - hanging) < 1e-6
 
 
-def test_colours_are_learnt_slowly_and_only_where_they_show() -> None:
-    voxels, of = shell(SONG.rest_pose)
-    points, cones = GRID.centres(voxels), posed_cones(SONG, SONG.rest_pose[None])[0]
-    nothing = np.zeros((len(SONG.cones), 3))
-    blue, skin = (chromaticities(painted(of, arms), DARK) for arms in (BLUE, SKIN))
-    first = learnt(nothing, points, blue, cones, QUARTER)
-    second = learnt(first, points, skin, cones, QUARTER)
-    arm = [cone.name for cone in SONG.cones].index("l_upper_arm")
-    full = learnt(nothing, points, skin, cones, QUARTER)[arm]
-    np.testing.assert_allclose(second[arm, :2], 0.75 * first[arm, :2] + 0.25 * full[:2])
-    unseen = np.where((of == arm)[:, None], 0.0, skin)
-    np.testing.assert_array_equal(learnt(first, points, unseen, cones, QUARTER)[arm], first[arm])
-    assert not learnt(nothing, points, unseen, cones, QUARTER)[arm].any()
-    np.testing.assert_array_equal(learnt(first, points[:0], skin[:0], cones, QUARTER), first)
+def test_a_hidden_arm_teaches_nothing() -> None:
+    """The codes are those of hanging arms; a pose that has the arm on the belly learns no shirt."""
+    codes = painted(RIG, SONG.rest_pose, SKIN)
+    forearm = part_names(SONG).index("forearm")
+    counts = counted(RIG, SONG, crossing(), codes)
+    assert counts[forearm, SHIRT] < 0.25 * counts[forearm].sum()
 
 
-def coloured(device: Device, grid: VoxelGrid, indices: np.ndarray, colours: np.ndarray) -> Any:
-    """As much of `Voxels` as a likelihood with colours needs."""
-    on_device = device.to_device(colours if len(colours) else np.zeros((1, 4), np.uint8))
-    return SimpleNamespace(
-        evidence=None,
-        grid=grid,
-        surface=device.to_device(indices if len(indices) else np.zeros(1, np.int32)),
-        count=device.to_device(np.array([len(indices)], np.int32)),
-        colours=lambda: on_device,
-    )
+def test_left_and_right_are_one_part_and_hands_are_as_bare_as_the_head() -> None:
+    names = part_names(SONG)
+    assert len(names) == len(set(names)) == 6  # torso, thigh, calf, upper arm, forearm, head
+    cones = [cone.name for cone in SONG.cones]
+    for side in "lr":
+        forearm = cones.index(f"{side}_forearm")
+        shares = [names[part_of(SONG, forearm, share)] for share in (0.1, 0.6, 0.9)]
+        assert shares == ["forearm", "forearm", "head"]
+    assert part_of(SONG, cones.index("hips"), 0.5) == -1
+    assert cones[trunk_cone(SONG)] == "torso"
+    rows = sample_rows(cone_sampling(SONG, 0.06))
+    parts = scored_parts(SONG, rows)
+    of_torso = rows[:, 0] == cones.index("torso")
+    assert (parts[of_torso] == -1).all() and (parts[~of_torso] >= 0).all()
+    lower = bodies.named("stick")
+    assert learnt_parts(lower).max() < len(part_names(lower))
 
 
-CASES = [(name, n, "own") for name in ("song31", "stick") for n in (0, 1, 900)]
+def test_a_palette_tells_a_persons_colours_apart() -> None:
+    random = np.random.default_rng(0)
+    colours = np.array([(90, 80, 60), (120, 150, 200), (40, 40, 45)])
+    chosen = random.integers(0, 3, (2, 40, 50))
+    pictures = np.clip(colours[chosen] + random.normal(0, 4, (2, 40, 50, 3)), 0, 255)
+    silhouettes = np.full(chosen.shape, 255, np.uint8)
+    palette = palette_of(pictures.astype(np.uint8), silhouettes, CONFIG)
+    assert palette is not None and palette.shape == (N_COLOURS,)
+    again = palette_of(pictures.astype(np.uint8), silhouettes, CONFIG)
+    np.testing.assert_array_equal(palette, again)
+    codes = encoded(pictures.astype(np.uint8), silhouettes, palette)
+    seen = [set(np.unique(codes[chosen == k])) for k in range(3)]
+    assert not (seen[0] & seen[1] or seen[0] & seen[2] or seen[1] & seen[2])
+    silhouettes[:] = 0
+    assert palette_of(pictures.astype(np.uint8), silhouettes, CONFIG) is None
+    assert (encoded(pictures.astype(np.uint8), silhouettes, palette) == NOTHING).all()
+
+
+def test_ratios_are_bounded_and_grow_with_the_samples() -> None:
+    histograms = np.zeros((3, N_CODES))
+    histograms[0, 0], histograms[1, 1], histograms[2, 0] = 600, 600, 6
+    ratios = ratios_of(histograms, CONFIG)
+    assert np.abs(ratios).max() <= RATIO_STEPS
+    assert ratios[1, 0] == -RATIO_STEPS < 0 < ratios[0, 0]
+    assert 0 < ratios[2, 0] < ratios[0, 0] / 5  # few samples
+    assert not ratios[:, NOTHING].any()
+    assert not ratios_of(np.zeros((3, N_CODES)), CONFIG).any()
+
+
+@pytest.mark.parity("tracking/part_colour.encode_colours")
+def test_codes_agree_with_the_twin(device: Device) -> None:
+    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
+    masks = scenes.masks_of(rig)
+    images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
+    picture: Any = scenes.frame(images=images, masks=masks)
+    config = FilterConfig().likelihood
+    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
+    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    assert here.part_colours is not None and here.part_colours.known and twin.codes is not None
+    found, maps = here.part_colours.codes.get(), here.reprojection.maps.get()[..., 0]
+    palette = palette_of(images, maps, config.part_colour)
+    assert palette is not None
+    np.testing.assert_array_equal(found, encoded(images, maps, palette))
+    assert ((found == NOTHING) == (twin.codes == NOTHING)).mean() > 0.99
+    assert 0.02 < (found != NOTHING).mean() < 0.9
 
 
 @pytest.mark.parity(
-    "tracking/part_colour.compare_colours",
-    "tracking/part_colour.add_colour_errors",
-    "tracking/part_colour.find_nearest_parts",
+    "tracking/part_colour.count_colours",
     "tracking/part_colour.learn_colours",
+    "tracking/likelihood.score_poses",
 )
-@pytest.mark.parametrize(("name", "n_voxels", "kind"), [*CASES, ("stick", 900, "other")])
-def test_kernels_agree_with_the_twin(device: Device, name: str, n_voxels: int, kind: str) -> None:
-    """Samples as near to one part as to another may count for either."""
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> None:
+    """A sample that rounding moves to the next pixel may find another code there: blobs of codes,
+    and little weight on one."""
     device = device if kind == "own" else other_kind(device)
-    body, rig, grid = bodies.named(name), scenes.ring(2), scenes.small_grid(0.1)
-    random = np.random.default_rng(n_voxels)
-    indices = np.sort(random.choice(grid.size, n_voxels, replace=False)).astype(np.int32)
-    poses = scattered_poses(body, 23)
-    poses[:2] = bodies.random_poses(body, 2)
-    settings: Any = {"n_points": 300, "point_turns": 2, "surface_scale": 0.3}
-    config = only("none").changed(part_colour_weight=1.5, **settings)
+    body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
+    poses = bodies.random_poses(body, 37)
+    config = only("none").changed(part_colour_weight=1.5)
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
-    points = sampled_surface(grid.centres(indices), 300)
-    cones, parts = posed_cones(body, setup.poses), np.zeros((len(body.cones), 3))
+    likelihood, colours = setup.likelihood, setup.likelihood.part_colours
+    assert colours is not None
+    histograms = np.zeros((len(part_names(body)), N_CODES))
+    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
+    cones = posed_cones(body, setup.poses)
     for frame in range(3):
-        colours = random.integers(0, 256, (n_voxels, 4)).astype(np.uint8)
-        colours[:, 3] = random.integers(0, 3, n_voxels)
-        setup.likelihood.observe(coloured(device, grid, indices, colours))
-        samples = sampled_surface(chromaticities(colours, DARK), 300)
-        for turn in (0, 1):
-            found = setup.errors(turn) / len(rig)
-            here, seen = subset(points, turn, 2), subset(samples, turn, 2)
-            expected = 1.5 * colour_errors(here, seen, parts, cones, SCALE)
-            assert np.abs(found - expected).max() <= 1.5 * 4 / 50
-            assert np.mean(np.abs(found - expected) < 1e-4) > 0.8
-            assert found.any() == (frame > 0) or n_voxels < 900  # nothing is known at first
-        moved = np.roll(setup.poses, -frame, axis=0)
-        for launch in setup.likelihood.learning_launcher(device.to_device(moved)):
+        codes = smooth_maps(rig, frame)[..., 0] // 5
+        colours.codes.set(codes)
+        colours.known = True
+        ratios = ratios_of(histograms, CONFIG)
+        if frame:
+            assert np.abs(colours.ratios.get()[0].astype(int) - ratios).max() <= 1
+            ratios = colours.ratios.get()[0]
+        else:
+            assert not colours.ratios.get().any()
+        look = ratios, scored_parts(body, rows), rows
+        views = zip(rig, codes, strict=True)
+        expected = np.mean([colour_means(c, body, cones, v, *look) for c, v in views], 0)
+        # What the launches know is set where a frame is observed.
+        setup.on_device.set(setup.poses)
+        launches = likelihood.launcher(setup.on_device)
+        likelihood.reprojection.maps.set(setup.maps)
+        for launch in launches:
+            launch.set(colour_weight=1.5)
             launch()
-        parts = learnt(parts, points, samples, cones[frame], config.likelihood)
-        colours_known = setup.likelihood.part_colours
-        assert colours_known is not None
-        np.testing.assert_allclose(colours_known.parts.get()[:, :3], parts, atol=0.02)
-    setup.likelihood.forget()
-    assert not colours_known.parts.get().any()
-
-
-@pytest.mark.parity("tracking/part_colour.sample_colours")
-@pytest.mark.parametrize("n_voxels", [0, 1, 299, 900])
-def test_samples_agree_with_the_twin(device: Device, n_voxels: int) -> None:
-    random = np.random.default_rng(n_voxels)
-    indices = np.sort(random.choice(GRID.size, n_voxels, replace=False)).astype(np.int32)
-    colours = random.integers(0, 256, (n_voxels, 4)).astype(np.uint8)
-    colours[:, 3] = random.integers(0, 3, n_voxels)  # some are seen by no camera
-    config = FilterConfig.of(part_colour_weight=1.0, n_points=300).likelihood
-    likelihood = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), config, 2)
-    with traced("tracking/part_colour.sample_colours") as launches:
-        likelihood.observe(coloured(device, GRID, indices, colours))
-    found = launches[0].after["samples"]
-    expected = np.zeros((300, 3))
-    if n_voxels:
-        expected = sampled_surface(chromaticities(colours, DARK), 300)
-    np.testing.assert_allclose(found[:, :3], expected, atol=1e-6)
-    assert not found[:, 3].any()
+        found = likelihood.errors.get() / len(rig)
+        np.testing.assert_allclose(found, -1.5 * expected, atol=0.05)
+        assert np.mean(np.abs(found + 1.5 * expected) < 0.005) > 0.8
+        assert found.any() == (frame > 0)
+        moved = np.roll(setup.poses, -frame, axis=0)
+        with traced("tracking/part_colour.count_colours") as counts:
+            for launch in likelihood.learning_launcher(device.to_device(moved)):
+                launch()
+        twin = counted(rig, body, moved[0].astype(float), codes)
+        taken = counts[0].after["counts"].reshape(twin.shape)
+        assert twin.sum() > 50
+        assert np.abs(taken - twin).sum() <= 0.04 * twin.sum() + 4
+        histograms = CONFIG.decay * histograms + taken
+        np.testing.assert_allclose(colours.histograms.get()[0], histograms, rtol=1e-5)
+    likelihood.forget()
+    assert not colours.ratios.get().any() and not colours.histograms.get().any()
 
 
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
-    config = FilterConfig.of(n_particles=37, n_layers=2, part_colour_weight=1.0, n_points=400)
-    tracker = AnnealedParticleFilter(world.scene(), config)
-    parts = np.zeros((len(SONG.cones), 3))
+    rig = world.rig
+    tracker = AnnealedParticleFilter(world.scene(), FilterConfig.of(n_particles=37, n_layers=2))
+    random = np.random.default_rng(0)
+    images = random.integers(0, 256, (len(rig), rig.height, rig.width, 3)).astype(np.uint8)
+    pictures = device.to_device(images)
     tracker.start(world.pose(0))
+    colours = tracker.likelihood.part_colours
+    expected = np.zeros(colours.histograms.shape[1:])
     for frame in range(2):
         voxels: Any = world.voxels(frame)
-        surface = world.twin(frame).surface
-        colours = np.random.default_rng(frame).integers(1, 255, (len(surface), 4)).astype(np.uint8)
-        on_device = device.to_device(colours)
-        voxels.colours = lambda array=on_device: array
+        voxels.pictures = lambda: pictures
         pose = tracker.step(voxels).pose
-        points = sampled_surface(world.grid.centres(surface), 400)
-        samples = sampled_surface(chromaticities(colours, DARK), 400)
-        cones = posed_cones(SONG, pose[None])[0]
-        parts = learnt(parts, points, samples, cones, config.likelihood)
-        found = tracker.likelihood.part_colours.parts.get()
-        np.testing.assert_allclose(found[:, :3], parts, atol=0.02)
+        counts = counted(rig, SONG, pose, colours.codes.get())
+        expected = CONFIG.decay * expected + counts
+        found = colours.histograms.get()[0]
+        assert np.abs(found - expected).sum() < 0.05 * expected.sum()
+    assert expected.sum() > 100 and colours.ratios.get().any()
     tracker.start(world.pose(0))
-    assert not tracker.likelihood.part_colours.parts.get().any()
+    assert not colours.ratios.get().any()
 
 
-def test_both_take_the_same_colours_from_pictures(device: Device) -> None:
-    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
-    masks = scenes.masks_of(rig)
-    images = np.zeros((*masks.shape, 3), np.uint8)
-    images[..., 0] = np.linspace(0, 250, masks.shape[1])[:, None]  # blue below, red above
-    images[..., 2] = 250 - images[..., 0]
-    picture: Any = scenes.frame(images=images, masks=masks)
-    config = FilterConfig.of(n_points=200, part_colour_weight=1.0).likelihood
-    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
-    with traced("tracking/part_colour.sample_colours") as launches:
-        here.observe(Reconstructor(device, rig, grid, None)(picture))
-    voxels = NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture)
-    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
-    twin.observe(voxels)
-    found, points = launches[0].after["samples"], here.points.get()
-    expected = sampled_surface(chromaticities(voxels.colours(), DARK), 200)
-    assert np.ptp(found[found[:, 2] > 0, 0]) > 0.3
-    same = np.linalg.norm(points[:, :3] - twin.points, axis=1) < 1e-4
-    assert same.mean() > 0.8  # a voxel more or less shifts those behind it
-    close = np.linalg.norm(found[:, :3] - expected, axis=1) < 0.02
-    assert close[same].mean() > 0.95
-
-
-def test_without_pictures_the_term_is_refused(device: Device) -> None:
+def test_without_pictures_colours_cost_nothing(device: Device) -> None:
+    with pytest.raises(InputError, match=r"part_colour_decay is 1\.5"):
+        FilterConfig.of(part_colour_decay=1.5)
     rig, grid = scenes.ring(2), scenes.small_grid(0.1)
-    config = FilterConfig.of(part_colour_weight=1.0).likelihood
     picture: Any = scenes.frame(masks=scenes.masks_of(rig))
-    likelihoods: list[tuple[Any, Any]] = [
-        (
-            VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37),
-            Reconstructor(device, rig, grid, None),
-        ),
-        (
-            NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config),
-            NumpyReconstructor(NumpyDevice(), rig, grid, None),
-        ),
-    ]
-    for likelihood, reconstruct in likelihoods:
-        with pytest.raises(InputError, match=r"term part_colour: .*no pictures"):
-            likelihood.observe(reconstruct(picture))
+    poses = bodies.random_poses(SONG, 8).astype(np.float32)
+    found = []
+    for weight in (0.0, 4.0):
+        config = FilterConfig.of(part_colour_weight=weight).likelihood
+        likelihood = VoxelLikelihood(Scene(device, rig, grid, SONG), config, len(poses))
+        likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
+        for launch in likelihood.launcher(device.to_device(poses)):
+            launch()
+        found.append(likelihood.errors.get())
+    np.testing.assert_array_equal(*found)
 
 
-def test_it_asks_for_no_colours_by_default(device: Device) -> None:
-    with pytest.raises(InputError, match=r"part_colour_rate is 1\.5"):
-        FilterConfig.of(part_colour_rate=1.5)
-
-    def forbidden() -> None:
-        raise AssertionError("colours were asked for")
-
-    voxels = coloured(device, GRID, np.zeros(0, np.int32), np.zeros((0, 4), np.uint8))
-    voxels.colours = forbidden
-    off = VoxelLikelihood(Scene(device, scenes.ring(1), GRID, SONG), CONFIG, 37)
-    off.observe(voxels)
-    body: BodyModel = SONG
-    assert off.learning_launcher(device.zeros((1, body.n_dof), np.float32)) == []
+def test_changed_bodies_keep_their_parts(device: Device) -> None:
+    """A body of another size has other rows; what was learnt stays."""
+    world = World(device)
+    config = FilterConfig().likelihood
+    likelihood = VoxelLikelihood(world.scene(), config, 4)
+    larger: BodyModel = SONG.scaled(dict.fromkeys(SONG.scale_groups, 1.3), {})
+    fresh = VoxelLikelihood(Scene(device, world.rig, world.grid, larger), config, 4)
+    likelihood.change_body(larger)
+    poses = device.to_device(np.tile(world.pose(0), (4, 1)).astype(np.float32))
+    found = []
+    for one in (likelihood, fresh):
+        one.observe(world.voxels(0))
+        for launch in one.launcher(poses):
+            launch()
+        found.append(one.errors.get())
+    np.testing.assert_array_equal(*found)
