@@ -99,7 +99,7 @@ def rotation_matrix(value: Any, what: str) -> np.ndarray:
     """
     flat = array(value, None, what)
     if flat.size == 3:
-        return cv2.Rodrigues(flat)[0]
+        return right_handed(cv2.Rodrigues(flat)[0])  # so that mixed worlds are noticed
     if flat.size != 9:
         raise InputError(f"{what} has {flat.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)")
     R = flat.reshape(3, 3)
