@@ -24,8 +24,7 @@ class WorkerConfig:
     """A take leaves a GPU idle while its host decodes and fits; contexts on one GPU take turns.
     From `BatchConfig.on_gpu`."""
     cores: int = 1
-    """Of a worker that computes on the CPU. On 2 cores, two workers of a core did more takes in an
-    hour than one of both (docs/cluster.md)."""
+    """Of a worker that computes on the CPU. By hand: a take's decoding and start use one core."""
 
 
 @dataclass(frozen=True)
