@@ -214,8 +214,9 @@ class AcceptanceConfig:
 
 def _start_likelihood() -> FilterConfig:
     return FilterConfig.of(
-        surface_weight=1.0, silhouette_recall_weight=2.0, sample_spacing=0.04, point_turns=4
-    )
+        surface_weight=1.0, silhouette_recall_weight=2.0, sample_spacing=0.04, point_turns=4,
+        part_colour_weight=0.0,  # the start keeps no pictures
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

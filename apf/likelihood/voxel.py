@@ -103,7 +103,6 @@ class VoxelLikelihood(Likelihood):
         self._body = device.to_device(pack_body(body), "the body model")
         rows = sample_rows(cone_sampling(body, config.reprojection.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
-        self._row_parts = device.to_device(scored_parts(body, rows))
         self._defines = self._fitting_defines(body)
         self._n_pairs = len(body.apart)
         pairs = np.array(body.apart or [(0, 0)], np.int32)
@@ -120,9 +119,11 @@ class VoxelLikelihood(Likelihood):
             self._recall = SilhouetteRecall(scene, self._cameras, self.points)
         self.part_colours: PartColours | None = None
         self._no_ratios = device.zeros((1,), np.int8)
+        self._row_parts = device.zeros((1,), np.int32)
         self._coloured: list[Launch] = []
         self._colour_weight = 0.0
         if config.part_colour.weight > 0:
+            self._row_parts = device.to_device(scored_parts(body, rows))
             self.part_colours = PartColours(
                 device, rig, body, self._cameras, self.reprojection.maps, config.part_colour, n_runs
             )
@@ -137,7 +138,8 @@ class VoxelLikelihood(Likelihood):
         self._posture.set(posture_prior(body))
         rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
-        self._row_parts = self.device.to_device(scored_parts(body, rows))
+        if self.part_colours is not None:
+            self._row_parts = self.device.to_device(scored_parts(body, rows))
         for launch in self._scores:
             launch.set(**self._row_arguments())
         if self.part_colours is not None:

@@ -194,7 +194,8 @@ def test_command_writes_only_what_is_chosen(folder: Path) -> None:
     track = str(folder / "out" / "track.npz")
     args = ["evaluate", track, "--truth", str(folder / "truth.npz"), "--csv", "-o"]
     assert main([*args, str(folder / "elsewhere")]) == 0
-    assert [p.name for p in (folder / "elsewhere").iterdir()] == ["evaluation.csv"]
+    written = sorted(p.name for p in (folder / "elsewhere").iterdir())
+    assert written == ["evaluation.csv", "manifest.txt"]
     assert [p.name for p in (folder / "out").iterdir()] == ["track.npz"]
 
 
@@ -258,7 +259,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 def test_output_folder_that_is_a_file(folder: Path, capsys) -> None:
     args = ["evaluate", str(folder / "out"), "--truth", str(folder / "truth.npz")]
     assert main([*args, "-o", str(folder / "truth.trc")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "is a file; expected a folder" in capsys.readouterr().err
 
 
 def test_the_stated_ellipsoids_are_judged() -> None:

@@ -144,7 +144,7 @@ def test_recoloured_pictures_resemble_the_pictures(device: Device) -> None:
         path = folder / "truth_masks" / f"{camera.name}_{frame.index:06d}.png"
         truth = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
         picture, covered = recoloured(cloud, camera)
-        assert covered[truth].mean() > 0.9
+        assert covered[truth].mean() > 0.88
         # What no voxel covers counts as black.
         ratios.append(peak_signal_to_noise(frame.images[view], picture, truth))
     assert np.mean(ratios) > 20
