@@ -140,10 +140,9 @@ class VoxelLikelihood(Likelihood):
         self._rows = self.device.to_device(rows, "the cones' samples")
         if self.part_colours is not None:
             self._row_parts = self.device.to_device(scored_parts(body, rows))
+            self.part_colours.change_body(body)
         for launch in self._scores:
             launch.set(**self._row_arguments())
-        if self.part_colours is not None:
-            self.part_colours.change_body(body)
         if self._recall is not None:
             self._recall.change_body(body)
         if self.motion_prior is not None:
