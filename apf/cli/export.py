@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
-from apf.body import load_body
+from apf.cli.takes.opened_track import add_smoothing_flags, opened_track
 from apf.formats.trc import CONVENTIONS
 from apf.tracking.export import EXPORTS, OF_POINTS, Export, export
 from apf.tracking.smoothing import SmoothingConfig
-from apf.tracking.track import Track, spans
-from cl import InputError
+from apf.tracking.track import spans
 from psfs.cli.commandline import add_command, stdout
 from psfs.common.outputs import output_folder
 
@@ -42,33 +40,16 @@ def register(commands: argparse._SubParsersAction) -> None:
         help="of the TRC: y-up (X Y Z) = world (x z -y), z-up = world (x y z), pose2sim = "
         "world (y z x) (default: %(default)s)",
     )
-    default = SmoothingConfig()
-    parser.add_argument(
-        "--cutoff",
-        type=float,
-        default=default.cutoff,
-        metavar="HZ",
-        help="smoothing: motion this fast keeps half of its amplitude (default: %(default)g)",
-    )
+    add_smoothing_flags(parser)
     parser.add_argument(
         "--raw", action="store_true", help="the poses as they were tracked, without smoothing"
-    )
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: that of the track)"
     )
 
 
 def run(args: argparse.Namespace) -> None:
     config = SmoothingConfig(args.cutoff)
-    track = Track.open(args.track)
+    track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
-    try:
-        if args.body is not None:
-            track = replace(track, body=load_body(args.body))
-        if track.dof_names:
-            _ = track.its_body  # before anything is written
-    except InputError as error:
-        raise InputError(f"{args.track}: {error}") from None
     with output_folder(folder, args.parser.prog, addition=True):
         written = export(track, folder, args.to, axes=args.axes, smoothing=config, raw=args.raw)
     print_export(written, args.to is None or "gait" in args.to)

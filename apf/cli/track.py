@@ -34,6 +34,7 @@ from psfs.cli.commandline import add_command, add_device_flag, progress_bar, std
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
+    chosen_frames,
     open_sequence,
     open_trusted,
     selected_frames,
@@ -217,21 +218,21 @@ def _tracked(
 ) -> tuple[Take, list[Suspect]]:
     """The take in `args.folder`, its files written but for those of `finish_take`, and the cameras
     left out."""
-    left_out: list[Suspect] = []
-    if method.objective == "keypoints":  # nothing is seen of the background
-        sequence = open_sequence(args)
-    else:
-        sequence, left_out = open_trusted(args, device, person=True)
-    out.keep_off(sequence.inputs)
-    frames = selected_frames(args, sequence)
-    line.n_frames = len(frames)
     template, own_shape = template_of(args.body)
     config = _config(args)
+    sequence, left_out = open_sequence(args), list[Suspect]()
+    out.keep_off(sequence.inputs)
+    first = chosen_frames(args, sequence)[0]
+    given = given_start(sequence.folder, first, args.body, args.init, args.convention)
+    # What flags name is read by now: looking at the pictures takes seconds.
+    if method.objective != "keypoints":  # which sees nothing of the background
+        sequence, left_out = open_trusted(args, device, person=True, opened=sequence)
+    frames = selected_frames(args, sequence)
+    line.n_frames = len(frames)
     with naming_init():
         take = track_take(
             device, sequence, method, seeds,
-            given=given_start(sequence.folder, frames[0], args.body, args.init, args.convention),
-            template=template, keep_shape=own_shape, height=args.height,
+            given=given, template=template, keep_shape=own_shape, height=args.height,
             voxel_size=args.voxel_size,
             selection=slice(frames.start, frames.stop, frames.step),
             reconstruction=config, progress=line, keypoints=keypoints_of(args, sequence),

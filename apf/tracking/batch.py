@@ -40,8 +40,9 @@ from psfs.voxels.grid import VoxelGrid
 log = logging.getLogger(__name__)
 
 R = TypeVar("R")
-#: Keeps the body, its first pose (D,) and a part of each seed's track.
-Keep = Callable[[BodyModel, np.ndarray, list[Track]], object]
+#: Keeps the body, its first pose (D,) and a part of each seed's track; returns where these are, or
+#: None.
+Keep = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def track_take(
     with "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the
     last whole frame. keypoints: of the sequence's cameras and frames; body, start and every frame's
     pose follow them, too. keep: called about every second of tracking with the body, its first
-    pose, and the tracks of the frames since it was called last. Raises UserError; one after the
+    pose, and the tracks of the frames since it was called last, which are not held in memory if it
+    stores them. Raises UserError; one after the
     first frame ends the tracks, and is the take's `error`.
     """
     method = method_with(method or Method(), keypoints)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Sequence as Items
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,6 +30,8 @@ from psfs.voxels.grid import VoxelGrid
 
 #: The observed points of a frame, by its number.
 FrameKeypoints: TypeAlias = Callable[[int], PointObservations]
+#: Takes a part of each seed's track and returns where it stored them, None if it did not.
+KeepParts: TypeAlias = Callable[[Items[Track]], "Items[Path] | None"]
 
 #: s of tracking that are kept together.
 PART_SECONDS = 1.0
@@ -76,12 +80,13 @@ def track_seeds(
     selection: slice | None = None,
     progress: Callable[[], object] | None = None,
     keypoints: FrameKeypoints | None = None,
-    keep: Callable[[list[Track]], object] | None = None,
+    keep: KeepParts | None = None,
 ) -> tuple[list[Track], UserError | None]:
     """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction.
 
-    keep: called about every second with the tracks of the frames since it was called last. An
-    error after the first frame ends the tracks, as an interrupt does, and is returned.
+    keep: called about every second with the tracks of the frames since it was called last, which
+    it may store; they are read again at the end. An error after the first frame ends the tracks, as
+    an interrupt does, and is returned.
     """
     step = (selection.step or 1) if selection else 1
     seen: Iterator[tuple[int, Any]]
@@ -123,20 +128,21 @@ def _tracked(
     seen: Iterable[tuple[int, Any]],
     tracks_of: Callable[[list[int], list[Any]], list[Track]],
     progress: Callable[[], object] | None,
-    keep: Callable[[list[Track]], object] | None,
+    keep: KeepParts | None,
 ) -> tuple[list[Track], UserError | None]:
-    """Track part by part, so that long runs hold rows only; see `track_seeds`."""
-    parts: list[list[Track]] = []
+    """Track part by part, so that long runs hold rows only, or none; see `track_seeds`."""
+    parts: list[Items[Track | Path]] = []
     seen, stopped = iter(seen), None
     while True:
         frames, estimates, more, error = _part(tracker, pose if not parts else None, seen, progress)
         if not estimates and not parts:
             raise error or InputError("there is no frame to track; expected at least one")
         if estimates:
-            parts.append(tracks_of(frames, estimates))
+            part = tracks_of(frames, estimates)
+            parts.append(part)
             if keep is not None and error is None:
                 try:
-                    keep(parts[-1])
+                    parts[-1] = keep(part) or part
                 except UserError as failure:
                     stopped, more = failure, False
                 except KeyboardInterrupt:
@@ -144,7 +150,7 @@ def _tracked(
         if isinstance(error, UserError):
             stopped = error
         if not more:
-            return [joined(list(run)) for run in zip(*parts, strict=True)], stopped
+            return [joined(run) for run in zip(*parts, strict=True)], stopped
 
 
 def _part(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -277,7 +277,7 @@ class Track:
         path = Path(path)
         parts = [] if (path / "track.npz").exists() else sorted(path.glob(PARTS))
         if parts:  # of a run that was killed
-            return joined([cls.open(part) for part in parts])
+            return joined(parts)
         path = path / "track.npz" if path.is_dir() else path
         schema = _FIELDS | {
             _DIAGNOSTIC + name: replace(values, needed=False)
@@ -307,25 +307,22 @@ def part_name(folder: Path, track: Track) -> Path:
     return folder / "parts" / f"track_{track.frames[0]:09d}.npz"
 
 
-def joined(parts: Sequence[Track]) -> Track:
+def joined(parts: Iterable[Track | Path]) -> Track:
     """Return one track of the frames of several, which follow each other and differ in nothing
-    else."""
-    first = parts[0]
-    if len(parts) == 1:
-        return first
-
-    def along(arrays: list[np.ndarray]) -> np.ndarray:
-        return np.concatenate(arrays)
-
-    return replace(
-        first,
-        frames=along([part.frames for part in parts]),
-        poses=along([part.poses for part in parts]),
-        joints=along([part.joints for part in parts]),
-        diagnostics={
-            name: along([part.diagnostics[name] for part in parts]) for name in first.diagnostics
-        },
-    )
+    else. Those given as files are read in turn, so that all rows are in memory once. Raises
+    InputError for a file that is none."""
+    columns: dict[str, list[np.ndarray]] = {}
+    part: Track | None = None
+    for given in parts:
+        part = given if isinstance(given, Track) else Track.open(given)
+        rows = {"frames": part.frames, "poses": part.poses, "joints": part.joints}
+        for name, values in (*rows.items(), *part.diagnostics.items()):
+            columns.setdefault(name, []).append(values)
+    if part is None:
+        raise InputError("there is no part of a track; expected at least one")
+    whole = {name: np.concatenate(columns.pop(name)) for name in list(columns)}
+    fields: dict[str, Any] = {name: whole.pop(name) for name in ("frames", "poses", "joints")}
+    return replace(part, diagnostics=whole, **fields)
 
 
 def _provenance(text: str) -> dict[str, Any]:

@@ -22,8 +22,9 @@ from psfs.common.pictures import check_picture_size
 MOST_CAMERAS = 1000
 #: Floats per camera in `CameraRig.packed()`.
 CAMERA_FLOATS = 32
-
-
+#: Points that are projected at a time: their numbers stay in the cache, ten times as fast as all at
+#: once.
+_BLOCK = 16_384
 #: Of all numbers of a camera; lengths may be in any unit before they are converted.
 _LARGEST = 1e7
 
@@ -112,28 +113,44 @@ class Camera:
         negative or zero, and its pixel is (-1e6, -1e6). Whether a pixel lies inside the image is
         left to the caller, or to `look_up`.
         """
-        camera = np.asarray(points, np.float64) @ self.R.T + self.t
-        depth = camera[..., 2]
+        u, v, depth, seen = self._images(np.asarray(points, np.float64))
+        pixels = np.full((*depth.shape, 2), -1e6)
+        np.copyto(pixels[..., 0], u, where=seen)
+        np.copyto(pixels[..., 1], v, where=seen)
+        return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
+
+    def _images(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return columns, rows and depths (...) of points (..., 3), and which have an image."""
+        flat = points.reshape(-1, 3)
+        u, v, depth = np.empty((3, len(flat)))
+        seen = np.empty(len(flat), bool)
+        for start in range(0, len(flat), _BLOCK):
+            of = slice(start, start + _BLOCK)
+            u[of], v[of], depth[of], seen[of] = self._block_of_images(flat[of])
+        shape = points.shape[:-1]
+        return u.reshape(shape), v.reshape(shape), depth.reshape(shape), seen.reshape(shape)
+
+    def _block_of_images(
+        self, points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        x, y, depth = np.ascontiguousarray((points @ self.R.T + self.t).T)
         with np.errstate(divide="ignore", invalid="ignore"):
-            x, y = camera[..., 0] / depth, camera[..., 1] / depth
-            r2 = x * x + y * y
-            seen = (depth > 1e-6) & (r2 < self.max_radius2)
+            x, y = x / depth, y / depth
+            seen = (depth > 1e-6) & (x * x + y * y < self.max_radius2)
             if self.distortion.any():
                 x, y = distorted(self.distortion, x, y)
             u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
             v = self.K[1, 1] * y + self.K[1, 2]
-        pixels = np.where(seen[..., None], np.stack([u, v], -1), -1e6)
-        return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
+        return u, v, depth, seen
 
     def look_up(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Find which of world points (N, 3) lie in the picture, (N,) bool; row and column of the
         pixel nearest to each of these (K,), and their depths (K,) m."""
-        pixels, depth = self.project(points)
-        nearest = np.floor(pixels + 0.5)
-        x, y = nearest[..., 0], nearest[..., 1]
-        inside = (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1]) & (depth > 0)
-        column, row = nearest[inside].astype(int).T
-        return inside, row, column, depth[inside]
+        u, v, depth, seen = self._images(np.asarray(points, np.float64))
+        with np.errstate(invalid="ignore"):
+            x, y = np.floor(u + 0.5), np.floor(v + 0.5)
+            inside = seen & (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1])
+        return inside, y[inside].astype(int), x[inside].astype(int), depth[inside]
 
     def undistorted(self, pixels: np.ndarray) -> np.ndarray:
         """Return pixels (..., 2) as the camera without distortion would have them; NaN where it

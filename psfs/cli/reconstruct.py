@@ -18,6 +18,8 @@ from psfs.cli.commandline import add_command, add_device_flag, progress_bar, std
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
+    chosen_frames,
+    open_sequence,
     open_trusted,
     selected_frames,
     stated,
@@ -109,8 +111,10 @@ def _run(args: argparse.Namespace) -> None:
 
 def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
-    sequence, left_out = open_trusted(args, device)
-    out.keep_off(sequence.inputs)
+    opened = open_sequence(args)
+    out.keep_off(opened.inputs)
+    chosen_frames(args, opened)  # before the pictures are looked at, which takes seconds
+    sequence, left_out = open_trusted(args, device, opened=opened)
     frames = selected_frames(args, sequence)
     grid = _grid(args, sequence, frames, device)
     _warn_of_fine_voxels(grid, sequence)

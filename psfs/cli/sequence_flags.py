@@ -149,14 +149,17 @@ def open_sequence(args: argparse.Namespace) -> Sequence:
 
 
 def open_trusted(
-    args: argparse.Namespace, device: Device | NumpyDevice, person: bool = False
+    args: argparse.Namespace,
+    device: Device | NumpyDevice,
+    person: bool = False,
+    opened: Sequence | None = None,
 ) -> tuple[Sequence, list[Suspect]]:
     """Return the sequence as `examined` leaves it, and the cameras left out; warn of what is wrong.
-    What was found is stated in `args`: a run opened again is the same;
-    the warnings are its `remarks`. Raises InputError if a
-    `person` is wanted and the unit makes nobody so large or small.
+    What was found is stated in `args`: a run opened again is the same; the warnings are its
+    `remarks`. opened: the sequence of the flags, where it is open. Raises InputError if a `person`
+    is wanted and the unit makes nobody so large or small.
     """
-    opened = open_sequence(args)
+    opened = opened or open_sequence(args)
     sequence, diagnosis, left_out = examined(opened, device, args.all_cameras)
     unit = [str(fault) for fault in diagnosis.faults if fault.kind == "unit"]
     if unit and person:
@@ -172,14 +175,21 @@ def open_trusted(
 
 
 def selected_frames(args: argparse.Namespace, sequence: Sequence) -> range:
+    """Return the frame numbers of --frames, or all; warn of views of different lengths. Raises
+    InputError if there is none such."""
+    chosen = chosen_frames(args, sequence)
+    if args.frames is None:
+        _check_counts(sequence)
+    return chosen
+
+
+def chosen_frames(args: argparse.Namespace, sequence: Sequence) -> range:
     """Return the frame numbers of --frames, or all. Raises InputError if there is none such."""
     chosen = range(len(sequence))[args.frames or slice(None)]
     if not chosen:
         raise InputError(
             f"--frames chooses none of the {len(sequence)} frames of {sequence.folder}"
         )
-    if args.frames is None:
-        _check_counts(sequence)
     return chosen
 
 

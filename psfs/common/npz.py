@@ -6,7 +6,8 @@ import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -66,38 +67,36 @@ def read_npz(path: Path, schema: Mapping[str, Values], what: str) -> dict[str, n
 def read_npy(path: Path, values: Values, what: str) -> np.ndarray:
     """Return the array of an npy file, checked; `what` says in errors what it should be. Raises
     InputError, or MissingFileError if the file is absent."""
-    try:
-        with path.open("rb") as file:
-            array = _array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: no such file; expected {what}") from None
-    except OSError as error:
-        raise unreadable(path, error) from None
-    except InputError:
-        raise
-    except _BROKEN:
-        raise InputError(f"{path}: not a readable npy file; expected {what}") from None
+    with _reading(path, "npy", what), path.open("rb") as file:
+        array = _array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
     check_values(path, "the array", array, values, {})
     return array
 
 
 def _loaded(path: Path, what: str) -> dict[str, np.ndarray]:
+    with _reading(path, "npz", what), zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        if len(entries) > _MOST_ARRAYS:
+            raise InputError(f"{path}: holds {len(entries)} arrays; "
+                             f"expected at most {_MOST_ARRAYS}")  # fmt: skip
+        total, data = 0, {}
+        for entry in entries:
+            total += entry.file_size
+            if total > MOST_BYTES:
+                raise InputError(f"{path}: its arrays take more than "
+                                 f"{MOST_BYTES / 2**30:.0f} GiB; expected {what}")  # fmt: skip
+            name = entry.filename.removesuffix(".npy")
+            with archive.open(entry) as file:
+                data[name] = _array(path, name, file, entry.file_size)
+        return data
+
+
+@contextmanager
+def _reading(path: Path, kind: str, what: str) -> Iterator[None]:
+    """Turn what reading a file of a `kind`, npz or npy, raises into InputError, or
+    MissingFileError."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            if len(entries) > _MOST_ARRAYS:
-                raise InputError(f"{path}: holds {len(entries)} arrays; "
-                                 f"expected at most {_MOST_ARRAYS}")  # fmt: skip
-            total, data = 0, {}
-            for entry in entries:
-                total += entry.file_size
-                if total > MOST_BYTES:
-                    raise InputError(f"{path}: its arrays take more than "
-                                     f"{MOST_BYTES / 2**30:.0f} GiB; expected {what}")  # fmt: skip
-                name = entry.filename.removesuffix(".npy")
-                with archive.open(entry) as file:
-                    data[name] = _array(path, name, file, entry.file_size)
-            return data
+        yield
     except FileNotFoundError:
         raise MissingFileError(f"{path}: no such file; expected {what}") from None
     except OSError as error:
@@ -105,7 +104,7 @@ def _loaded(path: Path, what: str) -> dict[str, np.ndarray]:
     except InputError:
         raise
     except _BROKEN:
-        raise InputError(f"{path}: not a readable npz file; expected {what}") from None
+        raise InputError(f"{path}: not a readable {kind} file; expected {what}") from None
 
 
 def _array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarray:

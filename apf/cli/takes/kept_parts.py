@@ -19,13 +19,16 @@ class Keeper:
     def __init__(self, folders: Sequence[Path]) -> None:
         self._folders, self._begun = folders, False
 
-    def __call__(self, body: BodyModel, pose: np.ndarray, parts: list[Track]) -> None:
+    def __call__(self, body: BodyModel, pose: np.ndarray, parts: Sequence[Track]) -> list[Path]:
+        written = []
         for folder, part in zip(self._folders, parts, strict=True):
             if not self._begun:
                 write_pose(folder / "start.txt", pose)
                 save_body(folder / "body.toml", body)
-            part.save(part_name(folder, part))
+            written.append(part_name(folder, part))
+            part.save(written[-1])
         self._begun = True
+        return written
 
 
 def remove_parts(folder: Path) -> None:
