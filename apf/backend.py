@@ -42,6 +42,7 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame
+from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -146,11 +147,12 @@ def features_for(
     rig: CameraRig,
     background: Background | None,
     config: FeatureConfig | None = None,
+    silhouette: SilhouetteConfig | None = None,
 ) -> AnyFeatures:
     """Return what makes image features of frames on `device`, see `Features`."""
     if isinstance(device, NumpyDevice):
-        return NumpyFeatures(device, rig, background, config)
-    return Features(device, rig, background, config)
+        return NumpyFeatures(device, rig, background, config, silhouette)
+    return Features(device, rig, background, config, silhouette)
 
 
 def observer_for(
@@ -177,7 +179,8 @@ def observer_for(
     config = method.features
     if not footage.has_images:
         config = replace(config, edges="outline")
-    features = features_for(device, footage.rig, footage.background, config)
+    silhouette = None if reconstruction is None else reconstruction.silhouette
+    features = features_for(device, footage.rig, footage.background, config, silhouette)
 
     def observe(frame: Frame) -> AnyFeatures:
         features(frame)

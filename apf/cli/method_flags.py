@@ -152,6 +152,10 @@ def _base(args: argparse.Namespace) -> Method:
     if base is None:
         return Method.of(args.method, args.objective)
     stated = args.stated_settings
-    if stated.get("method", base.search) != base.search:
-        return Method.of(args.method, stated.get("objective", base.objective))
-    return replace(base, objective=stated.get("objective", base.objective))
+    objective = stated.get("objective", base.objective)
+    if stated.get("method", base.search) == base.search:
+        return replace(base, objective=objective)
+    if args.config is None:  # a preset, which says no more than it means
+        own = {"search": args.method, "objective": objective}
+        return Method.from_dict({**args.preset_tables["method"], **own}, "method")
+    return Method.of(args.method, objective)

@@ -20,6 +20,7 @@ from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport
 from apf.filters.method import Method
 from apf.initialisation.from_joints import write_pose
+from apf.presets import PRESETS
 from apf.report.judged import FILES, judged, run_facts, write_judged
 from apf.report.page import PAGE
 from apf.report.quality import Quality
@@ -40,7 +41,7 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, write_settings
+from psfs.cli.settings import add_configs, add_preset_flag, write_settings
 from psfs.common.files import full_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
@@ -95,6 +96,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         "how far they differ",
     )
     add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_preset_flag(parser, PRESETS)
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     parser.add_argument(
         "--no-report",

@@ -41,11 +41,13 @@ class Method:
     """A search, an objective and the settings of both; those of others are not looked at.
 
     filter: of every search (n_layers are the swarm's iterations) and of the voxels' likelihood.
-    A swarm compares errors of different iterations: with it, `point_turns` should be 1.
+    A swarm compares errors of different iterations: with it, `point_turns` should be 1. recover:
+    whether a person who was lost is looked for again, which no paper does.
     """
 
     search: str = "apf"
     objective: str = "voxel"
+    recover: bool = True
     filter: FilterConfig = field(default_factory=FilterConfig)
     swarm: SwarmConfig = field(default_factory=SwarmConfig)
     sir: SirConfig = field(default_factory=SirConfig)
@@ -67,7 +69,7 @@ class Method:
         """Return a method with the search's own defaults and single `settings` of its filter, named
         as in `FilterConfig.of`."""
         config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
-        return cls(search, objective, config)
+        return cls(search, objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
@@ -101,7 +103,12 @@ class Method:
 
     def described(self) -> dict[str, Any]:
         """Return what was used, for a track's provenance."""
-        used = {"method": self.search, "objective": self.objective, "filter": self.filter.settings}
+        used = {
+            "method": self.search,
+            "objective": self.objective,
+            "recover": self.recover,
+            "filter": self.filter.settings,
+        }
         if self.search == "pso":
             used["swarm"] = asdict(self.swarm)
         if self.search == "sir":

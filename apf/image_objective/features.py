@@ -45,11 +45,13 @@ class Features:
         rig: CameraRig,
         background: Background | None,
         config: FeatureConfig | None = None,
+        silhouette: SilhouetteConfig | None = None,
     ) -> None:
         self.device, self.rig, self.config = device, rig, config or FeatureConfig()
         self._background = background
         # The foreground's colours are learnt from voxels, of which there are none here.
-        self._silhouette = Silhouette(device, rig, background, SilhouetteConfig.without_memory())
+        forgetful = (silhouette or SilhouetteConfig()).without_memory()
+        self._silhouette = Silhouette(device, rig, background, forgetful)
         shape = (len(rig), rig.height, rig.width)
         self.maps = device.zeros((*shape, 2), np.uint8, "the feature maps")
         self.roi = device.zeros((len(rig), 4), np.int32, "the regions of interest")

@@ -27,6 +27,8 @@ class RecoveryConfig:
     tuned on the shared walks with 4 and 8 cameras. Raises InputError where a value makes no sense.
     """
 
+    on: bool = True
+    """Whether a track can be lost at all."""
     ratio: float = 2.0
     """The limit is so many times the median misfit of the last good frames ..."""
     window: int = 60
@@ -87,9 +89,8 @@ class Judge:
     def judged(self, estimate: Estimate, restart: int = TRACKED) -> Estimate:
         """Return the estimate with its confidence, 1/2 at the limit, NaN without a misfit."""
         confidence = 1 / (1 + (estimate.misfit / self.limit) ** self.config.steepness)
-        return replace(
-            estimate, confidence=confidence, lost=bool(confidence < 0.5), restart=restart
-        )
+        lost = self.config.on and bool(confidence < 0.5)
+        return replace(estimate, confidence=confidence, lost=lost, restart=restart)
 
     def accept(self, estimate: Estimate) -> None:
         """Judge later frames by this one, too."""

@@ -44,6 +44,7 @@ def watched(
     """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
     `tracker`, if there is one, which searches by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
+    config = replace(config, on=config.on and method.recover)
     if method.objective == "keypoints":  # which say at once where somebody is
         config = replace(config, retry=1)
     search = method.filter.search

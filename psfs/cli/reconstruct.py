@@ -25,7 +25,7 @@ from psfs.cli.sequence_flags import (
     stated,
     voxel_edge,
 )
-from psfs.cli.settings import FILE, add_configs, write_settings
+from psfs.cli.settings import FILE, add_configs, add_preset_flag, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
@@ -37,6 +37,7 @@ from psfs.diagnostics.silhouette_iou import (
 )
 from psfs.output import runs
 from psfs.output.preview import preview
+from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, expected_person, foreground_box
@@ -87,6 +88,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     add_all_cameras_flag(parser)
     add_device_flag(parser)
     add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_preset_flag(parser, PRESETS)
 
 
 def _shape(text: str) -> tuple[int, int, int]:

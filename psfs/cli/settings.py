@@ -1,4 +1,5 @@
 """The settings of a command as a TOML file: `--config FILE` reads one, results have theirs beside.
+A preset is such a file that is shipped; --config beats it, flags beat both.
 
 At its top stand flags by their long names, as texts or numbers; in tables, the configs that the
 command names by `add_configs`, all of their settings.
@@ -18,6 +19,7 @@ import tomli_w
 from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.common.files import full_path, written_whole
+from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 
 #: Makes a config of values and the name that precedes theirs in errors; raises InputError.
@@ -47,27 +49,53 @@ def add_configs(parser: argparse.ArgumentParser, **kinds: ConfigReader) -> None:
     parser.set_defaults(config_kinds={**(parser.get_default("config_kinds") or {}), **kinds})
 
 
+def add_preset_flag(parser: argparse.ArgumentParser, presets: Presets) -> None:
+    """Add --preset, for a command with configs."""
+    parser.add_argument(
+        "--preset",
+        choices=tuple(presets),
+        help="settings that are exactly a paper's; flags and --config beat them (docs/tracking.md)",
+    )
+    parser.set_defaults(presets=presets)
+
+
 def with_settings(
     parser: argparse.ArgumentParser, args: argparse.Namespace, argv: Sequence[str]
 ) -> argparse.Namespace:
-    """Return the arguments with what --config adds to them; in `stated` the settings' flags as they
-    were stated, in `configs` the file's configs. Raises InputError naming the file."""
+    """Return the arguments with what --config and --preset add to them; in `stated_settings` the
+    flags as they were stated, in `configs` the configs, in `preset_tables` the preset's own tables.
+    Raises InputError naming the file."""
     command: argparse.ArgumentParser | None = getattr(args, "parser", None)
     if command is None:
         return args
     stated: dict[str, Any] = _stated(parser, command, argv)
-    configs: dict[str, Any] = {}
-    if args.config is not None:
-        content = read_toml(args.config)
-        tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
-        configs = _configs(args.config, tables, args.config_kinds)
-        flags = {name: value for name, value in content.items() if name not in tables}
-        of_file = _flags(args.config, command, flags, stated)
-        command.set_defaults(**{dest: parsed for dest, (_, parsed) in of_file.items()})
-        args = parser.parse_args(argv)
-        stated = {dest: raw for dest, (raw, _) in of_file.items()} | stated
-    args.stated_settings, args.configs = stated, configs
+    found: dict[str, tuple[Any, Any]] = {}
+    tables: dict[str, Any] = {}
+    file = args.config
+    if file is not None:
+        flags, tables = _parted(read_toml(file))
+        found = _flags(file, command, flags, stated)
+    beneath: dict[str, Any] = {}
+    name = ({dest: raw for dest, (raw, _) in found.items()} | stated).get("preset")
+    if name is not None:
+        file = file or args.presets[name][-1]
+        flags, beneath = _parted(read_preset(args.presets, name))
+        known = {_name(a) for a in command._actions if _is_setting(a)}  # psfs' presets have fewer flags
+        flags = {name: value for name, value in flags.items() if name in known}
+        found |= _flags(file, command, flags, {**stated, **found})
+    command.set_defaults(**{dest: parsed for dest, (_, parsed) in found.items()})
+    args = parser.parse_args(argv)
+    args.stated_settings = {dest: raw for dest, (raw, _) in found.items()} | stated
+    joined = {name: table for name, table in beneath.items() if name in args.config_kinds}
+    args.configs = _configs(file, overlaid(joined, tables), args.config_kinds)
+    args.preset_tables = beneath
     return args
+
+
+def _parted(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the flags and the tables of a file."""
+    tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
+    return {name: value for name, value in content.items() if name not in tables}, tables
 
 
 def write_settings(
@@ -161,7 +189,7 @@ def _as_texts(command: argparse.ArgumentParser) -> Any:
 
 
 def _configs(
-    file: Path, tables: Mapping[str, Any], kinds: Mapping[str, ConfigReader]
+    file: Path | None, tables: Mapping[str, Any], kinds: Mapping[str, ConfigReader]
 ) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, values in tables.items():

@@ -14,11 +14,13 @@ from psfs.api import synchronised
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.iou import plain
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
-from psfs.cli.settings import FILE, write_settings
+from psfs.cli.settings import FILE, add_configs, add_preset_flag, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.silhouette_pictures import mosaic
 from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
+from psfs.presets import PRESETS
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
 REPORT = "silhouettes.json"
@@ -40,6 +42,8 @@ def register(commands: argparse._SubParsersAction) -> None:
     add_sequence_flags(parser)
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
     add_device_flag(parser)
+    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_preset_flag(parser, PRESETS)
 
 
 def _run(args: argparse.Namespace) -> None:
@@ -55,10 +59,11 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     sequence = synchronised(open_sequence(args), device)
     opened.keep_off(sequence.inputs)
     wanted = _wanted(args, sequence)
+    config = args.configs.get("reconstruction") or ReconstructionConfig()
     report = _Report(sequence)
     try:
         with progress_bar() as bar:
-            shown = followed_silhouettes(device, sequence, wanted)
+            shown = followed_silhouettes(device, sequence, wanted, config=config)
             for found in bar.track(shown, max(wanted) + 1, description="reconstructing"):
                 if found is None:
                     continue
@@ -68,7 +73,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     finally:  # what there is, also when interrupted
         if report.scores:
             write_json(out / REPORT, report.plain())
-            write_settings(out, args)
+            write_settings(out, args, {"reconstruction": config})
             stdout.print(report.table())
             stdout.print(f"wrote {out}", soft_wrap=True)
 

@@ -30,7 +30,8 @@ def silhouette_evidence(
     """Return evidence counts (V, H, W) int8 of pictures (V, H, W, 3) uint8; 0 outside the pictures.
 
     The log ratios of background over foreground, limited and rounded to counts, are summed over
-    3x3 pixels, where those outside the pictures say nothing. `foreground` None: it is uniform.
+    3x3 pixels, where those outside the pictures say nothing, or are single pixels' if
+    `smoothing.reach` is 0. `foreground` None: it is uniform.
     """
     ratios = []
     for view, nats in enumerate(_log_ratios(images, rig, background, config)):
@@ -44,9 +45,10 @@ def silhouette_evidence(
     for view, (image, mean, std) in enumerate(
         zip(images, background.mean, background.std, strict=True)
     ):
-        mixed = config.evidence.ratio_steps * mixed_ratio(image, mean, std, evidence[view], config)
-        mixed -= _learnt(foreground, view, image)
-        counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
+        if config.rim.on:
+            mixed = mixed_ratio(image, mean, std, evidence[view], config)
+            mixed = config.evidence.ratio_steps * mixed - _learnt(foreground, view, image)
+            counts[view] = np.maximum(counts[view], _in_counts(mixed, config))
         smoothed = smoothed_evidence(image, counts[view], config)
         near = near_foreground(evidence[view])
         evidence[view] = np.where(near & inside[view], smoothed, evidence[view])
@@ -70,7 +72,8 @@ def _in_counts(ratios: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
 
 
 def _evidence_of(counts: np.ndarray, inside: np.ndarray, config: SilhouetteConfig) -> np.ndarray:
-    table = config.evidence.ratio_counts()[box_sums(counts) - 9 * config.evidence.ratio_range[0]]
+    sums = box_sums(counts) if config.smoothing.sum_reach else 9 * counts
+    table = config.evidence.ratio_counts()[sums - 9 * config.evidence.ratio_range[0]]
     return np.where(inside, table, 0).astype(np.int8)
 
 
@@ -200,7 +203,7 @@ def floor_light(
         alpha, distance = light_factor(image, mean, _weight(std, config))
         factors.append(alpha)
         left.append(distance)
-    points = floor_points(rig, config.floor.height)
+    points = floor_points(rig, config.floor)
     light = np.empty(images.shape[:3])
     for view, shown in enumerate(points):
         on_floor = np.isfinite(shown[..., 0])

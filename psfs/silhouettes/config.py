@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from psfs.background.config import (
     AdaptationConfig,
@@ -22,6 +22,8 @@ class FloorConfig:
     carpet.
     """
 
+    on: bool = True
+    """Whether the floor has rules of its own; Song et al. know no floor."""
     height: float = 0.0
     """Height of the floor, m, in the world of the calibration."""
     shadow_low: float = 0.15
@@ -55,6 +57,8 @@ class RimConfig:
     resolution, so it bleeds farther than luma: any share of it may be the person's. Tuned on
     synthetic people with true masks."""
 
+    on: bool = True
+    """Whether there is a rim; Song et al. know none."""
     share: float = 0.4
     """A pixel of the rim is background up to that share of the person's luma..."""
     cost: float = 4.0
@@ -81,13 +85,19 @@ class SmoothingConfig:
     with true masks; a reach of 1 and a contrast of 1000 is the plain mean over 3x3 pixels."""
 
     reach: int = 2
-    """Pixels to all sides that count: 1 or 2."""
+    """Pixels to all sides that count: 0 to 2. With 0 each pixel speaks for itself, away from
+    foreground, too, where it else is the sum of 3x3 (Song et al. eq. 1-2 have no neighbours)."""
     contrast: float = 20.0
     """Difference of luma, grey levels, that takes three quarters of a pixel's weight."""
 
     def __post_init__(self) -> None:
-        check_range("the smoothing's reach", self.reach, 1, 2, ends=True)
+        check_range("the smoothing's reach", self.reach, 0, 2, ends=True)
         check_range("the smoothing's contrast", self.contrast, 0)
+
+    @property
+    def sum_reach(self) -> int:
+        """Pixels to all sides whose log ratios are summed before anything is smoothed."""
+        return min(self.reach, 1)
 
 
 @dataclass(frozen=True)
@@ -151,7 +161,6 @@ class SilhouetteConfig:
     chroma_key: ChromaKeyConfig = field(default_factory=ChromaKeyConfig)
     """The density of a screen's colours, where the background is one."""
 
-    @classmethod
-    def without_memory(cls) -> SilhouetteConfig:
-        """Return the defaults, but for that nothing is learnt from one frame for the next."""
-        return cls(appearance=AppearanceConfig(learn=False))
+    def without_memory(self) -> SilhouetteConfig:
+        """Return these settings, but for that nothing is learnt from one frame for the next."""
+        return replace(self, appearance=AppearanceConfig(learn=False))

@@ -7,11 +7,12 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.rig_geometry import axes_meet
+from psfs.silhouettes.config import FloorConfig
 
 
-def floor_points(rig: CameraRig, height: float) -> np.ndarray:
+def floor_points(rig: CameraRig, config: FloorConfig) -> np.ndarray:
     """Return x and y (V, rows, columns, 2), m, of the floor that a cell's middle shows; NaN where
-    it shows none.
+    it shows none, and everywhere where the floor has no rules.
 
     Floor is what lies between the cameras: within a circle around the point that they look at, as
     wide as the farthest one.
@@ -22,10 +23,12 @@ def floor_points(rig: CameraRig, height: float) -> np.ndarray:
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
     pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)
     points = np.full((len(rig), rows, columns, 2), np.nan)
+    if not config.on:
+        return points
     for view, camera in enumerate(rig):
         rays = camera.rays(pixels)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (height - camera.centre[2]) / rays[:, 2]
+            distance = (config.height - camera.centre[2]) / rays[:, 2]
             hits = camera.centre[:2] + distance[:, None] * rays[:, :2]
             near = (np.linalg.norm(hits - middle, axis=1) < radius) & (distance > 0)
         points[view] = np.where(near[:, None], hits, np.nan).reshape(rows, columns, 2)

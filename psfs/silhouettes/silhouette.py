@@ -95,7 +95,8 @@ class Silhouette:
         mapped = {"ratios": ratios, "sizes": self._sizes, "table": table}
         mapped["evidence"] = self.evidence
         launches = [*before, self._launch("silhouette", "silhouette", self._packs(), **mapped)]
-        return [*launches, *self._rims(scene, mapped)] if scene else launches
+        plain = not config.rim.on and not config.smoothing.reach
+        return launches if plain or not scene else [*launches, *self._rims(scene, mapped)]
 
     def _before_scene(
         self, background: Background, ratios: Array
@@ -112,7 +113,7 @@ class Silhouette:
         light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(
-            floor_points(rig, config.floor.height).astype(np.float32), "the floor"
+            floor_points(rig, config.floor).astype(np.float32), "the floor"
         )
         if config.appearance.learn:
             self._learn_into(colours, location, scene)
@@ -195,10 +196,12 @@ class Silhouette:
             "FLOOR_LIT": float(floor.lit),
             "FLOOR_ENOUGH": floor.enough,
             "FLOOR_LEFT": float(floor.nearest),
+            "RIM": int(config.rim.on),
             "RIM_SHARE": float(config.rim.share),
             "RIM_CHROMA": float(config.rim.chroma_noise**-2),
             "RIM_COST": float(config.rim.cost),
             **{"SMOOTH_REACH": config.smoothing.reach, "SPAN": SPAN},
+            "SUM_REACH": config.smoothing.sum_reach,
             "CONTRAST": float(config.smoothing.contrast**-2),
             "STEPS": float(evidence.ratio_steps),
             "LOWEST": evidence.ratio_range[0],

@@ -74,9 +74,11 @@ class NumpyFeatures:
         rig: CameraRig,
         background: Background | None,
         config: FeatureConfig | None = None,
+        silhouette: SilhouetteConfig | None = None,
     ) -> None:
         self.device, self.rig, self.config = device, rig, config or FeatureConfig()
         self._background = background
+        self._silhouette = (silhouette or SilhouetteConfig()).without_memory()
         self.maps = np.zeros((len(rig), rig.height, rig.width, 2), np.uint8)
         self.roi = np.zeros((len(rig), 4), np.int32)
 
@@ -98,8 +100,7 @@ class NumpyFeatures:
 
     def _silhouettes(self, frame: Frame) -> np.ndarray:
         """Return the silhouettes (V, H, W) bool."""
-        pictures = frame_input(frame, self._background)
-        config = SilhouetteConfig.without_memory()
+        pictures, config = frame_input(frame, self._background), self._silhouette
         if self._background is None:
             return mask_evidence(pictures, self.rig, config) > 0
         return silhouette_evidence(pictures, self.rig, self._background, config) > 0

@@ -4,15 +4,15 @@
 // Defines: WIDTH, HEIGHT, SHADOW_LOW, SHADOW_HIGH, FLOOR_LOW, LIT_VARIANCE and FLOOR_VARIANCE (of
 // the light factor where the light is above FULLY_LIT, and in shadows), FLOOR_DEPTH (1 / variance
 // of its shadows), RIM_SHARE, RIM_COST (nats), RIM_CHROMA (1 / the chroma's share of the luma's
-// variance), STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
-// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK; SPAN (px), SMOOTH_REACH (px, 1 or 2), CONTRAST (1 /
-// grey levels^2).
+// variance) and whether there is a RIM at all, STEPS (counts of log ratio per nat), LOWEST and HIGHEST (counts), BINS of a colour
+// channel; CELL (px), CELLS_X, CELLS_Y of the cells; PACK; SPAN (px), SUM_REACH (px, 0 or 1), SMOOTH_REACH
+// (px, 0 to 2), CONTRAST (1 / grey levels^2).
 #if !defined(BINS) || !defined(CELL) || !defined(CELLS_X) || !defined(CELLS_Y) || \
     !defined(FLOOR_DEPTH) || !defined(FLOOR_LOW) || !defined(CONTRAST) || !defined(SMOOTH_REACH) || !defined(FLOOR_VARIANCE) || \
-    !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
+    !defined(FULLY_LIT) || !defined(LIT_VARIANCE) || !defined(PACK) || !defined(RIM) || !defined(RIM_CHROMA) || !defined(RIM_COST) || \
     !defined(RIM_SHARE) || !defined(SHADOW_HIGH) || !defined(SHADOW_LOW) || \
-    !defined(SPAN) || !defined(STEPS)
-#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN and STEPS"
+    !defined(SPAN) || !defined(STEPS) || !defined(SUM_REACH)
+#error "reconstruction/silhouette.cl needs BINS, CELL, CELLS_X, CELLS_Y, CONTRAST, FLOOR_DEPTH, FLOOR_LOW, FLOOR_VARIANCE, FULLY_LIT, LIT_VARIANCE, PACK, RIM, RIM_CHROMA, RIM_COST, RIM_SHARE, SHADOW_HIGH, SHADOW_LOW, SMOOTH_REACH, SPAN, STEPS and SUM_REACH"
 #endif
 #include "reconstruction/background.h"
 #include "reconstruction/ratios.h"
@@ -127,17 +127,18 @@ __kernel void log_ratio(__global const uchar *restrict images,
     STORE_PACK(TO_BYTES(luma_of(shown) + 0.5f), luma + view * PIXELS + pixel);
 }
 
-// Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each.
+// Evidence, by `table`, of voxels that project to the pixels: of the ratios of 3x3 pixels each, or
+// of nine times the pixel's own.
 inline vchar evidence_of(__global const char *ratios, __global const int2 *sizes,
                          __global const char *table, int view, int x, int y)
 {
-    __global const char *corner = ratios + ratio_place(view, x - 1, y - 1);
+    __global const char *middle = ratios + ratio_place(view, x, y);
     vint sum = -9 * LOWEST;
 #pragma unroll
-    for (int row = 0; row < 3; ++row)
+    for (int row = -1; row <= 1; ++row)
 #pragma unroll
-        for (int column = 0; column < 3; ++column)
-            sum += TO_INT(LOAD_CHARS(corner + row * (WIDTH + 2) + column));
+        for (int column = -1; column <= 1; ++column)
+            sum += TO_INT(LOAD_CHARS(middle + SUM_REACH * (row * (WIDTH + 2) + column)));
 #define EVIDENCE(l) table[LANE_OF(sum, l)]
     const vint counts = PACK_OF(vint, EVIDENCE);
 #undef EVIDENCE
@@ -206,7 +207,7 @@ inline int span_place(int view, int x, int y)
 }
 
 // Gives the pixels of the person's rim that are mixed the ratios of `mixed`, where these are
-// higher. `evidence` is that of the ratios as they came. `shown` is 1 for spans with foreground, and
+// higher; without a RIM it only finds the spans. `evidence` is that of the ratios as they came. `shown` is 1 for spans with foreground, and
 // has a border of one; the picture's outermost two pixels do not count.
 __kernel void rim(__global const uchar *restrict images, __global const float *restrict background,
                   __global const char *restrict colours, __global const char *restrict location,
@@ -228,6 +229,7 @@ __kernel void rim(__global const uchar *restrict images, __global const float *r
                                (TO_INT(LOAD_CHARS(evidence + here)) > 0);
             if (!PACK_ANY(asked)) continue;
             any = 1;
+            if (!RIM) break;
             __global const uchar *colour = images + 3 * here;
             const vfloat ratio = mixed(colour, background + (size_t)(7 * view) * PIXELS + here,
                                        evidence + here) -

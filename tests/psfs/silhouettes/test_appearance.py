@@ -16,7 +16,7 @@ from psfs.reference.appearance import NumpyForeground
 from psfs.reference.reconstructor import NumpyReconstructor
 from psfs.sequence import Sequence
 from psfs.silhouettes.appearance import BINS, follows
-from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
+from psfs.silhouettes.config import AppearanceConfig, FloorConfig, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
 from psfs.voxels.grid import VoxelGrid
 
@@ -119,7 +119,7 @@ def test_nobody_has_no_location() -> None:
 
 def test_the_floor_is_where_rays_meet_it() -> None:
     rig, _, _ = scene()
-    points = floor_points(rig, 0.1)
+    points = floor_points(rig, FloorConfig(height=0.1))
     there = np.isfinite(points[..., 0])
     assert there.any() and not there.all()
     for view, camera in enumerate(rig):

@@ -15,10 +15,11 @@ from psfs.background.gaussian import Background
 from psfs.reference.silhouette import (
     background_ratio,
     floor_light,
+    in_pictures,
     mask_evidence,
     silhouette_evidence,
 )
-from psfs.silhouettes.config import FloorConfig, RimConfig, SilhouetteConfig
+from psfs.silhouettes.config import FloorConfig, RimConfig, SilhouetteConfig, SmoothingConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIGS = [
@@ -27,6 +28,15 @@ CONFIGS = [
         evidence=EvidenceConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3)
     ),
     SilhouetteConfig(BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
+    SilhouetteConfig(rim=RimConfig(on=False)),
+    SilhouetteConfig(floor=FloorConfig(on=False), smoothing=SmoothingConfig(reach=0)),
+    SilhouetteConfig(
+        BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
+        FloorConfig(on=False),
+        RimConfig(on=False),
+        SmoothingConfig(reach=0),
+        EvidenceConfig(independent_pixels=1.0),
+    ),
 ]
 
 
@@ -40,6 +50,22 @@ def test_pictures_agree_with_the_twin(device: Device, views: int, config: Silhou
     difference = np.abs(counts.astype(int) - expected)
     assert (difference > 1).mean() < 2e-3  # where rounding decides which pixel shows the floor
     assert (difference > 0).mean() < 0.03  # the table's resolution
+
+
+def test_a_pixel_by_itself_is_song_s_likelihood(device: Device) -> None:
+    rig = scenes.ring(2)
+    frame, background = scenes.pictures_of(rig)
+    config = CONFIGS[-1]
+    counts = Silhouette(device, rig, background, config)(frame.images).get()
+    sigma = np.maximum(background.std, config.background.sigma_floor)
+    away = (frame.images - background.mean) / sigma
+    density = (np.exp(-(away**2) / 2) / (np.sqrt(2 * np.pi) * sigma)).astype(float).prod(-1)
+    slm = 256.0**-3 / (256.0**-3 + density)  # Song et al. eq. (1)-(2)
+    bounds = [config.evidence.clamp, 1 - config.evidence.clamp]
+    said = config.evidence.likelihood(counts)
+    step = config.evidence.step * slm + 1 / config.evidence.ratio_steps * slm * (1 - slm)
+    wrong = np.abs(said - np.clip(slm, *bounds)) > 2 * step + 1e-3
+    assert not wrong[in_pictures(rig)].any()
 
 
 @pytest.mark.parametrize("size", [(161, 121), (50, 37), (17, 40), (13, 12)])
