@@ -25,7 +25,7 @@ from psfs.common.files import full_path
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
 from psfs.footage.prefetch import prefetched
-from psfs.footage.settings import Settings
+from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.threads import PATIENCE, HangingError, Threads
 from psfs.footage.timing import timed, timing_of
 
@@ -135,10 +135,8 @@ class Sequence:
     def read(self, index: int) -> Frame:
         """Decode one frame; negative indices count from the end. Raises IndexError beyond it."""
         number = range(len(self))[index]
-        frames = self._decoded(range(number, number + 1))
-        frame = next(frames)
-        frames.close()
-        return frame
+        with self._reader(None) as read:
+            return read(number)
 
     def frames(self, selection: slice | None = None) -> Iterator[Frame]:
         """Yield the selected frames in order, decoded in a background thread ahead of the caller.
@@ -185,15 +183,19 @@ class Sequence:
     def empty_scene(self) -> bool:
         """Do silhouettes rest on something else than the frames themselves, in which who keeps
         still is background?"""
-        if self.background_kind == "mog":
+        if self.background_kind in MIXTURES:
             return bool(self.footage.background)
         return self.background_kind != "frames"
 
     @cached_property
     def _mixture(self) -> Mixture:
+        """The mixture as learnt, which is kept."""
+        return self._learnt_mixture()
+
+    def _learnt_mixture(self, adaptive: bool = False) -> Mixture:
         plates = self.footage.background
         assert self.footage.images is not None
-        return Mixture(plates or self.footage.images, empty=bool(plates))
+        return Mixture(plates or self.footage.images, bool(plates), adaptive)
 
     @property
     def _views(self) -> tuple[Media, ...]:
@@ -210,7 +212,7 @@ class Sequence:
             "gaussian": (footage.background, "pictures of the empty scene in background/"),
             "threshold": (footage.images and self.settings.threshold, "images and `threshold`"),
             "frames": (footage.images, "images"),
-            "mog": (footage.images, "images"),
+            **dict.fromkeys(MIXTURES, (footage.images, "images")),
             "chroma": (footage.images, "images"),
         }
         there, what = needs[kind]
@@ -236,15 +238,22 @@ class Sequence:
     @contextmanager
     def reader(self) -> Iterator[Callable[[int], Frame]]:
         """Give `read(index)` for frames in any order, cheapest forwards; all views at the same
-        time.
+        time. An adaptive mixture begins anew with each reader and learns from what it reads.
 
         Raises InputError as `frames` does.
         """
+        adaptive = self.background_kind == "mog-adaptive"
+        with self._reader(self._learnt_mixture(True) if adaptive else None) as read:
+            yield read
+
+    @contextmanager
+    def _reader(self, mixture: Mixture | None) -> Iterator[Callable[[int], Frame]]:
+        """As `reader`, silhouettes by `mixture` where they are by one, by default as learnt."""
         decoders = [media.open() for media in self._views]
         workers = min(len(decoders), os.cpu_count() or 1)
         try:
             with Threads(workers) as pool:
-                yield lambda index: self._frame(index, decoders, pool)
+                yield lambda index: self._frame(index, decoders, pool, mixture)
         finally:  # not before the pool has ended: when one view fails, others may still be read
             for decoder in decoders:
                 decoder.close()
@@ -255,7 +264,9 @@ class Sequence:
             for index in indices:
                 yield read(index)
 
-    def _frame(self, index: int, decoders: list[Decoder], pool: Threads) -> Frame:
+    def _frame(
+        self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
+    ) -> Frame:
         try:
             pictures = pool.map(lambda decoder: decoder.read(index), decoders)
         except HangingError as error:
@@ -272,9 +283,9 @@ class Sequence:
         elif self.background_kind == "threshold":
             assert images is not None
             masks = pool.map(self._thresholded, images)
-        elif self.background_kind == "mog":
+        elif self.background_kind in MIXTURES:
             assert images is not None
-            masks = pool.map(self._mixture, range(views), images)
+            masks = pool.map(mixture or self._mixture, range(views), images)
         return Frame(
             index,
             None if images is None else self._padded(images),

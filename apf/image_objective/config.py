@@ -19,6 +19,8 @@ from psfs.common.ranges import check_range
 EDGE_KINDS = ("sobel", "canny", "outline")
 #: How the distance to the nearest edge becomes proximity, Rymut 2016 eq. (4.26)-(4.28).
 PROXIMITIES = ("impulse", "proportional", "exponential")
+#: Distances in a picture, Rymut 2016 eq. (2.18) and (2.20).
+METRICS = ("euclidean", "chessboard")
 #: Rymut 2016 eq. (4.46)-(4.50): weighted sum, smoothed product, per-camera averages of either,
 #: and the product over cameras.
 OBJECTIVE_KINDS = ("ws", "sp", "aows", "aosp", "posp")
@@ -47,10 +49,14 @@ class ProximityConfig:
     """Drop of proximity from `nearest` to `farthest`, in (0, 1]. Set by hand: all of it."""
     decay: float = 0.25
     """Of the exponential, 1/px. Set by hand: exp(-1) of it is left 4 px from the edge."""
+    metric: str = "euclidean"
+    """One of METRICS; Rymut 2016, 2.1 has the chessboard's."""
 
     def __post_init__(self) -> None:
         if self.function not in PROXIMITIES:
             raise InputError(f"proximity is {self.function!r}; expected {listed(PROXIMITIES)}")
+        if self.metric not in METRICS:
+            raise InputError(f"the metric is {self.metric!r}; expected {listed(METRICS)}")
         if not (0 <= self.nearest < self.farthest <= 1000 and 0 < self.span <= 1 < 1 + self.decay):
             raise InputError(
                 f"proximity from {self.nearest} to {self.farthest} px, span {self.span}, decay "
@@ -99,6 +105,10 @@ class FeatureConfig:
     cell_pixels: int = 16
     """A cell counts that holds so many pixels of silhouette. Set by hand: specks of noise are
     smaller."""
+    blobs: int = 0
+    """Where positive, only so many of the largest connected parts of the silhouette make the
+    region: four in Rymut 2016, 5.5. By default all that are no specks: what is carved into more
+    pieces keeps its hands."""
     proximity: ProximityConfig = field(default_factory=ProximityConfig)
     """How near to an edge is near."""
 
@@ -115,6 +125,7 @@ class FeatureConfig:
         check_range("margin", self.margin, 0, ends=True)
         check_range("cell", self.cell, 1, ends=True)
         check_range("cell_pixels", self.cell_pixels, 1, self.cell**2, ends=True)
+        check_range("blobs", self.blobs, 0, 100, ends=True)
 
     def pixels(self, length: float, rig: CameraRig) -> int:
         """Return a length stated for pictures 640 wide in whole pixels of the rig's."""

@@ -60,11 +60,7 @@ class Features:
         sizes = device.to_device(np.array([c.size for c in rig], np.int32), "picture sizes")
         self._where = {"sizes": sizes, "regions": self.roi}
         self._evidence = self._silhouette.evidence
-        kernel = self._kernel("region")
-        region = device.launch(
-            kernel, (len(rig) * _GROUP,), (_GROUP,), **self._where, evidence=self._evidence
-        )
-        self._launches = [region, *self._edge_launches(), self._distance_launch()]
+        self._launches = [self._region_launch(), *self._edge_launches(), self._distance_launch()]
 
     def __call__(self, frame: Frame) -> Array:
         """Enqueue the features of `frame` and return `maps`. Raises InputError without pictures."""
@@ -77,6 +73,17 @@ class Features:
         for launch in self._launches:
             launch()
         return self.maps
+
+    def _region_launch(self) -> Launch:
+        """Return the launch that finds the regions of interest."""
+        device, views, found = self.device, len(self.rig), {"evidence": self._evidence}
+        name = "blob_region" if self.config.blobs else "region"
+        if self.config.blobs:
+            cells = [-(-size // self.config.cell) for size in (self.rig.height, self.rig.width)]
+            found["blobs"] = device.empty((views, *cells), np.int32, "the silhouette's blobs")
+            found["pixels"] = device.empty((views, 2, *cells), np.int32, "the blobs' pixels")
+        size = (views * _GROUP,)
+        return device.launch(self._kernel(name), size, (_GROUP,), **self._where, **found)
 
     def _edge_launches(self) -> list[Launch]:
         """Return the launches that find the edges."""
@@ -102,8 +109,9 @@ class Features:
 
     def _distance_launch(self) -> Launch:
         """Return the launch that fills `maps`."""
-        table = self.config.proximity.table(self.rig)
-        return distance_launch(self.device, self._evidence, self._edges, self.roi, table, self.maps)
+        proximity = self.config.proximity
+        found = (self._evidence, self._edges, self.roi, proximity.table(self.rig), self.maps)
+        return distance_launch(self.device, *found, proximity.metric)
 
     def _launch(self, name: str, more_rows: int, /, **arrays: Array) -> Launch:
         """Return the launch of a kernel over all pixels, and `more_rows` beside them."""
@@ -125,6 +133,7 @@ class Features:
             STRIP=_STRIP,
             THRESHOLD2=config.squared_threshold,
             CELL=config.cell,
+            BLOBS=config.blobs,
             FILLED=config.cell_pixels,
             MARGIN=config.pixels(config.margin, rig),
             DILATION=config.pixels(config.dilation, rig),
@@ -132,19 +141,26 @@ class Features:
 
 
 def distance_launch(
-    device: Device, evidence: Array, edges: Array, roi: Array, table: np.ndarray, maps: Array
+    device: Device,
+    evidence: Array,
+    edges: Array,
+    roi: Array,
+    table: np.ndarray,
+    maps: Array,
+    metric: str = "euclidean",
 ) -> Launch:
     """Return the launch that fills `maps` (V, H, W, 2) uint8 within the regions `roi` (V, 4).
 
     Channel 0: 255 where `evidence` (V, H, W) int8 is positive. Channel 1: the entry of `table`
     (reach^2 + 2,) uint8 at the exact squared distance, px^2, to the nearest of the `edges`
-    (V, H, W) uint8 in the region, the last entry beyond reach.
+    (V, H, W) uint8 in the region, the last entry beyond reach. metric: one of METRICS.
     """
     views, height, width = edges.shape
     # No distance is longer than the picture's diagonal.
     reach = min(math.isqrt(len(table) - 2), math.isqrt(width**2 + height**2) + 1)
     table = np.append(table[: reach**2 + 1], table[-1:])
     defines = distance_defines(device, width, height, reach)
+    defines["CHESSBOARD"] = int(metric == "chessboard")
     group = defines["GROUP"]
     return device.launch(
         device.kernel("image/distance", "edge_proximity", **defines),

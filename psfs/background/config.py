@@ -31,6 +31,10 @@ class PlateConfig:
     mixture_samples: int = 50
     """Frames that mixtures of Gaussians are learnt from when the scene is never empty; set by
     hand."""
+    mixture_rate: float = 0.0005
+    """alpha of Rymut 2016 eq. (2.5), who does not state his: share of a frame in a mixture that
+    goes on learning. By hand: OpenCV takes for scene what is a tenth of the mixture, so somebody
+    may stand still for 210 frames."""
 
 
 @dataclass(frozen=True)

@@ -18,20 +18,27 @@ _PERSON = 255
 class Mixture:
     """`mixture(view, image)`: (h, w) uint8 mask, 255 = person.
 
-    Learnt once, from all frames of empty plates or from frames spread over the sequence, and kept:
-    so a frame's mask does not depend on which frames were read before it.
+    Learnt from all frames of empty plates or from frames spread over the sequence, and kept: so a
+    frame's mask does not depend on which frames were read before it. An `adaptive` one goes on
+    learning from every picture that it is shown, as Rymut's does (eq. 2.5-2.6).
     """
 
     def __init__(
-        self, media: Sequence[Media], empty: bool, config: PlateConfig | None = None
+        self,
+        media: Sequence[Media],
+        empty: bool,
+        adaptive: bool = False,
+        config: PlateConfig | None = None,
     ) -> None:
-        samples = (config or PlateConfig()).mixture_samples
-        self._models = [_learnt(view, None if empty else samples) for view in media]
+        config = config or PlateConfig()
+        samples = None if empty else config.mixture_samples
+        self._models = [_learnt(view, samples) for view in media]
+        self._rate = config.mixture_rate if adaptive else 0.0
         self._locks = [Lock() for _ in media]  # OpenCV's models are not safe across threads
 
     def __call__(self, view: int, image: np.ndarray) -> np.ndarray:
         with self._locks[view]:
-            labels = np.asarray(self._models[view].apply(image, learningRate=0))
+            labels = np.asarray(self._models[view].apply(image, learningRate=self._rate))
         return np.where(labels == _PERSON, np.uint8(255), np.uint8(0))
 
 

@@ -27,18 +27,27 @@ _DERIVATIVE = np.array([-1, -2, 0, 2, 1]) / 4
 _SMOOTHING = np.array([1, 4, 6, 4, 1]) / 4
 
 
-def region(silhouette: np.ndarray, margin: int, cell: int, cell_pixels: int) -> np.ndarray:
+def region(
+    silhouette: np.ndarray, margin: int, cell: int, cell_pixels: int, blobs: int = 0
+) -> np.ndarray:
     """Return (4,) x0, y0, x1, y1 of a silhouette (h, w) bool, the ends excluded, 0 where there is
     none.
 
     Rymut 2016, 4.5: bounding box, `margin` px larger within the picture. Only cells of `cell` px
-    square with at least `cell_pixels` of silhouette count, so that no speck does.
+    square with at least `cell_pixels` of silhouette count, so that no speck does; of these, where
+    `blobs` is positive, those of so many largest connected parts (5.5).
     """
     height, width = silhouette.shape
     rows, columns = np.nonzero(silhouette)
     counts = np.zeros((-(-height // cell), -(-width // cell)), int)
     np.add.at(counts, (rows // cell, columns // cell), 1)
-    y, x = np.nonzero(counts >= cell_pixels)
+    filled = counts >= cell_pixels
+    if blobs:
+        parts, n_parts = ndimage.label(filled, np.ones((3, 3)))
+        pixels = ndimage.sum_labels(counts, parts, range(1, n_parts + 1))
+        largest = 1 + np.argsort(-np.asarray(pixels), kind="stable")[:blobs]
+        filled = np.isin(parts, largest)
+    y, x = np.nonzero(filled)
     if not y.size:
         return np.zeros(4, np.int32)
     low = np.array([x.min(), y.min()]) * cell
@@ -85,16 +94,17 @@ class NumpyFeatures:
     def __call__(self, frame: Frame) -> np.ndarray:
         silhouettes = self._silhouettes(frame)
         edges = self._edges(frame, silhouettes)
-        table = self.config.proximity.table(self.rig)
+        near, table = self.config.proximity, self.config.proximity.table(self.rig)
         margin = self.config.pixels(self.config.margin, self.rig)
         self.maps = np.zeros_like(self.maps)
         for view, (width, height) in enumerate(camera.size for camera in self.rig):
             silhouette = silhouettes[view, :height, :width]
-            self.roi[view] = region(silhouette, margin, self.config.cell, self.config.cell_pixels)
+            cells = (self.config.cell, self.config.cell_pixels, self.config.blobs)
+            self.roi[view] = region(silhouette, margin, *cells)
             x0, y0, x1, y1 = self.roi[view]
             inside = (view, slice(y0, y1), slice(x0, x1))
             if x1 > x0:
-                channels = (255 * silhouettes[inside], proximity(edges[inside], table))
+                channels = (255 * silhouettes[inside], proximity(edges[inside], table, near.metric))
                 self.maps[inside] = np.stack(channels, -1)
         return self.maps
 

@@ -1,6 +1,7 @@
 // Exact squared Euclidean distance to the nearest edge (Saito & Toriwaki 1994), tile by tile: along
 // the columns, up and down, then the least of gap^2 + dx^2 along the rows. Counterpart:
 // psfs/common/edge_distance.py; twin: psfs/reference/edge_distance.py.
+// Where CHESSBOARD is defined as 1, instead the chessboard distance, the greater of |dx| and |dy|.
 // Defines: WIDTH of the pictures; REACH, px, beyond which all distances are as one; TILE columns and
 // TILE_ROWS rows of a tile; LOT, 1 or 16; GROUP. What includes this says where edges are, by a type
 // `edge_source` and the function `edges_of`.
@@ -9,6 +10,12 @@
 #error "common/distance.h needs GROUP, LOT, REACH, TILE, TILE_ROWS and WIDTH"
 #endif
 
+// The squared distance of an edge by the squares of its distances along the columns and rows.
+#if CHESSBOARD
+#define JOINED(a, b) max(a, (lot)(b))
+#else
+#define JOINED(a, b) ((a) + (b))
+#endif
 // Columns that a tile's pixels can see.
 #define SPAN (TILE + 2 * REACH)
 // Rows that are looked at together, so that their pixels come together.
@@ -147,7 +154,7 @@ inline lot least_squares(__local const gap_type *gap, __local const square_type 
 #endif
     for (int dx = -REACH; dx <= REACH; ++dx) {
         const lot there =
-            SQUARES(squares, gap, y * SPAN + x + dx + REACH) + (square_type)(dx * dx);
+            JOINED(SQUARES(squares, gap, y * SPAN + x + dx + REACH), (square_type)(dx * dx));
         least = there < least ? there : least;
     }
     return least;

@@ -1,12 +1,12 @@
 // What image objectives compare a body with: region of interest and edges per view (Rymut 2016,
 // 2.1); twin: reference/image_objective/features.py. Defines: WIDTH, HEIGHT of the stack of views;
-// CELL, FILLED, MARGIN for `region`; DILATION (px) and THRESHOLD2 for the edges; STRIP; PITCH, at
+// CELL, FILLED, MARGIN and BLOBS for `region`; DILATION (px) and THRESHOLD2 for the edges; STRIP; PITCH, at
 // least WIDTH + STRIP, of the gradients' rows. A region is (x0, y0, x1, y1), the ends excluded;
 // work-item (0, 0) stands at its corner.
-#if !defined(CELL) || !defined(DILATION) || !defined(FILLED) || !defined(GROUP) || \
+#if !defined(BLOBS) || !defined(CELL) || !defined(DILATION) || !defined(FILLED) || !defined(GROUP) || \
     !defined(HEIGHT) || !defined(MARGIN) || !defined(PITCH) || !defined(STRIP) || \
     !defined(THRESHOLD2) || !defined(WIDTH)
-#error "image/features.cl needs CELL, DILATION, FILLED, GROUP, HEIGHT, MARGIN, PITCH, STRIP, THRESHOLD2 and WIDTH"
+#error "image/features.cl needs BLOBS, CELL, DILATION, FILLED, GROUP, HEIGHT, MARGIN, PITCH, STRIP, THRESHOLD2 and WIDTH"
 #endif
 
 // Pixels of a row that one work-item of the costly kernels makes. Vectors are explicit: PoCL makes
@@ -20,6 +20,44 @@ inline int4 joined(int4 a, int4 b)
     return (int4)(min(a.xy, b.xy), max(a.zw, b.zw));
 }
 
+#define COLUMNS ((WIDTH + CELL - 1) / CELL)
+#define ROWS ((HEIGHT + CELL - 1) / CELL)
+
+// The pixels of a cell (x0, y0, x1, y1), the ends excluded.
+inline int4 cell_box(int cell)
+{
+    const int x = cell % COLUMNS * CELL, y = cell / COLUMNS * CELL;
+    return (int4)(x, y, min(x + CELL, WIDTH), min(y + CELL, HEIGHT));
+}
+
+// How many of them are of the view's silhouette.
+inline int silhouette_pixels(__global const char *evidence, int view, int4 box)
+{
+    int count = 0;
+    for (int y = box.y; y < box.w; ++y)
+        for (int x = box.x; x < box.z; ++x)
+            count += evidence[((size_t)view * HEIGHT + y) * WIDTH + x] > 0;
+    return count;
+}
+
+// The region of a view whose items have these boxes: what they enclose, MARGIN pixels larger within
+// the picture; all 0 if there is none.
+inline void enclose(int4 box, __local int4 *scratch, int2 size, __global int4 *region)
+{
+    const int lane = get_local_id(0);
+    scratch[lane] = box;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
+        if (lane < half_size) scratch[lane] = joined(scratch[lane], scratch[lane + half_size]);
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    if (lane == 0) {
+        const int4 all = scratch[0];
+        const int2 low = max(all.xy - MARGIN, 0), high = min(all.zw + MARGIN, size);
+        *region = all.z > 0 ? (int4)(low, high) : (int4)(0);
+    }
+}
+
 // Bounding box of the cells of CELL x CELL pixels that hold at least FILLED pixels of the
 // silhouette, so that no speck counts, MARGIN pixels larger within the picture; all 0 if there is
 // none. One work-group per view.
@@ -29,28 +67,94 @@ void region(__global const char *restrict evidence, __global const int2 *restric
 {
     __local int4 scratch[GROUP];
     const int view = get_group_id(0), lane = get_local_id(0);
-    const int columns = (WIDTH + CELL - 1) / CELL, rows = (HEIGHT + CELL - 1) / CELL;
     int4 box = (int4)(WIDTH, HEIGHT, 0, 0);
-    for (int cell = lane; cell < rows * columns; cell += GROUP) {
-        const int x0 = cell % columns * CELL, y0 = cell / columns * CELL;
-        const int x1 = min(x0 + CELL, WIDTH), y1 = min(y0 + CELL, HEIGHT);
-        int count = 0;
-        for (int y = y0; y < y1; ++y)
-            for (int x = x0; x < x1; ++x)
-                count += evidence[((size_t)view * HEIGHT + y) * WIDTH + x] > 0;
-        if (count >= FILLED) box = joined(box, (int4)(x0, y0, x1, y1));
+    for (int cell = lane; cell < ROWS * COLUMNS; cell += GROUP) {
+        const int4 own = cell_box(cell);
+        if (silhouette_pixels(evidence, view, own) >= FILLED) box = joined(box, own);
     }
-    scratch[lane] = box;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) scratch[lane] = joined(scratch[lane], scratch[lane + half_size]);
+    enclose(box, scratch, sizes[view], regions + view);
+}
+
+// The first cell of the blob that a cell is known to belong to.
+inline int first_of(volatile __global const int *blobs, int cell)
+{
+    int next = blobs[cell];
+    while (next != cell) {
+        cell = next;
+        next = blobs[cell];
+    }
+    return cell;
+}
+
+// Makes one blob of those of two cells (union by the lower number: Komura 2015).
+inline void unite(volatile __global int *blobs, int a, int b)
+{
+    a = first_of(blobs, a);
+    b = first_of(blobs, b);
+    while (a != b) {
+        const int high = max(a, b), low = min(a, b);
+        const int old = atomic_min(blobs + high, low);
+        a = old == high ? low : first_of(blobs, old);
+        b = first_of(blobs, low);
+    }
+}
+
+// The same, of the cells of the BLOBS largest blobs alone (Rymut 2016, 5.5): cells that touch each
+// other, at corners too; the one that begins first is the larger one of two with as many pixels.
+// blobs: of each cell of each view, and pixels: scratch. One work-group per view.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void blob_region(__global const char *restrict evidence, __global const int2 *restrict sizes,
+                 volatile __global int *blobs, volatile __global int *pixels,
+                 __global int4 *restrict regions)
+{
+    __local int4 scratch[GROUP];
+    __local int2 best[GROUP]; // pixels and first cell of a blob
+    const int view = get_group_id(0), lane = get_local_id(0), n = ROWS * COLUMNS;
+    volatile __global int *blob = blobs + view * n, *filled = pixels + 2 * view * n;
+    volatile __global int *large = filled + n;
+    for (int cell = lane; cell < n; cell += GROUP) {
+        const int count = silhouette_pixels(evidence, view, cell_box(cell));
+        filled[cell] = count >= FILLED ? count : 0;
+        large[cell] = 0;
+        blob[cell] = cell;
+    }
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    for (int cell = lane; cell < n; cell += GROUP) {
+        if (filled[cell] == 0) continue;
+        const int x = cell % COLUMNS;
+        if (x > 0 && filled[cell - 1] > 0) unite(blob, cell, cell - 1);
+        if (cell < COLUMNS) continue;
+        for (int dx = max(-1, -x); dx <= min(1, COLUMNS - 1 - x); ++dx)
+            if (filled[cell - COLUMNS + dx] > 0) unite(blob, cell, cell - COLUMNS + dx);
+    }
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    for (int cell = lane; cell < n; cell += GROUP)
+        if (filled[cell] > 0) atomic_add(large + first_of(blob, cell), filled[cell]);
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    int4 box = (int4)(WIDTH, HEIGHT, 0, 0);
+    for (int k = 0; k < BLOBS; ++k) {
+        int2 own = (int2)(0, n);
+        for (int cell = lane; cell < n; cell += GROUP)
+            if (large[cell] > own.x) own = (int2)(large[cell], cell);
+        best[lane] = own;
         barrier(CLK_LOCAL_MEM_FENCE);
+        for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
+            if (lane < half_size) {
+                const int2 a = best[lane], b = best[lane + half_size];
+                best[lane] = b.x > a.x || (b.x == a.x && b.y < a.y) ? b : a;
+            }
+            barrier(CLK_LOCAL_MEM_FENCE);
+        }
+        const int chosen = best[0].y;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (int cell = lane; cell < n; cell += GROUP) {
+            if (filled[cell] > 0 && first_of(blob, cell) == chosen)
+                box = joined(box, cell_box(cell));
+            if (cell == chosen) large[cell] = 0;
+        }
+        barrier(CLK_GLOBAL_MEM_FENCE);
     }
-    if (lane == 0) {
-        box = scratch[0];
-        const int2 low = max(box.xy - MARGIN, 0), high = min(box.zw + MARGIN, sizes[view]);
-        regions[view] = box.z > 0 ? (int4)(low, high) : (int4)(0);
-    }
+    enclose(box, scratch, sizes[view], regions + view);
 }
 
 inline int grey(__global const uchar *colour)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import scenes
 
-from apf.image_objective.config import FeatureConfig, ProximityConfig
+from apf.image_objective.config import METRICS, FeatureConfig, ProximityConfig
 from apf.image_objective.features import Features, distance_launch
 from apf.reference.image_objective.features import NumpyFeatures, region, sobel_edges
 from cl import Device, InputError, NumpyDevice
@@ -103,6 +103,31 @@ def test_region_has_a_margin_and_no_specks() -> None:
     assert region(silhouette, 10, 8, 16).tolist() == [0, 0, 0, 0]
 
 
+@pytest.mark.parity("image/features.blob_region")
+@pytest.mark.parametrize("blobs", [1, 4])
+def test_regions_of_the_largest_blobs_agree(device: Device, blobs: int) -> None:
+    rig = scenes.ring(3)
+    random = np.random.default_rng(blobs)
+    shape = (3, -(-rig.height // 5), -(-rig.width // 5))
+    coarse = random.random(shape) < [[[0.2]], [[0.35]], [[0.0]]]  # crooked blobs, and none
+    masks = np.kron(coarse, np.ones((1, 5, 5)))[:, : rig.height, : rig.width]
+    masks = np.where(masks > 0, np.uint8(255), np.uint8(0))
+    config = FeatureConfig(edges="outline", cell=3, cell_pixels=4, margin=0, blobs=blobs)
+    maps, roi, expected, expected_roi = both(device, rig, None, scenes.frame(masks=masks), config)
+    np.testing.assert_array_equal(roi, expected_roi)
+    np.testing.assert_array_equal(maps, expected)
+    sizes = [roi[view, 2:] - roi[view, :2] for view in range(3)]
+    assert (sizes[0] < (rig.width, rig.height)).any() and not roi[2].any()
+
+
+def test_region_of_the_four_largest_blobs() -> None:
+    silhouette = np.zeros((100, 120), bool)
+    for k, side in enumerate((20, 16, 20, 16, 16)):  # of as many pixels the first ones count
+        silhouette[16 * k + 8 : 16 * k + 16, 24 * k : 24 * k + side] = True
+    assert region(silhouette, 0, 8, 16, 4).tolist() == [0, 8, 88, 64]
+    assert region(silhouette, 0, 8, 16).tolist() == [0, 8, 112, 80]
+
+
 def test_sobel_as_opencv_has_it() -> None:
     random = np.random.default_rng(0)
     image = cv2.GaussianBlur(random.integers(0, 256, (60, 80, 3), np.uint8), (0, 0), 3)
@@ -118,8 +143,9 @@ def test_sobel_as_opencv_has_it() -> None:
 
 @pytest.mark.parity("image/distance.edge_proximity")
 @pytest.mark.parametrize("density", [0.0, 0.001, 0.2])
+@pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("reach", [0, 7, 200])
-def test_distances_are_exact(device: Device, density: float, reach: int) -> None:
+def test_distances_are_exact(device: Device, density: float, reach: int, metric: str) -> None:
     """Against the twin: a table that tells all squared distances from each other."""
     random = np.random.default_rng(int(1000 * density))
     shape = (2, 61, 193)  # a diagonal of more than 200 px
@@ -129,10 +155,10 @@ def test_distances_are_exact(device: Device, density: float, reach: int) -> None
     maps = device.zeros((*shape, 2), np.uint8)
     evidence = device.zeros(shape, np.int8)
     arrays = (evidence, device.to_device(edges), device.to_device(roi), table, maps)
-    distance_launch(device, *arrays)()
+    distance_launch(device, *arrays, metric)()
     for view, (x0, y0, x1, y1) in enumerate(roi):
         expected = np.zeros(shape[1:], np.uint8)
-        expected[y0:y1, x0:x1] = proximity(edges[view, y0:y1, x0:x1] > 0, table)
+        expected[y0:y1, x0:x1] = proximity(edges[view, y0:y1, x0:x1] > 0, table, metric)
         np.testing.assert_array_equal(maps.get()[view, ..., 1], expected)
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from helpers import footage
 from helpers.shared import shared_data
 
+from psfs.background.config import PlateConfig
+from psfs.background.mixture import Mixture
 from psfs.sequence import Sequence
 
 
@@ -18,6 +20,22 @@ def test_what_differs_from_the_plate_is_the_person(tmp_path: Path) -> None:
     frame = sequence.read(0)
     assert sequence.background is None and frame.masks is not None
     assert (frame.masks[0] == 255).all() and not frame.masks[1].any()
+
+
+def test_an_adaptive_mixture_forgets_who_stands_still(tmp_path: Path) -> None:
+    folder = footage.native(tmp_path)
+    sequence = Sequence.open(folder, background="mog-adaptive")
+    kept = Sequence.open(folder, background="mog")
+    person = sequence.read(0).images
+    assert person is not None
+    mixture = Mixture(
+        sequence.footage.background, True, adaptive=True, config=PlateConfig(mixture_rate=0.02)
+    )
+    seen = [mixture(0, person[0]).mean() for _ in range(30)]
+    assert seen[0] == 255 and seen[-1] == 0  # what stays is scene (Rymut 2016, 2.1)
+    for one, other in zip(sequence.frames(), sequence.frames(), strict=True):
+        np.testing.assert_array_equal(one.masks, other.masks)  # each reader begins anew
+    np.testing.assert_array_equal(sequence.read(5).masks, kept.read(5).masks)
 
 
 def test_masks_do_not_depend_on_the_frames_before() -> None:
