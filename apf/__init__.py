@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         PartColourConfig,
         ReprojectionConfig,
     )
+    from apf.presets import Preset, preset
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
     from apf.tracking.batch import Take, track_take
@@ -88,6 +89,7 @@ __all__ = [
     "ObjectiveConfig",
     "PartColourConfig",
     "ParticleSwarm",
+    "Preset",
     "ProximityConfig",
     "RecoveryConfig",
     "RefinementConfig",
@@ -112,6 +114,7 @@ __all__ = [
     "gait_of",
     "load_body",
     "load_truth",
+    "preset",
     "save_body",
     "select_device",
     "smoothed",
@@ -142,6 +145,7 @@ _MODULES = {
         "PartColourConfig",
         "ReprojectionConfig",
     ),
+    "apf.presets": ("Preset", "preset"),
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
     "apf.tracking.batch": ("Take", "track_take"),

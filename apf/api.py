@@ -19,6 +19,7 @@ from apf.tracking.batch import track_take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.api import chosen_device, trusted
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
 log = logging.getLogger(__name__)
@@ -40,6 +41,7 @@ def track(
     all_cameras: bool = False,
     progress: Callable[[str], object] | None = None,
     keypoints: Keypoints | str | Path | None = None,
+    reconstruction: ReconstructionConfig | None = None,
 ) -> Track:
     """Find the person in the chosen frames of `sequence` and track them, as `apf track` does.
 
@@ -55,7 +57,8 @@ def track(
     all_cameras: keep cameras that disagree with the others, see `psfs.reconstruct`. progress:
     called with the name of each stage, and with "tracking" after each frame. keypoints: of a pose
     network, or the path of some (see `Keypoints.open`), that are looked at beside the voxels; alone
-    with `Method.of(objective="keypoints")`, which needs no background.
+    with `Method.of(objective="keypoints")`, which needs no background. reconstruction: settings of
+    silhouettes and voxels.
 
     A KeyboardInterrupt ends the track after the last whole frame. Doubts about the start are logged
     as warnings. Raises InputError where nobody is found or a file is not what it should be,
@@ -80,6 +83,7 @@ def track(
         selection=frames,
         progress=progress,
         keypoints=_opened(keypoints, sequence),
+        reconstruction=reconstruction,
     )
     for doubt in take.start.doubts if take.start is not None else ():
         log.warning("%s: %s", sequence.name, doubt)

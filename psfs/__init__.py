@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         EvidenceConfig,
     )
     from psfs.cameras.camera import Camera, CameraRig
+    from psfs.presets import preset
     from psfs.reconstructor import ReconstructionConfig, Reconstructor
     from psfs.sequence import Frame, Sequence
     from psfs.silhouettes.config import (
@@ -83,6 +84,7 @@ __all__ = [
     "__version__",
     "automatic_grid",
     "open_sequence",
+    "preset",
     "read_cloud",
     "reconstruct",
     "select_device",
@@ -109,6 +111,7 @@ _MODULES = {
         "EvidenceConfig",
     ),
     "psfs.cameras.camera": ("Camera", "CameraRig"),
+    "psfs.presets": ("preset",),
     "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
     "psfs.sequence": ("Frame", "Sequence"),
     "psfs.silhouettes.config": (

@@ -6,7 +6,7 @@
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
     scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4]
-        [--by triangulation voxels keypoints both] [-o OUT]
+        [--by triangulation voxels keypoints both] [--preset song] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
 first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others
@@ -40,6 +40,7 @@ from accuracy.suite import (
     KeptSilhouettes,
     Outcome,
     lacking_jobs,
+    silhouettes_name,
     suite_folders,
     suite_settings,
 )
@@ -52,6 +53,7 @@ from timings.tables.grid import Grid
 
 from apf.filters.config import TERMS, FilterConfig
 from apf.filters.method import OBJECTIVES, SEARCHES
+from apf.presets import PRESETS, preset
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.tracking.track import spans
@@ -117,6 +119,14 @@ def main() -> int:
     parser.add_argument(
         "--suite", type=Path, metavar="FOLDER", help="instead, all sequences with truth in it"
     )
+    parser.add_argument(
+        "--preset",
+        action="append",
+        default=[],
+        choices=list(PRESETS),
+        help="a paper's settings, too, beside the defaults, with --suite; with --thesis in their "
+        "place; several times for several",
+    )
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument(
@@ -161,11 +171,13 @@ def _run(args: argparse.Namespace) -> None:
         return
     folders = [folder.resolve() for folder in args.folders]
     if args.thesis is not None:
-        if len(folders) != 1:
-            raise InputError(f"--thesis with {len(folders)} folders; expected one")
+        if len(folders) != 1 or len(args.preset) > 1:
+            found = f"{len(folders)} folders and {len(args.preset)} presets"
+            raise InputError(f"--thesis with {found}; expected one folder, and one preset at most")
         plan = thesis_plan(
-            folders[0], len(Sequence.open(folders[0]).rig), args.thesis or list(THESIS)
-        )
+            folders[0], len(Sequence.open(folders[0]).rig), args.thesis or list(THESIS),
+            args.preset[0] if args.preset else "",
+        )  # fmt: skip
     else:
         folders = folders or _own_walks(args.out, device)
         tables = [Table.named(text) for text in args.tables]
@@ -213,7 +225,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
-    settings = dict(suite_settings(folders, args.start, args.by, first))
+    settings = dict(suite_settings(folders, args.start, args.by, first, args.preset))
     conditions = _conditions(args, device, folders)
     results = Results.resumed(args.out / "results.json", conditions)
     same = {name: conditions[name] for name in ("version", "commit", "device")}
@@ -235,7 +247,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
                 if isinstance(outcome, UserError):
                     errors.append(f"{job.folder.name}: {outcome}")
                 elif isinstance(outcome, dict):
-                    silhouettes.add(job.folder.name, outcome)
+                    silhouettes.add(job.silhouettes, outcome)
                 else:
                     for run in outcome:
                         results.add(run)
@@ -243,7 +255,11 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
 
             do_jobs(jobs, device, client, keep, args.seconds)
     finally:
-        rows = suite_rows(results, list(settings), silhouettes.iou)
+
+        def iou(setting: Setting) -> float:
+            return silhouettes.iou(silhouettes_name(setting.sequence, setting.preset))
+
+        rows = suite_rows(results, list(settings), iou)
         if rows:
             write_suite(args.out, results, rows)
             suite_grid(rows).show()
@@ -327,18 +343,21 @@ def do_runs(
     todo = lacking(device, plan, results, args.seeds)
     with progress_bar() as bar:
         task = bar.add_task("runs", total=sum(len(part) for _, part in todo))
-        shown: tuple[str, int, int] | None = None
+        shown: tuple[str, int, int, str] | None = None
         recording: Recording | None = None
         for setting, part in todo:
             if time.monotonic() > end:
                 return
             wanted = _recording_of(setting)
             if recording is None or wanted != shown:
-                name = f"{setting.sequence}_{setting.cameras}cam_step{setting.step}.npz"
+                of = silhouettes_name(setting.sequence, setting.preset)
+                name = f"{of}_{setting.cameras}cam_step{setting.step}.npz"
                 bar.update(task, description=f"voxels of {name.removesuffix('.npz')}")
                 folder, cache = folders[setting.sequence], args.out / "clouds" / name
                 frames = bar.add_task("frames")
-                recording = record(device, folder, *wanted[1:], cache, partial(bar.advance, frames))
+                advance = partial(bar.advance, frames)
+                settings = preset(setting.preset) if setting.preset else None
+                recording = record(device, folder, *wanted[1:3], cache, advance, settings)
                 bar.remove_task(frames)
                 shown = wanted
             bar.update(task, description=_described(setting, part))
@@ -357,8 +376,8 @@ def lacking(
     return sorted(todo, key=lambda item: (_recording_of(item[0]), item[1][0]))
 
 
-def _recording_of(setting: Setting) -> tuple[str, int, int]:
-    return setting.sequence, setting.cameras, setting.step
+def _recording_of(setting: Setting) -> tuple[str, int, int, str]:
+    return setting.sequence, setting.cameras, setting.step, setting.preset
 
 
 def _described(setting: Setting, seeds: list[int]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from apf.filters.method import Method
 from psfs.common.presets import presets_in, read_preset
@@ -16,23 +17,27 @@ PRESETS = presets_in(Path(__file__).parent, OF_RECONSTRUCTION)
 
 @dataclass(frozen=True)
 class Preset:
-    """body, background: names, as of `apf track`'s flags; None for its defaults. all_cameras: keep
-    those that disagree with the others."""
+    """The settings of `apf track --preset name`; without a name, its defaults.
 
-    name: str
-    method: Method
-    reconstruction: ReconstructionConfig
+    body, background: names, as of its flags; None for its defaults. all_cameras: keep those that
+    disagree with the others.
+    """
+
+    name: str = ""
+    method: Method = field(default_factory=Method)
+    reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
     body: str | None = None
     background: str | None = None
     all_cameras: bool = False
 
 
-def preset(name: str) -> Preset:
-    """Return the settings of a preset. Raises InputError for an unknown name."""
+def preset(name: str, **choice: Any) -> Preset:
+    """Return the settings of a preset, with another `search` or `objective` if one is stated.
+    Raises InputError for an unknown name."""
     values = read_preset(PRESETS, name)
     return Preset(
         name,
-        Method.from_dict(values["method"], "method"),
+        Method.from_dict({**values["method"], **choice}, "method"),
         ReconstructionConfig.from_dict(values.get("reconstruction", {}), "reconstruction"),
         body=values.get("body"),
         background=values.get("background"),

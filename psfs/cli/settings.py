@@ -80,7 +80,9 @@ def with_settings(
     if name is not None:
         file = file or args.presets[name][-1]
         flags, beneath = _parted(read_preset(args.presets, name))
-        known = {_name(a) for a in command._actions if _is_setting(a)}  # psfs' presets have fewer flags
+        known = {
+            _name(a) for a in command._actions if _is_setting(a)
+        }  # psfs' presets have fewer flags
         flags = {name: value for name, value in flags.items() if name in known}
         found |= _flags(file, command, flags, {**stated, **found})
     command.set_defaults(**{dest: parsed for dest, (_, parsed) in found.items()})

@@ -17,9 +17,7 @@ def presets_in(folder: Path, before: Presets | None = None) -> dict[str, list[Pa
     """Return the presets that lie in `folder`, NAME.toml each; one whose name is known `before`
     adds to that."""
     known = before or {}
-    return {
-        path.stem: [*known.get(path.stem, ()), path] for path in sorted(folder.glob("*.toml"))
-    }
+    return {path.stem: [*known.get(path.stem, ()), path] for path in sorted(folder.glob("*.toml"))}
 
 
 def read_preset(presets: Presets, name: str) -> dict[str, Any]:

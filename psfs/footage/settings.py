@@ -22,9 +22,9 @@ from psfs.common.toml import read_toml
 #: How silhouettes are made. "gaussian": empty plate (`background/`);
 #: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
 #: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
-#: from the empty plate or, without one, from the sequence's own frames; "mog-adaptive": one that goes
-#: on learning, frame by frame; "chroma": a screen of one colour, `key` or found in the empty plate
-#: or the frames.
+#: from the empty plate or, without one, from the sequence's own frames; "mog-adaptive": one that
+#: goes on learning, frame by frame; "chroma": a screen of one colour, `key` or found in the empty
+#: plate or the frames.
 BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma")
 #: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive")

@@ -112,9 +112,7 @@ class Silhouette:
         location = device.zeros((len(rig), rows, columns), np.int8, "the location prior")
         light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
         cameras = device.to_device(rig.packed(), "the cameras")
-        floor = device.to_device(
-            floor_points(rig, config.floor).astype(np.float32), "the floor"
-        )
+        floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.appearance.learn:
             self._learn_into(colours, location, scene)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from apf.api import DEFAULT_BODY
 from apf.body import BodyModel, load_body
 from apf.formats.trc import JointSeries
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.initialisation.from_joints import fit_to_joints
+from apf.presets import Preset
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from cl import Device, InputError
@@ -31,7 +33,7 @@ class Recording:
     """The surface voxels of every frame of `sequence`, flat indices in `grid`, ascending, and the
     foreground (V H W bits, packed) of the evidence that they were carved with.
 
-    truth: the sequence's true joints.
+    truth: the sequence's true joints. settings: what it was made with.
     """
 
     sequence: Sequence
@@ -40,6 +42,7 @@ class Recording:
     surfaces: list[np.ndarray]
     foregrounds: list[np.ndarray]
     truth: JointSeries
+    settings: Preset = field(default_factory=Preset)
     _features: dict[FeatureConfig, FeatureReplay] = field(default_factory=dict)
 
     @property
@@ -53,7 +56,7 @@ class Recording:
         row = int(np.flatnonzero(self.truth.frames == self.frames[0])[0])
         places = match_joints(self.truth.joint_names)
         joints = {name: self.truth.joints[row, place] for name, place in places.items()}
-        body, pose, _ = fit_to_joints(load_body("song31"), joints)
+        body, pose, _ = fit_to_joints(load_body(self.settings.body or DEFAULT_BODY), joints)
         return body, pose
 
     def features(self, device: Device, config: FeatureConfig) -> FeatureReplay:
@@ -105,7 +108,8 @@ class FeatureReplay:
 
     def __init__(self, device: Device, recording: Recording, config: FeatureConfig) -> None:
         sequence, frames = recording.sequence, recording.frames
-        features = Features(device, sequence.rig, sequence.background, config)
+        silhouette = recording.settings.reconstruction.silhouette
+        features = Features(device, sequence.rig, sequence.background, config, silhouette)
         self.maps, self.roi = features.maps, features.roi
         self._kept: list[tuple[int, np.ndarray, np.ndarray]] = []
         with sequence.reader() as read:
@@ -128,23 +132,27 @@ def record(
     step: int,
     cache: Path,
     progress: Callable[[], object],
+    settings: Preset | None = None,
 ) -> Recording:
-    """The recording of a sequence's folder with some of its cameras and every `step`-th frame.
+    """The recording of a sequence's folder with some of its cameras and every `step`-th frame, by
+    `settings`.
 
     Kept in the file `cache`, from which it is read if it is there. Raises InputError without truth.
     """
-    sequence = Sequence.open(folder)
-    sequence = Sequence.open(folder, cameras=spread_cameras(sequence.rig, cameras))
+    settings = settings or Preset()
+    sequence = opened(folder, settings)
+    sequence = sequence.with_cameras(spread_cameras(sequence.rig, cameras))
     truth = load_truth(folder / "truth.npz")
     if cache.exists():
         with np.load(cache) as kept:
             grid = VoxelGrid(kept["origin"], float(kept["voxel_size"]), tuple(kept["shape"]))
             frames, surfaces = kept["frames"].tolist(), _split(kept["voxels"], kept["counts"])
             foregrounds = list(kept["foregrounds"])
-        return Recording(sequence, grid, frames, surfaces, foregrounds, truth)
+        return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
     selection = slice(None, None, step)
-    grid = automatic_grid(sequence, selection, device=device)
-    reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background)
+    config = settings.reconstruction
+    grid = automatic_grid(sequence, selection, config=config, device=device)
+    reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background, config)
     frames, surfaces, foregrounds = [], [], []
     for frame in sequence.frames(selection):
         surfaces.append(reconstruct(frame).cloud().indices)
@@ -162,7 +170,15 @@ def record(
     }
     with written_whole(cache) as temporary:
         np.savez_compressed(temporary, **arrays)
-    return Recording(sequence, grid, frames, surfaces, foregrounds, truth)
+    return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
+
+
+def opened(folder: Path, settings: Preset) -> Sequence:
+    """The sequence with a preset's background, where it has pictures to learn that from."""
+    sequence = Sequence.open(folder)
+    if settings.background is None or not sequence.has_images:
+        return sequence
+    return Sequence.open(folder, background=settings.background)
 
 
 def _split(voxels: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:

@@ -20,6 +20,7 @@ from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
 from apf.filters.method import OBJECTIVES, Method
 from apf.formats.trc import JointSeries
+from apf.presets import preset
 from apf.results.evaluate import evaluate
 from apf.scene import Scene
 from apf.tracking.pipeline import track_of, track_voxels
@@ -83,17 +84,29 @@ def method_of(setting: Setting, seed: int) -> Method:
     sp@130 say for a shape of 130 vertices per part (Rymut 2016, table 6.5), or terms of the voxels'
     likelihood joined by +, such as edge+silhouette. Raises InputError."""
     objective, _, vertices = setting.objective.partition("@")
+    if setting.preset:
+        settings = preset(setting.preset, search=setting.method, objective=objective)
+        return _shaped(_sized(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:
         objective, weights = "voxel", likelihood_weights(objective.replace("+", ","))
+    return _shaped(_sized(Method.of(setting.method, objective, **weights), setting, seed), vertices)
+
+
+def _sized(method: Method, setting: Setting, seed: int) -> Method:
+    """With the particles, layers and seed of a setting."""
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # which has no layers: as many scores at once
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
-    method = Method.of(setting.method, objective, **weights, **size)
+    return replace(method, filter=method.filter.changed(**size))
+
+
+def _shaped(method: Method, vertices: str) -> Method:
+    """With so many vertices per part, where that is said."""
     if not vertices:
         return method
     if not vertices.isdigit():
-        raise InputError(f"objective {setting.objective}; expected a number of vertices after @")
+        raise InputError(f"{vertices!r} after @ of an objective; expected a number of vertices")
     return replace(method, image=replace(method.image, vertices_per_part=int(vertices)))
 
 

@@ -14,7 +14,8 @@ from cl import InputError
 class Setting:
     """All that distinguishes runs but their seed. step: every so many frames are used. start: the
     first pose, "true" from the true joints, "found" from the pictures alone, "none" for
-    triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`."""
+    triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`. preset: whose
+    settings all others are, but for those that the rest of this says; "" for the defaults."""
 
     sequence: str
     cameras: int
@@ -25,6 +26,7 @@ class Setting:
     layers: int
     start: str = "true"
     witness: str = "voxels"
+    preset: str = ""
 
 
 #: What a suite's runs look at: keypoints triangulated, without a body; the voxels; the keypoints in

@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 import tomllib
 
+from accuracy.recordings import opened
 from accuracy.runs import Results, Run, method_of, run_of
 from accuracy.settings import Setting
 from apf.api import DEFAULT_BODY, given_start
+from apf.body import load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
 from apf.formats.trc import JointSeries
 from apf.initialisation import StartError
 from apf.keypoints import Keypoints
+from apf.presets import Preset, preset
 from apf.results.evaluate import (
     LIMB_ENDS,
     LOST_JOINT,
@@ -39,6 +42,7 @@ from psfs.api import trusted
 from psfs.common.files import write_json
 from psfs.diagnostics.sequence_info import keypoints_in
 from psfs.diagnostics.silhouettes import followed_silhouettes, truth_frames
+from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
 TRUTH = "truth.npz"
@@ -54,11 +58,28 @@ _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 @dataclass(frozen=True)
 class Job:
     """What one process does at a time: the runs of `setting` with these seeds, or, without a
-    setting, the silhouettes. `folder`: the sequence's."""
+    setting, the silhouettes of a preset. `folder`: the sequence's."""
 
     folder: Path
     setting: Setting | None = None
     seeds: tuple[int, ...] = ()
+    preset: str = ""
+
+    @property
+    def settings(self) -> Preset:
+        """The preset's, or the defaults."""
+        name = self.setting.preset if self.setting is not None else self.preset
+        return preset(name) if name else Preset()
+
+    @property
+    def silhouettes(self) -> str:
+        """What the silhouettes are kept under."""
+        return silhouettes_name(self.folder.name, self.preset)
+
+
+def silhouettes_name(sequence: str, preset: str) -> str:
+    """What the silhouettes of a sequence by a preset are kept under."""
+    return f"{sequence}.{preset}" if preset else sequence
 
 
 #: Of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
@@ -82,12 +103,9 @@ def lacking_jobs(
 
     Seeds from the true start share one reconstruction; a start is found for each seed anew.
     """
-    seen = [folder for setting, folder in settings.items() if setting.witness in _VOXELS]
-    jobs = [
-        Job(folder)
-        for folder in dict.fromkeys(seen)
-        if not kept(folder.name) and (folder / "truth_masks").is_dir()
-    ]
+    seen = [(f, s.preset) for s, f in settings.items() if s.witness in _VOXELS]
+    jobs = [Job(folder, preset=name) for folder, name in dict.fromkeys(seen)]
+    jobs = [j for j in jobs if not kept(j.silhouettes) and (j.folder / "truth_masks").is_dir()]
     for setting, folder in settings.items():
         count = 1 if setting.start == "none" else seeds  # triangulation knows no chance
         rest = [seed for seed in range(count) if results.lacks(setting, seed)]
@@ -99,17 +117,19 @@ def lacking_jobs(
 def done(device: Device, job: Job, check: Callable[[], object]) -> Outcome:
     """Do a job. `check` is called now and then and may raise KeyboardInterrupt. Raises UserError
     where the sequence cannot be tracked, but for a start that is not found, which is a run too."""
-    sequence = Sequence.open(job.folder)
+    settings = job.settings
+    sequence = opened(job.folder, settings)
     if job.setting is None:
-        return silhouettes_of(device, trusted(sequence, device), check)
+        sequence = trusted(sequence, device, settings.all_cameras)
+        return silhouettes_of(device, sequence, check, settings.reconstruction)
     truth = load_truth(job.folder / TRUTH)
     if job.setting.witness == "triangulation":
         return [_triangulated(sequence, job.setting, truth)]
     if job.setting.witness in _VOXELS:
-        sequence = trusted(sequence, device)
+        sequence = trusted(sequence, device, settings.all_cameras)
     began = time.perf_counter()
     try:
-        take = _take(device, sequence, job.setting, job.seeds, check)
+        take = _take(device, sequence, settings, job.setting, job.seeds, check)
     except StartError as error:
         return [_failed(job.setting, seed, str(error)) for seed in job.seeds]
     seconds = (time.perf_counter() - began) / len(job.seeds)
@@ -138,6 +158,7 @@ def _triangulated(sequence: Sequence, setting: Setting, truth: JointSeries) -> R
 def _take(
     device: Device,
     sequence: Sequence,
+    settings: Preset,
     setting: Setting,
     seeds: Items[int],
     check: Callable[[], object],
@@ -145,7 +166,8 @@ def _take(
     """Track as `apf track FOLDER` does, or as with `--init FOLDER/truth.npz`; with `--keypoints`
     where they are looked at."""
     init = sequence.folder / TRUTH if setting.start == "true" else None
-    given = given_start(sequence.folder, 0, DEFAULT_BODY if init else None, init)
+    body = settings.body or DEFAULT_BODY
+    given = given_start(sequence.folder, 0, body if init else settings.body, init)
     keypoints = None
     if setting.witness != "voxels":
         keypoints = Keypoints.open(sequence.folder, sequence)
@@ -153,6 +175,7 @@ def _take(
         setting = replace(setting, objective="keypoints")
     return track_take(
         device, sequence, method_of(setting, seeds[0]), seeds, given=given, keypoints=keypoints,
+        template=load_body(body), reconstruction=settings.reconstruction,
         progress=lambda stage: check(),
     )  # fmt: skip
 
@@ -221,13 +244,17 @@ def _failed(setting: Setting, seed: int, why: str) -> Run:
 
 
 def silhouettes_of(
-    device: Device, sequence: Sequence, check: Callable[[], object]
+    device: Device,
+    sequence: Sequence,
+    check: Callable[[], object],
+    config: ReconstructionConfig | None = None,
 ) -> dict[str, Any]:
     """IoU with the true masks: the mean, and per frame those of the cameras; see
     psfs.diagnostics.silhouettes."""
     wanted = truth_frames(sequence)
     frames: dict[str, list[float | None]] = {}
-    for shown in followed_silhouettes(device, sequence, wanted) if wanted else ():
+    shown_ones = followed_silhouettes(device, sequence, wanted, config=config) if wanted else ()
+    for shown in shown_ones:
         check()
         if shown is not None:
             scores = shown.scores[:, 0]
@@ -260,11 +287,24 @@ class KeptSilhouettes:
         return float("nan") if found is None else float(found)
 
 
+def of_preset(name: str) -> dict[str, Any]:
+    """What a preset's runs are told from others by. Raises InputError for an unknown one."""
+    method = preset(name).method
+    search = method.filter.search
+    size = {"particles": search.n_particles, "layers": search.n_layers}
+    return {"method": method.search, "objective": method.objective, "preset": name, **size}
+
+
 def suite_settings(
-    folders: Items[Path], starts: Items[str], witnesses: Items[str], first: dict[str, Any]
+    folders: Items[Path],
+    starts: Items[str],
+    witnesses: Items[str],
+    first: dict[str, Any],
+    presets: Items[str] = (),
 ) -> Iterator[tuple[Setting, Path]]:
     """A setting per sequence, witness and start, `first` being all but its sequence, cameras and
-    step; without those of keypoints where a sequence has none. Raises InputError if none is left.
+    step; of voxels also one by each of `presets`; without those of keypoints where a sequence has
+    none. Raises InputError if none is left.
     """
     left = False
     for folder in folders:
@@ -277,5 +317,7 @@ def suite_settings(
                 left = True
                 setting = Setting(folder.name, len(sequence.rig), 1, **first, start=start)
                 yield replace(setting, witness=witness), folder
+                for name in presets if witness == "voxels" else ():
+                    yield replace(setting, witness=witness, **of_preset(name)), folder
     if not left:
         raise InputError(f"no sequence has keypoints; expected some, for {', '.join(witnesses)}")

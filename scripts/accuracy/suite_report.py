@@ -6,13 +6,14 @@ import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Patch
 from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
@@ -20,6 +21,7 @@ from accuracy.settings import Setting
 from psfs.common.files import written_whole
 
 _NOTE = (
+    "preset: whose settings, a paper's or the defaults. "
     "by: what is looked at, triangulation having neither body nor start. "
     "mm, mean ± standard deviation of the seeds' means; all other figures are means over the "
     "seeds. free: offset-free, without the offset that a joint keeps in the body's own frame. far: "
@@ -38,14 +40,20 @@ _COLOURS = {
     ("both", "found"): "#6A2E91",
     ("both", "true"): "#B08CC6",
 }
+_HATCHES = ("", "//", "..", "xx", "--")
+
+
+#: Preset, witness and start.
+Group: TypeAlias = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
 class Row:
-    """The runs of a sequence by one witness from one start, in the columns of `_NOTE`."""
+    """The runs of a sequence by a preset and a witness from a start, in columns of `_NOTE`."""
 
     sequence: str
     cameras: int
+    preset: str
     witness: str
     start: str
     runs: int
@@ -64,6 +72,11 @@ class Row:
     limb_frames: float
     seconds: float
 
+    @property
+    def group(self) -> Group:
+        """What rows of several sequences have in common."""
+        return self.preset, self.witness, self.start
+
     @classmethod
     def of(cls, setting: Setting, runs: Sequence[Run], iou: float) -> Row:
         """Figures of the runs that did not fail."""
@@ -73,7 +86,7 @@ class Row:
             return float(np.mean([figure(run) for run in tracked])) if tracked else float("nan")
 
         return cls(
-            setting.sequence, setting.cameras, setting.witness, setting.start,
+            setting.sequence, setting.cameras, setting.preset, setting.witness, setting.start,
             len(runs), len(runs) - len(tracked),
             mean=over(lambda run: run.mean),
             std=float(np.std([run.mean for run in tracked], ddof=1)) if len(tracked) > 1 else 0.0,
@@ -95,6 +108,7 @@ class Row:
         return [
             self.sequence,
             str(self.cameras),
+            self.preset or "default",
             self.witness,
             self.start,
             f"{self.runs}{failed}",
@@ -113,8 +127,9 @@ class Row:
         ]
 
 
-_COLUMNS = ("sequence", "cameras", "by", "start", "runs", "mean", "free", "far", "12: mean",
-            "12: free", "12: far", "wrists", "heading", "stature", "IoU", "lost", "s")  # fmt: skip
+_COLUMNS = ("sequence", "cameras", "preset", "by", "start", "runs", "mean", "free", "far",
+            "12: mean", "12: free", "12: far", "wrists", "heading", "stature", "IoU", "lost",
+            "s")  # fmt: skip
 
 
 def _shown(value: float, how: str, unit: str = "") -> str:
@@ -122,25 +137,25 @@ def _shown(value: float, how: str, unit: str = "") -> str:
 
 
 def suite_rows(
-    results: Results, settings: Sequence[Setting], iou: Callable[[str], float]
+    results: Results, settings: Sequence[Setting], iou: Callable[[Setting], float]
 ) -> list[Row]:
-    """A row per sequence, witness and start that has runs."""
-    return [Row.of(s, results.of(s), iou(s.sequence)) for s in settings if results.of(s)]
+    """A row per sequence, preset, witness and start that has runs."""
+    return [Row.of(s, results.of(s), iou(s)) for s in settings if results.of(s)]
 
 
 def suite_grid(rows: Sequence[Row]) -> Grid:
-    """The table, last a row of means over the sequences for each witness and start of several."""
+    """The table, last rows of means over the sequences for presets, witnesses and starts."""
     cells = [row.cells() for row in rows]
     for group in _groups(rows):
-        of = [row for row in rows if (row.witness, row.start) == group]
+        of = [row for row in rows if row.group == group]
         if len(of) > 1:
             cells.append(["all", "", *_mean_row(of).cells()[2:]])
     return Grid("Errors over the suite", _COLUMNS, cells, _NOTE)
 
 
-def _groups(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """The witnesses and starts that there are, as the rows have them."""
-    return list(dict.fromkeys((row.witness, row.start) for row in rows))
+def _groups(rows: Sequence[Row]) -> list[Group]:
+    """The presets, witnesses and starts that there are, as the rows have them."""
+    return list(dict.fromkeys(row.group for row in rows))
 
 
 def _mean_row(rows: Sequence[Row]) -> Row:
@@ -155,7 +170,7 @@ def _mean_row(rows: Sequence[Row]) -> Row:
              "limb_frames", "seconds")  # fmt: skip
     means = {name: over([getattr(row, name) for row in rows]) for name in names}
     return Row(
-        "all", 0, rows[0].witness, rows[0].start,
+        "all", 0, *rows[0].group,
         sum(row.runs for row in rows), sum(row.failed for row in rows),
         std=float(np.nanstd([row.mean for row in rows], ddof=1)),
         heading_right=sum(row.heading_right for row in rows),
@@ -165,11 +180,12 @@ def _mean_row(rows: Sequence[Row]) -> Row:
 
 
 def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
-    """suite.md, suite.csv (a row per sequence, witness and start), runs.csv (a row per run) and
-    suite.png."""
+    """suite.md, suite.csv (a row per sequence, preset, witness and start), runs.csv (a row per run)
+    and suite.png."""
     runs = [run for run in results.runs if run.failed]
     failed = [
-        f"- {r.setting.sequence}, {r.setting.witness}, seed {r.seed}, {r.setting.start}: {r.failed}"
+        f"- {r.setting.sequence}, {r.setting.preset or 'default'}, {r.setting.witness}, "
+        f"seed {r.seed}, {r.setting.start}: {r.failed}"
         for r in runs
     ]
     about = (
@@ -192,7 +208,7 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
-    """A row per sequence; a dot per run, a bar for the mean of its witness and start."""
+    """A row per sequence; a dot per run, a bar for the mean of its preset, witness and start."""
     sequences, groups = list(dict.fromkeys(row.sequence for row in rows)), _groups(rows)
     size = (12, 1.4 + len(sequences) * max(0.55, 0.2 * len(groups)))
     panels: tuple[tuple[str, Callable[[Run], float]], ...] = (
@@ -212,20 +228,35 @@ def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
     for panel, (title, figure_of) in zip(axes, panels, strict=True):
         _panel(panel, results, rows, sequences, figure_of)
         panel.set_title(title, loc="left", fontsize=10)
-    ious = {row.sequence: row.iou for row in rows}
+    ious = {row.sequence: row.iou for row in rows if not row.preset}
     labels = [
-        name if np.isnan(ious[name]) else f"{name}\nIoU {ious[name]:.2f}" for name in sequences
+        name if np.isnan(ious.get(name, np.nan)) else f"{name}\nIoU {ious[name]:.2f}"
+        for name in sequences
     ]
     axes[0].set_yticks(range(len(sequences)), labels, fontsize=8)
     axes[0].invert_yaxis()
-    marks = [plt.Line2D([], [], marker="o", ls="", color=_COLOURS[group]) for group in groups]
-    named = [by if start == "none" else f"{by}, start {start}" for by, start in groups]
+    hatches = _hatches(groups)
+    marks = [
+        Patch(facecolor=_COLOURS[group[1:]], alpha=0.5, hatch=hatches[group[0]]) for group in groups
+    ]
+    named = [_named(*group) for group in groups]
     figure.legend(
         marks, named, loc="outside lower center", ncols=4, frameon=False, fontsize=9
     )  # fmt: skip
     with written_whole(path) as temporary:
         figure.savefig(temporary, dpi=130)
     plt.close(figure)
+
+
+def _named(preset: str, witness: str, start: str) -> str:
+    shown = witness if start == "none" else f"{witness}, start {start}"
+    return f"{preset}: {shown}" if preset else shown
+
+
+def _hatches(groups: Sequence[Group]) -> dict[str, str]:
+    """How the bars of each preset are filled."""
+    presets = dict.fromkeys(preset for preset, _, _ in groups)
+    return {preset: _HATCHES[k % len(_HATCHES)] for k, preset in enumerate(presets)}
 
 
 def _panel(
@@ -236,17 +267,22 @@ def _panel(
     figure_of: Callable[[Run], float],
 ) -> None:
     groups = _groups(rows)
+    hatches = _hatches(groups)
     pitch = 0.68 / len(groups)
     for row in rows:
-        group = row.witness, row.start
+        group = row.group
         runs = [r for r in results.runs if not r.failed and r.setting.sequence == row.sequence]
         values = [
-            figure_of(run) for run in runs if (run.setting.witness, run.setting.start) == group
+            figure_of(run)
+            for run in runs
+            if (run.setting.preset, run.setting.witness, run.setting.start) == group
         ]
+        colour = _COLOURS[group[1:]]
         at = sequences.index(row.sequence) + pitch * (groups.index(group) - (len(groups) - 1) / 2)
         if values:
-            axes.barh(at, np.mean(values), 0.8 * pitch, color=_COLOURS[group], alpha=0.25)
-            axes.plot(values, [at] * len(values), "o", ms=4, color=_COLOURS[group])
+            hatch = hatches[group[0]]
+            axes.barh(at, np.mean(values), 0.8 * pitch, color=colour, alpha=0.25, hatch=hatch)
+            axes.plot(values, [at] * len(values), "o", ms=4, color=colour)
     axes.set_xlim(left=0)
     axes.grid(axis="x", color="#DDDDDD", lw=0.6)
     axes.tick_params(axis="y", length=0)

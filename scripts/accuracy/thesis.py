@@ -39,13 +39,17 @@ _NOTE = (
 _NAMES = {"sir": "particle filter (PF)", "pso": "PSO, 10 iterations"}
 
 
-def thesis_plan(folder: Path, cameras: int, numbers: list[str]) -> dict[Table, list[Setting]]:
-    """The settings of the tables with these numbers, on the sequence in `folder`."""
+def thesis_plan(
+    folder: Path, cameras: int, numbers: list[str], preset: str = ""
+) -> dict[Table, list[Setting]]:
+    """The settings of the tables with these numbers, on the sequence in `folder`, by a preset."""
+    return {_table(number): _settings(number, folder.name, cameras, preset) for number in numbers}
+
+
+def _settings(number: str, sequence: str, cameras: int, preset: str) -> list[Setting]:
     values = {"cameras": [cameras], "step": [1], **{name: [v] for name, v in _BASE.items()}}
-    return {
-        _table(number): list(_table(number).settings(folder.name, {**values, **TABLES[number]}))
-        for number in numbers
-    }
+    of = _table(number).settings(sequence, {**values, **TABLES[number]})
+    return [replace(setting, preset=preset) for setting in of]
 
 
 def write_thesis(path: Path, results: Results) -> None:
@@ -103,11 +107,10 @@ def _ours(number: str, results: Results) -> Grid:
     sequence = _sequence(results)
     table, varied = _table(number), TABLES[number]
     *heads, across = varied
-    cameras = {run.setting.cameras for run in results.runs if run.setting.sequence == sequence}
-    values = {name: [value] for name, value in _BASE.items()} | varied
-    values |= {"cameras": [max(cameras, default=0)], "step": [1]}
+    cameras = max((run.setting.cameras for run in results.runs), default=0)
+    preset = next((run.setting.preset for run in results.runs), "")
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for setting in table.settings(sequence, values):
+    for setting in _settings(number, sequence, cameras, preset):
         summary = Summary.of(results.of(setting))
         row = cells.setdefault(table.row_of(setting)[1:], {})
         row[table.column_of(setting)] = str(summary) if summary else NONE
@@ -120,4 +123,5 @@ def _ours(number: str, results: Results) -> Grid:
         columns[1:] = [f"{10 * count} evaluations" for count in varied[across]]
     if not heads:  # a single row
         columns, rows = ["", *columns], [["OpenCL", *row] for row in rows]
-    return Grid(f"Ours: {', '.join(DIMENSIONS[name] for name in varied)}", columns, rows)
+    ours = f"Ours, --preset {preset}" if preset else "Ours"
+    return Grid(f"{ours}: {', '.join(DIMENSIONS[name] for name in varied)}", columns, rows)

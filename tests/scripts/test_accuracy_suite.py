@@ -99,7 +99,7 @@ def test_a_suite_from_both_starts_in_processes(folder: Path, tmp_path: Path) -> 
     assert (out / "silhouettes" / "walk.json").stat().st_mtime_ns == before
     assert (
         "IoU" in again.stdout
-        and "| walk | 4 | voxels | true | 2 |" in (out / "suite.md").read_text()
+        and "| walk | 4 | default | voxels | true | 2 |" in (out / "suite.md").read_text()
     )
     with (out / "suite.csv").open() as file:
         (row,) = csv.DictReader(file)
@@ -145,7 +145,7 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     assert keypoints.limbs_rest < voxels.limbs_rest
     write_suite(tmp_path, results, suite_rows(results, list(settings), lambda name: float("nan")))
     table = (tmp_path / "suite.md").read_text()
-    assert all(f"| walk | 4 | {name} |" in table for name in by)
+    assert all(f"| walk | 4 | default | {name} |" in table for name in by)
     with pytest.raises(InputError, match="no sequence has keypoints"):
         list(suite_settings([takes / "without"], ["found"], ["both"], first))
 
@@ -211,7 +211,7 @@ def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:
     assert (run.seed, run.frames, run.failed) == (7, 0, "nobody stands there")
     row = Row.of(FOUND, [run, a_run(FOUND, 0, 40.0)], float("nan"))
     assert (row.runs, row.failed, row.mean, row.heading_right) == (2, 1, 40.0, 1)
-    assert row.cells()[4] == "2, 1 failed" and row.cells()[12] == "1/2"
+    assert row.cells()[5] == "2, 1 failed" and row.cells()[13] == "1/2"
 
 
 def test_runs_are_kept_whole(tmp_path: Path) -> None:
@@ -231,16 +231,17 @@ def test_the_report(tmp_path: Path) -> None:
     results.add(a_run(FOUND, 1, 44.0, heading=170.0))
     results.add(a_run(other, 0, 60.0))
     results.add(a_run(TRUE, 0, 30.0))
-    rows = suite_rows(results, [FOUND, TRUE, other], {"walk": 0.9, "run": float("nan")}.__getitem__)
+    iou = {"walk": 0.9, "run": float("nan")}
+    rows = suite_rows(results, [FOUND, TRUE, other], lambda setting: iou[setting.sequence])
     text = suite_grid(rows).markdown()
     assert (
-        f"| walk | 4 | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 25.0 % | "
+        f"| walk | 4 | default | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 25.0 % | "
         "41.0 | 15.0 | 12.5 % | 70 | 1/2 | -2.0 % | 0.900 | 50 % | 1.5 |"
     ) in text
-    assert "| run | 4 | voxels | found | 1 | 60.0 |" in text
+    assert "| run | 4 | default | voxels | found | 1 | 60.0 |" in text
     # The mean of both sequences, and how far they are apart.
     assert (
-        f"| all |  | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 25.0 % | "
+        f"| all |  | default | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 25.0 % | "
         "50.0 | 15.0 | 12.5 % | 70 | 2/3 |" in text
     )
     write_suite(tmp_path, results, rows)

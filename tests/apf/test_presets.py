@@ -1,0 +1,105 @@
+"""Presets: every file is one of settings that there are, and what a paper does not have is off."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from apf.body import load_body
+from apf.cli import main
+from apf.cli.track import register
+from apf.filters.config import FilterConfig, likelihood_weights
+from apf.filters.method import Method
+from apf.presets import PRESETS, Preset, preset
+from apf.tracking.recovery import Judge, RecoveryConfig
+from cl import InputError
+from psfs.cli.commandline import CommandParser
+from psfs.cli.settings import add_config_flag, with_settings
+from psfs.reconstructor import ReconstructionConfig
+
+
+def parsed(*flags: str) -> argparse.Namespace:
+    """The arguments of `apf track walk -o out FLAGS`."""
+    commands = (parser := CommandParser(prog="apf")).add_subparsers()
+    register(commands)
+    for command in commands.choices.values():
+        add_config_flag(command)
+    words = ["track", "walk", "-o", "out", *flags]
+    return with_settings(parser, parser.parse_args(words), words)
+
+
+def method_of(*flags: str) -> Method:
+    from apf.cli.method_flags import chosen_method
+
+    return chosen_method(parsed(*flags))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_command_takes_what_the_library_has(name: str) -> None:
+    found, args = preset(name), parsed("--preset", name)
+    assert method_of("--preset", name) == found.method
+    assert args.configs.get("reconstruction", ReconstructionConfig()) == found.reconstruction
+    assert (args.body, args.background, args.all_cameras) == (found.body, found.background, True)
+    assert load_body(found.body or "").n_dof == 31
+    assert not found.method.recover and not found.method.filter.searches_limbs
+    for path in PRESETS[name]:  # a comment before every setting, or the one of its kind
+        text = path.read_text()
+        assert "#" in text.splitlines()[0] and "eq." in text.lower()
+
+
+def test_song_is_what_the_paper_has() -> None:
+    settings = preset("song").method.filter.settings
+    terms = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
+    assert {k for k, v in terms.items() if v} == {"edge_weight", "silhouette_weight"}
+    assert terms["edge_weight"] == terms["silhouette_weight"] == 1.0  # eq. (16)
+    off = ("refinement_steps", "limb_search_reach", "trunk_layers", "velocity", "spread")
+    assert not any(settings[name] for name in off) and not settings["foreground_join_on"]
+    assert (settings["n_particles"], settings["n_layers"]) == (200, 10)
+    silhouette = preset("song").reconstruction.silhouette
+    assert not silhouette.floor.on and not silhouette.rim.on and silhouette.smoothing.reach == 0
+
+
+def test_a_likelihood_by_name_has_these_terms_alone() -> None:
+    settings = FilterConfig.of(**likelihood_weights("edge=1,silhouette")).settings
+    weights = {k: v for k, v in settings.items() if k.endswith("_weight") or k == "least_recall"}
+    assert {k: v for k, v in weights.items() if v} == {"edge_weight": 1, "silhouette_weight": 1}
+    assert not settings["foreground_join_on"]
+    song = preset("song").method.filter.likelihood
+    assert FilterConfig.of(**likelihood_weights("edge=1,silhouette")).likelihood == song
+
+
+def test_flags_and_config_beat_a_preset(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text('voxel-size = 0.03\nbody = "rymut31"\n[method.filter.search]\nnoise = 0.7\n')
+    method = method_of("--preset", "song", "--config", str(file), "--layers", "4")
+    assert method.filter.settings["noise"] == 0.7 and method.filter.settings["n_layers"] == 4
+    assert method.filter.settings["trunk_layers"] == 0  # the preset's
+    args = parsed("--preset", "song", "--config", str(file), "--body", "song31")
+    assert args.body == "song31" and args.voxel_size == 0.03 and args.all_cameras
+    file.write_text('preset = "kwolek"\n')
+    assert method_of("--config", str(file)) == preset("kwolek").method
+    other = method_of("--preset", "song", "--method", "sir", "--particles", "900")
+    assert other.search == "sir" and other.filter.settings["surface_weight"] == 0
+
+
+def test_unknown_presets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match="preset 'deutscher'; expected kwolek, rymut, song"):
+        preset("deutscher")
+    assert main(["track", "walk", "-o", str(tmp_path / "out"), "--preset", "deutscher"]) == 2
+    assert "deutscher" in capsys.readouterr().err
+    file = tmp_path / "own.toml"
+    file.write_text('preset = "deutscher"\n')
+    assert main(["track", "walk", "-o", str(tmp_path / "out"), "--config", str(file)]) == 2
+    assert "expected one of kwolek, rymut, song" in capsys.readouterr().err
+    assert Preset().method == Method()
+
+
+def test_nobody_is_lost_where_nobody_is_looked_for() -> None:
+    from apf.filters.base import Estimate
+
+    judge = Judge(RecoveryConfig(on=False))
+    fields = dict.fromkeys(Estimate.__dataclass_fields__)
+    estimate = Estimate(**{**fields, "misfit": 5.0})
+    assert not judge.judged(estimate).lost and Judge().judged(estimate).lost
