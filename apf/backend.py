@@ -21,6 +21,7 @@ from apf.filters.swarm import ParticleSwarm
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
+from apf.image_objective.opengl import OpenGLObjective, egl_context
 from apf.image_objective.renderer import draw_hypotheses
 from apf.likelihood.base import Likelihood
 from apf.reference.filters.annealed import (
@@ -103,6 +104,14 @@ def device_tracker(
     return AnnealedParticleFilter(scene, method.filter, likelihood=likelihood, seeds=seeds)
 
 
+def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
+    """Raise InputError unless what renders for `method` is there."""
+    if method.uses_images and method.image.renderer == "opengl":
+        if isinstance(device, NumpyDevice):
+            raise InputError("OpenGL renders for an OpenCL device; the device is numpy")
+        egl_context().release()
+
+
 def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     """Return whether one tracker of `method` can make several runs at once."""
     fits = (
@@ -119,7 +128,8 @@ def _device_likelihood(scene: Scene, method: Method, n_runs: int = 1) -> Likelih
         return voxel_likelihood(scene, method.filter, n_runs)
     base = None
     if method.uses_images:
-        base = ImageObjective(scene, method.filter.search.n_particles, method.image)
+        objective = OpenGLObjective if method.image.renderer == "opengl" else ImageObjective
+        base = objective(scene, method.filter.search.n_particles, method.image)
     return with_keypoints(scene, method.filter, base, n_runs)
 
 
@@ -134,6 +144,7 @@ def _numpy_likelihood(scene: Scene, method: Method) -> NumpyLikelihood:
 
 
 def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
+    check_renderer(scene.device, method)
     likelihood = _numpy_likelihood(scene, method)
     if method.search == "pso":
         return NumpyParticleSwarm(scene, likelihood, method.filter, method.swarm)

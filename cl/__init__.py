@@ -13,7 +13,7 @@ and `apf` stand on it. What a user can mend raises `InputError`, `MissingFileErr
 from cl.array import Array
 from cl.device import Device, NumpyDevice, select_device
 from cl.errors import DeviceError, InputError, MissingFileError, UserError
-from cl.launch import Kernel, Launch
+from cl.launch import Kernel, Launch, Step
 from cl.listing import DeviceInfo, list_devices
 from cl.profile import Profile
 
@@ -28,6 +28,7 @@ __all__ = [
     "MissingFileError",
     "NumpyDevice",
     "Profile",
+    "Step",
     "UserError",
     "list_devices",
     "select_device",

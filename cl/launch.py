@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pyopencl
 
@@ -12,6 +12,11 @@ from cl.signature import Signatures
 
 if TYPE_CHECKING:
     from cl.device import Device
+
+
+#: A part of a frame's work, done when it is called: a `Launch`, or what another library computes
+#: and the host must wait for.
+Step: TypeAlias = Callable[[], Any]
 
 
 class Kernel:

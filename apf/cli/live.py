@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from apf.api import given_start
+from apf.backend import check_renderer
 from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_height, found_start
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
@@ -102,6 +103,7 @@ def run(args: argparse.Namespace) -> None:
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
+    check_renderer(device, method)
     truth = load_truth(args.truth, args.convention) if args.truth else None
     stated = [Path(path) for path in (args.init, args.body, args.truth) if path is not None]
     inputs = [Path(args.folder), *(path for path in stated if path.exists())]

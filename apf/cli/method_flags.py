@@ -14,6 +14,7 @@ from apf.filters.swarm import SwarmConfig
 from apf.image_objective.config import (
     EDGE_KINDS,
     PROXIMITIES,
+    RENDERERS,
     FeatureConfig,
     ObjectiveConfig,
     ProximityConfig,
@@ -50,6 +51,10 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
     "sir": (
         SirConfig,
         {"sigma_z": ("--sigma-z", "sir: of Rymut eq. (2.42), 0 for one found in each frame")},
+    ),
+    "image": (
+        ObjectiveConfig,
+        {"renderer": ("--renderer", f"image objectives: {', '.join(RENDERERS)}")},
     ),
     "features": (
         FeatureConfig,
@@ -134,10 +139,15 @@ def chosen_method(args: argparse.Namespace) -> Method:
         raise InputError(
             f"--likelihood is the voxels'; expected none with --objective {base.objective}"
         )
+    if not images and args.renderer is not None:
+        raise InputError(
+            f"--renderer is the image objectives'; expected none with --objective {base.objective}"
+        )
     terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
     method = replace(base, filter=base.filter.changed(**settings))
-    image = replace(method.image, **given(_WEIGHTS)) if images else method.image
+    looks = given({**_WEIGHTS, **_PARTS["image"][1]})
+    image = replace(method.image, **looks) if images else method.image
     proximity = replace(method.features.proximity, **given(_PARTS["proximity"][1]))
     features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))
     swarm = replace(method.swarm, **given(_PARTS["swarm"][1]))

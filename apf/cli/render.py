@@ -12,7 +12,7 @@ import numpy as np
 from apf.backend import pictures_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
-from apf.image_objective.opengl import OpenGLRenderer
+from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.initialisation.from_joints import read_pose
 from apf.scene import Scene
 from apf.tracking.track import Track
@@ -127,7 +127,7 @@ def _drawn(
 ) -> np.ndarray:
     """(V, H, W, 2) uint8 part and edge of `pose` (D,); without a device by OpenGL."""
     if device is None:
-        return OpenGLRenderer(body, rig, mesh).draw(pose[None])[0]
+        return draw_by_opengl(body, rig, pose[None], mesh)[0]
     return pictures_for(Scene(device, rig, None, body), pose[None], mesh, round_ends)[0]
 
 

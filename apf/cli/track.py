@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.api import given_start, template_of
+from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
 from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
 from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
@@ -119,6 +120,7 @@ def run(args: argparse.Namespace) -> None:
         _run_many(args, method, seeds)
         return
     device = select_device(args.device)
+    check_renderer(device, method)
     bar = progress_bar()  # which the first frame starts
 
     def stop() -> None:
@@ -166,6 +168,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
         raise InputError("--init is the first pose of one take; expected none with several")
     names = take_names([Path(folder) for folder in args.folders])
     device = select_device(args.device)
+    check_renderer(device, method)
     report, bar = TakeReport(names), progress_bar()
     overall = bar.add_task("takes", total=len(names))
 

@@ -11,7 +11,7 @@ from apf.likelihood.base import Likelihood
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.voxel import VoxelLikelihood
 from apf.scene import Scene
-from cl import Launch
+from cl import Step
 
 
 def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
@@ -56,8 +56,8 @@ class AnnealedParticleFilter(DeviceTracker):
         particles = ParticleSet(scene.opencl, scene.body, config.search, seeds)
         super().__init__(scene, likelihood, particles, config)
 
-    def _search(self, source: int) -> list[Launch]:
-        launches = [self.particles.diffuse(0, source)]
+    def _search(self, source: int) -> list[Step]:
+        launches: list[Step] = [self.particles.diffuse(0, source)]
         for layer in range(self.config.search.n_layers):
             source = 1 - source
             launches += self.likelihood.launcher(self.particles.sets[source])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -17,7 +17,7 @@ from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.likelihood.observations import PointObservations, with_points
 from apf.scene import Scene
-from cl import InputError, Launch
+from cl import InputError, Step
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ class DeviceTracker(Tracker):
         report = self._report.fetch()
         return lambda: unpacked(report(), self.body, self.particles.n_runs)
 
-    def _frame_launches(self, source: int) -> list[Launch]:
+    def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""
         particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
         assert self._misfits is not None
@@ -189,7 +189,7 @@ class DeviceTracker(Tracker):
             ),
         ]
 
-    def _search(self, source: int) -> list[Launch]:
+    def _search(self, source: int) -> Sequence[Step]:
         raise NotImplementedError
 
 

@@ -11,7 +11,7 @@ from apf.filters.config import FilterConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
-from cl import InputError, Launch
+from cl import InputError, Step
 from psfs.common.ranges import check_range
 
 
@@ -55,7 +55,7 @@ class SirParticleFilter(DeviceTracker):
         particles = ParticleSet(device, scene.body, config.search)
         super().__init__(scene, likelihood, particles, config)
 
-    def _search(self, source: int) -> list[Launch]:
+    def _search(self, source: int) -> list[Step]:
         particles, n = self.particles, self.config.search.n_particles
         squared = self.device.launch(
             self.device.kernel("tracking/sir", "squared_errors"),

@@ -12,7 +12,7 @@ from apf.filters.config import FilterConfig, SearchConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
-from cl import Array, Device, InputError, Kernel, Launch
+from cl import Array, Device, InputError, Kernel, Launch, Step
 
 _GROUP = 256
 
@@ -122,8 +122,9 @@ class ParticleSwarm(DeviceTracker):
         self._swarm = Swarm(scene.opencl, scene.body, config.search, swarm or SwarmConfig())
         super().__init__(scene, likelihood, self._swarm, config)
 
-    def _search(self, source: int) -> list[Launch]:
-        swarm, launches = self._swarm, []
+    def _search(self, source: int) -> list[Step]:
+        swarm = self._swarm
+        launches: list[Step] = []
         for iteration in range(self.config.search.n_layers):
             launches.append(swarm.move(iteration) if iteration else swarm.scatter())
             launches += self.likelihood.launcher(swarm.sets[0])

@@ -24,6 +24,8 @@ METRICS = ("euclidean", "chessboard")
 #: Rymut 2016 eq. (4.46)-(4.50): weighted sum, smoothed product, per-camera averages of either,
 #: and the product over cameras.
 OBJECTIVE_KINDS = ("ws", "sp", "aows", "aosp", "posp")
+#: What draws and counts the hypotheses: kernels, or hardware rendering (Rymut 2016, 5.2 and 5.3).
+RENDERERS = ("opencl", "opengl")
 #: The width, px, of the pictures that lengths of these settings are stated for.
 STATED_WIDTH = 640
 
@@ -160,10 +162,16 @@ class ObjectiveConfig:
     best and fastest there."""
     round_ends: bool = False
     """Whether trapezoids have the round ends of the voxels' likelihood; Rymut's have none."""
+    renderer: str = "opencl"
+    """One of RENDERERS; OpenGL draws no round ends. Kernels are faster, see docs/speed.md."""
 
     def __post_init__(self) -> None:
         if self.kind not in OBJECTIVE_KINDS:
             raise InputError(f"the objective is {self.kind!r}; expected {listed(OBJECTIVE_KINDS)}")
+        if self.renderer not in RENDERERS:
+            raise InputError(f"the renderer is {self.renderer!r}; expected {listed(RENDERERS)}")
+        if self.renderer == "opengl" and self.round_ends:
+            raise InputError("OpenGL draws no round ends; expected them off, or OpenCL")
         w1, w2 = self.silhouette_weight, self.edge_weight
         if not (w1 >= 0 and w2 >= 0 and 0 < w1 + w2 < np.inf):
             raise InputError(f"the objective's weights are {w1} and {w2}; expected numbers from 0")

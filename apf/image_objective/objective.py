@@ -40,7 +40,8 @@ class FeatureMaps(Protocol[A]):
 class ImageObjective(Likelihood):
     """Scores poses of a scene's body by the silhouettes and edges that its cameras see.
 
-    mesh: what is drawn, by default what `config` makes of the body's cones.
+    mesh: what is drawn, by default what `config` makes of the body's cones. rows: of a picture
+    that a work-group counts at a time, on a GPU.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
     match. Twin: reference/image_objective/objective.py.
     """
@@ -51,6 +52,7 @@ class ImageObjective(Likelihood):
         n_hypotheses: int,
         config: ObjectiveConfig | None = None,
         mesh: BodyMesh | None = None,
+        rows: int | None = None,
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig = device, rig
@@ -66,7 +68,7 @@ class ImageObjective(Likelihood):
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
         labels = config.part_labels(mesh.n_parts if mesh else len(body.cones))
-        self._renderer = renderer_for(scene, n_hypotheses, labels, mesh, config.round_ends)
+        self._renderer = renderer_for(scene, n_hypotheses, labels, mesh, config.round_ends, rows)
         self._observed: tuple[Array | None, ...] = ()
         self._preparation: list[Launch] = []
 

@@ -33,8 +33,10 @@ class Renderer:
     segment of each part that is drawn, from 0, for counts by segment. counts: device array
     (V, N, 2 + 2 L) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the
     edge proximity there, then per segment the model's pixels and their overlap with the silhouette
-    (eq. 4.36-4.40).
+    (eq. 4.36-4.40). rows: of a picture that a work-group counts at a time on a GPU.
     """
+
+    rows: int = _ROWS
 
     def __init__(self, scene: Scene, n: int, labels: np.ndarray) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
@@ -60,7 +62,7 @@ class Renderer:
         is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
         gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
         """
-        rows, pack = (_ROWS, 1) if self.device.is_gpu else (1, _PACK)
+        rows, pack = (self.rows, 1) if self.device.is_gpu else (1, _PACK)
         stage, shapes, defines = self._shapes()
         kernel = self.device.kernel(
             stage,
@@ -249,8 +251,10 @@ def renderer_for(
     labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
+    rows: int | None = None,
 ) -> Renderer:
     """Return what draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
+    rows: see `Renderer`.
 
     Raises InputError for pictures too wide to draw in.
     """
@@ -258,9 +262,13 @@ def renderer_for(
         raise InputError(f"pictures {scene.rig.width} px wide; expected at most {_WIDEST}")
     n_parts = len(scene.body.cones) if mesh is None else mesh.n_parts
     labels = np.zeros(n_parts, np.int32) if labels is None else labels
-    if mesh is None:
-        return FlatRenderer(scene, n, labels, round_ends)
-    return MeshRenderer(scene, n, labels, mesh)
+    renderer = (
+        FlatRenderer(scene, n, labels, round_ends)
+        if mesh is None
+        else MeshRenderer(scene, n, labels, mesh)
+    )
+    renderer.rows = rows or _ROWS
+    return renderer
 
 
 def draw_hypotheses(

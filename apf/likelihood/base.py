@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from apf.body.model import BodyModel
 from apf.likelihood.observations import ObservedPoints
-from cl import Array, Launch
+from cl import Array, Launch, Step
 
 
 class PointSubset(NamedTuple):
@@ -50,7 +51,7 @@ class Likelihood:
         """Enqueue the preparation of a frame."""
         raise NotImplementedError
 
-    def launcher(self, poses: Array) -> list[Launch]:
+    def launcher(self, poses: Array) -> Sequence[Step]:
         """Return the launches that score `poses` (N, D) float32 into `errors`."""
         raise NotImplementedError
 

@@ -14,7 +14,7 @@ from apf.likelihood.config import KeypointConfig
 from apf.likelihood.observations import ObservedPoints, no_observations, parted
 from apf.likelihood.voxel import posture_prior
 from apf.scene import Scene
-from cl import Array, Launch
+from cl import Array, Launch, Step
 from cl.workgroups import pack_defines, pack_size
 from psfs.cameras.camera import CAMERA_FLOATS
 
@@ -61,7 +61,7 @@ class KeypointLikelihood(Likelihood):
             self.base.observe(shown)
         self._seen.set(points or no_observations())
 
-    def launcher(self, poses: Array) -> list[Launch]:
+    def launcher(self, poses: Array) -> list[Step]:
         """Return the launches that score `poses` (N, D) float32 into `errors`."""
         launches = self.base.launcher(poses) if self.base is not None else []
         return [*launches, self._scored(poses, self.errors)]

@@ -57,15 +57,16 @@ def _run(args: argparse.Namespace) -> None:
     problem = make_problem(6 if quick else 20)
     settings = {"views": VIEWS, "shape": SHAPE, "scored": SCORED, "filter": problem.config.settings}
     results = Results.begin("apf", args, settings)
-    results.section("numpy", partial(by_twin, problem), quick=False)
+    results.plan("numpy", partial(by_twin, problem), quick=False)
     for place in found:
         for cores in fewer_cores(place):
             measure = partial(apart, only_cores(cores), _on_cpu, problem, runs)
-            results.section(f"device {place.label}, {cores} used", measure, quick=False)
-        results.section(f"device {place.label}", partial(on_place, place, problem, runs))
+            results.plan(f"device {place.label}, {cores} used", measure, quick=False)
+        results.plan(f"device {place.label}", partial(on_place, place, problem, runs))
     for place in found:
         for what, measure in _growths(place, problem).items():
-            results.section(f"{what}, {place.label}", measure, quick=False)
+            results.plan(f"{what}, {place.label}", measure, quick=False)
+    results.measure()
     print_report(results)
 
 

@@ -56,17 +56,18 @@ def run(args: argparse.Namespace) -> None:
     results = Results.begin("batch", args, {"scene": scene, "start": start, "lean": lean})
     with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
         takes = _filmed(Path(folder) / "takes", scene)
-        results.section("decoding", partial(decoding, takes[0]))
+        results.plan("decoding", partial(decoding, takes[0]))
         flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras")
         flags += ("--no-overlay", "--no-report") if lean else ()
         measured = clusters(args.quick)
         first = next(iter(measured.values()))
         compiled = Path(folder) / "compiled"
-        results.section("compiling", partial(throughput, first, takes, compiled, flags, True))
+        results.plan("compiling", partial(throughput, first, takes, compiled, flags, True))
         for label, shares in measured.items():
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
             measure = partial(throughput, shares, takes, out, flags, start == "true")
-            results.section(f"workers {label}", measure)
+            results.plan(f"workers {label}", measure)
+        results.measure()
     print_report(results)
 
 

@@ -57,13 +57,14 @@ def _run(args: argparse.Namespace) -> None:
     problem = make_problem(n_frames).smaller(cameras=VIEWS)
     for place in found:
         efforts = [("pso", n) for n in swarm] + [("sir", n) for n in filters]
-        results.section(f"frames {place.label}", partial(frames, place, problem, efforts))
+        results.plan(f"frames {place.label}", partial(frames, place, problem, efforts))
     for place in found:
         measure = partial(shapes, place, problem)
-        results.section(f"shapes {place.label}", measure, quick=False)
+        results.plan(f"shapes {place.label}", measure, quick=False)
     accuracy = [("pso", n // ITERATIONS) for n in _EVALUATIONS]
     accuracy += [("sir", n) for n in _EVALUATIONS]
-    results.section("accuracy", partial(frames, found[0], problem, accuracy), quick=False)
+    results.plan("accuracy", partial(frames, found[0], problem, accuracy), quick=False)
+    results.measure()
     print_report(results)
 
 

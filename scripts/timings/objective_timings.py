@@ -1,7 +1,9 @@
 """`compare_timings.py objective`: one evaluation of the images' objective for all hypotheses.
 
-The rows of Rymut 2016, table 6.7, for the NumPy twin, OpenGL with evaluation on the CPU, and OpenCL
-on every device, on the synthetic walk: features of one frame, poses spread around the true one.
+The rows of Rymut 2016, table 6.7, and of Kwolek & Rymut 2016, table 1: the NumPy twin, OpenCL on
+every device, OpenGL with evaluation on the CPU, and OpenCL with OpenGL, where no picture leaves
+OpenGL. On the synthetic walk: features of one frame, poses spread around the true one. Then the
+same over frames by size of the work-groups that count pixels (Rymut 2016, fig. 6.16).
 """
 
 from __future__ import annotations
@@ -20,11 +22,12 @@ from apf.body.model import BodyModel
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
-from apf.image_objective.opengl import OpenGLRenderer
+from apf.image_objective.opengl import OpenGLObjective, OpenGLRenderer
+from apf.likelihood.base import Likelihood
 from apf.reference.image_objective.objective import count_pixels, objective_values
 from apf.reference.image_objective.render import Picture, draw_cones
 from apf.scene import Scene
-from cl import Device
+from cl import Array, Device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command
 from timings.measure import Place, Timing, apart, cpu_place, fewer_cores, only_cores, places, timed
@@ -34,8 +37,12 @@ from timings.whole_frame import make_problem
 
 #: The thesis's hypotheses and cameras.
 HYPOTHESES, VIEWS = (96, 304, 512), 4
-#: Hypotheses that the twin draws; its time is stated for all by their ratio.
+#: Hypotheses that the twin draws, and OpenGL for it to count; stated for all by their ratio.
 _TWIN_HYPOTHESES = 8
+#: Fig. 6.16: hypotheses, frames; rows of OpenCL's work-groups, columns and rows of OpenGL's.
+_GROUP_HYPOTHESES, _FRAMES, _QUICK_FRAMES = 512, 40, 6
+_OPENCL_GROUPS = (32, 64, 128, 256)
+_OPENGL_GROUPS = ((8, 8), (16, 8), (16, 16), (32, 8), (32, 16), (32, 32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,28 +77,43 @@ def register(commands: argparse._SubParsersAction) -> None:
 def _run(args: argparse.Namespace) -> None:
     found, quick = places(), args.quick
     hypotheses, runs = (HYPOTHESES[::2], 5) if quick else (HYPOTHESES, 40)
-    settings = {"hypotheses": hypotheses, "views": VIEWS, "runs": runs, "kind": "sp"}
+    n_frames = _QUICK_FRAMES if quick else _FRAMES
+    settings = {"hypotheses": hypotheses, "views": VIEWS, "runs": runs, "kind": "sp",
+                "group_hypotheses": _GROUP_HYPOTHESES, "frames": n_frames}  # fmt: skip
     results = Results.begin("objective", args, settings)
-    observed = make_observed(found[0])
-    results.section("numpy", partial(numpy_twin, observed, _TWIN_HYPOTHESES), quick=False)
-    results.section("opengl", partial(by_opengl, observed, hypotheses, 5), quick=False)
+    observed = make_observed(found[0], n_frames)
+    first = observed[0]
+    for place in found:
+        results.plan(f"device {place.label}", partial(on_place, place, first, hypotheses, runs))
+        by_both = partial(by_opencl_and_opengl, place, first, hypotheses, runs)
+        results.plan(f"opengl {place.label}", by_both)
     for place in found:
         for cores in fewer_cores(place):
-            measure = partial(apart, only_cores(cores), on_cpu, observed, hypotheses, runs)
-            results.section(f"device {place.label}, {cores} used", measure, quick=False)
-        measure = partial(on_place, place, observed, hypotheses, runs)
-        results.section(f"device {place.label}", measure)
+            measure = partial(apart, only_cores(cores), on_cpu, first, hypotheses, runs)
+            results.plan(f"device {place.label}, {cores} used", measure, quick=False)
+    for place in found:
+        if place.cores is None:
+            measure = partial(opencl_groups, place, observed)
+            results.plan(f"groups {place.label}", measure, quick=False)
+        measure = partial(opengl_groups, place, observed)
+        results.plan(f"groups of OpenGL, {place.label}", measure, quick=False)
+    results.plan("opengl, NumPy", partial(by_opengl, first, _TWIN_HYPOTHESES, 5))
+    results.plan("numpy", partial(numpy_twin, first, _TWIN_HYPOTHESES))
+    results.measure()
     print_report(results)
 
 
-def make_observed(place: Place) -> Observed:
-    """Features of the first frame of the walk in four cameras."""
-    problem = make_problem(6)
+def make_observed(place: Place, n_frames: int) -> list[Observed]:
+    """Features of the first frames of the walk in four cameras."""
+    problem = make_problem(n_frames, "rymut31")
     scene, device = problem.scene.part(VIEWS), place.device()
     features = Features(device, scene.rig, scene.background)
-    features(scene.frames[0])
-    maps, roi = features.maps.get(), features.roi.get()
-    return Observed(problem.body, scene.rig, problem.pose, maps, roi)
+    observed = []
+    for frame in scene.frames:
+        features(frame)
+        maps, roi = features.maps.get(), features.roi.get()
+        observed.append(Observed(problem.body, scene.rig, problem.pose, maps, roi))
+    return observed
 
 
 def numpy_twin(observed: Observed, n: int) -> dict[str, Any]:
@@ -118,38 +140,134 @@ def evaluate(observed: Observed, pictures: list[list[Picture]]) -> np.ndarray:
     return objective_values(counts, areas, ObjectiveConfig())
 
 
-def by_opengl(observed: Observed, hypotheses: tuple[int, ...], runs: int) -> dict[str, Any]:
-    """Matrices and evaluation by NumPy, pictures by OpenGL; ms by part."""
-    renderer = OpenGLRenderer(observed.body, observed.rig)
-    rows = []
-    for n in hypotheses:
-        samples = [_by_opengl(renderer, observed, n) for _ in range(runs + 1)][1:]
-        rows.append(
-            {"hypotheses": n, "views_drawn": n * len(observed.rig)}
-            | {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
-        )
-    return {"label": f"OpenGL, {renderer.name.split(' (')[0]}", "rows": rows}
+def by_opengl(observed: Observed, n: int, runs: int) -> dict[str, Any]:
+    """Pictures by OpenGL, which NumPy reads back and counts; ms by part for `n` hypotheses."""
+    renderer = OpenGLRenderer(observed.body, observed.rig, n)
+    with renderer:
+        samples = [_by_opengl(renderer, observed) for _ in range(runs + 1)][1:]
+    ms = {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
+    return {"label": f"OpenGL {_shortened(renderer.name)}, NumPy", "hypotheses": n, **ms}
 
 
-def _by_opengl(renderer: OpenGLRenderer, observed: Observed, n: int) -> dict[str, float]:
-    ms = dict.fromkeys(("matrices", "upload", "rendering", "download", "objective"), 0.0)
+def _by_opengl(renderer: OpenGLRenderer, observed: Observed) -> dict[str, float]:
+    ms: dict[str, float] = {}
+    views = len(observed.rig)
+    (first, count), *more = renderer.batches()
+    assert not more
 
     def measured(part: str, work: Callable[[], Any]) -> Any:
         started = time.perf_counter()
         result = work()
-        renderer.finish()
+        renderer.context.finish()
+        ms[part] = ms.get(part, 0.0) + 1e3 * (time.perf_counter() - started)
+        return result
+
+    poses = observed.poses(renderer.n_hypotheses)
+    cones = measured("matrices", lambda: posed_cones(observed.body, poses))
+    measured("upload", partial(renderer.upload, cones))
+    measured("rendering", renderer.project)
+    measured("rendering", partial(renderer.render, first, count))
+    drawn = measured("download", partial(renderer.read, count))
+    drawn = drawn.reshape(views, renderer.n_hypotheses, *drawn.shape[1:])
+    pictures = [[(p[..., 0], p[..., 1] > 0) for p in by_view] for by_view in drawn]
+    measured("objective", partial(evaluate, observed, pictures))
+    return {**ms, "total": sum(ms.values())}
+
+
+def _shortened(renderer: str) -> str:
+    """A renderer's name without its versions."""
+    return renderer.split(" (")[0].split("/")[0]
+
+
+def by_opencl_and_opengl(
+    place: Place, observed: Observed, hypotheses: tuple[int, ...], runs: int
+) -> dict[str, Any]:
+    """Bodies posed by OpenCL, all else by OpenGL; all by the clock: its parts, each waited for, and
+    the whole as the tracker runs it."""
+    rows, name = [], ""
+    for n in hypotheses:
+        device = place.device()
+        run, objective = opengl_evaluation(device, observed, n)
+        whole = timed(run, runs, 3)
+        poses = device.to_device(observed.poses(n))
+        samples = [opengl_parts(device, objective, poses) for _ in range(runs + 2)][2:]
+        parts = {part: Timing(tuple(s[part] for s in samples)) for part in samples[0]}
+        sessions = len(list(objective.renderer.batches()))
+        rows.append({"hypotheses": n, "parts": parts, "whole": whole, "sessions": sessions})
+        name = _shortened(objective.renderer.name)
+    return {"label": place.label, "renderer": name, "cores": place.cores, "rows": rows}
+
+
+def opengl_evaluation(
+    device: Device, observed: Observed, n: int, group: tuple[int, int] | None = None
+) -> tuple[Callable[[], None], OpenGLObjective]:
+    """What evaluates `n` hypotheses, as the tracker does."""
+    more = {} if group is None else {"group": group}
+    scene = Scene(device, observed.rig, None, observed.body)
+    objective = OpenGLObjective(scene, n, **more)
+    objective.observe(observed.on(device))
+    return _runner(device, objective, observed.poses(n)), objective
+
+
+def opengl_parts(device: Device, objective: OpenGLObjective, poses: Array) -> dict[str, float]:
+    """ms of the parts of one evaluation by OpenCL and OpenGL, and of all together."""
+    ms = dict.fromkeys(("matrices", "upload", "rendering", "download", "objective"), 0.0)
+    renderer, began = objective.renderer, time.perf_counter()
+
+    def measured(part: str, work: Callable[[], Any], wait: Callable[[], None]) -> Any:
+        started = time.perf_counter()
+        result = work()
+        wait()
         ms[part] += 1e3 * (time.perf_counter() - started)
         return result
 
-    shapes = measured("matrices", lambda: renderer.shapes(observed.poses(n)))
-    views = len(observed.rig)
-    for first in range(0, n * views, renderer.n_tiles):
-        count = measured("upload", partial(renderer.upload, shapes, first))
-        measured("rendering", partial(renderer.render, count))
-        drawn = measured("download", partial(renderer.read, count))
-        pictures = [[(p[..., 0], p[..., 1] > 0) for p in drawn[v::views]] for v in range(views)]
-        measured("objective", partial(evaluate, observed, pictures))
-    return {**ms, "total": sum(ms.values())}
+    launches = objective.kinematics.launcher(poses)
+    measured("matrices", lambda: [launch() for launch in launches], device.finish)
+    cones = measured("upload", objective.kinematics.cones.get, device.finish)
+    with renderer:
+        finish = renderer.context.finish
+        measured("upload", partial(objective.upload, cones), finish)
+        measured("rendering", objective.project, finish)
+        for first, count in renderer.batches():
+            measured("rendering", partial(objective.draw, first, count), finish)
+            measured("objective", partial(objective.count, first, count), finish)
+        measured("objective", objective.score, finish)
+        errors = measured("download", objective.read, finish)
+    measured("download", partial(objective.errors.set, errors), device.finish)
+    return {**ms, "total": 1e3 * (time.perf_counter() - began)}
+
+
+def opencl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
+    """ms of an evaluation in every frame, by the rows of the work-groups that count."""
+    rows = []
+    for group in _OPENCL_GROUPS:
+        run_on = partial(_evaluation, n=_GROUP_HYPOTHESES, rows=group)
+        rows.append({"group": str(group), "frames": _over_frames(place, observed, run_on)})
+    return {"label": place.label, "cores": place.cores, "rows": rows}
+
+
+def opengl_groups(place: Place, observed: list[Observed]) -> dict[str, Any]:
+    """The same by columns and rows of OpenGL's work-groups."""
+    rows = []
+    for group in _OPENGL_GROUPS:
+
+        def run_on(device: Device, frame: Observed, group: Any = group) -> Callable[[], None]:
+            return opengl_evaluation(device, frame, _GROUP_HYPOTHESES, group)[0]
+
+        name = f"{group[0]} x {group[1]}"
+        rows.append({"group": name, "frames": _over_frames(place, observed, run_on)})
+    return {"label": place.label, "cores": place.cores, "rows": rows}
+
+
+def _over_frames(
+    place: Place, observed: list[Observed], run_on: Callable[..., Callable[[], None]]
+) -> Timing:
+    """The median of a few evaluations in each of the frames, one objective after the other."""
+    device = place.device()
+    ms = []
+    for frame in observed:
+        ms.append(timed(run_on(device, frame), 5, 1).median)
+    return Timing(tuple(ms))
 
 
 def on_cpu(observed: Observed, hypotheses: tuple[int, ...], runs: int) -> dict[str, Any]:
@@ -160,28 +278,36 @@ def on_cpu(observed: Observed, hypotheses: tuple[int, ...], runs: int) -> dict[s
 def on_place(
     place: Place, observed: Observed, hypotheses: tuple[int, ...], runs: int
 ) -> dict[str, Any]:
-    """One device: the kernels by its events, the whole by the clock, poses being there already."""
+    """One device: kernels by its events and their total by the clock, and the whole without events;
+    poses are there already."""
     rows = []
     for n in hypotheses:
-        run, device = _evaluation(place.device(), observed, n)
-        row: dict[str, Any] = {"hypotheses": n, "total": timed(run, runs, 3)}
-        run, device = _evaluation(place.device(profile=True), observed, n)
+        row: dict[str, Any] = {"hypotheses": n}
+        row["whole"] = timed(_evaluation(place.device(), observed, n), runs, 3)
+        device = place.device(profile=True)
+        run = _evaluation(device, observed, n)
         assert device.profiler is not None
-        run()
+        timed(run, 2)
         device.profiler.clear()
-        for _ in range(runs):
-            run()
+        row["total"] = timed(run, runs, 0)
         ms = device.profiler.collect()
         row["kernels"] = {name: Timing(tuple(samples)) for name, samples in ms.items()}
         rows.append(row)
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
-def _evaluation(device: Device, observed: Observed, n: int) -> tuple[Callable[[], None], Device]:
+def _evaluation(
+    device: Device, observed: Observed, n: int, rows: int | None = None
+) -> Callable[[], None]:
     """What evaluates `n` hypotheses and waits."""
-    objective = ImageObjective(Scene(device, observed.rig, None, observed.body), n)
+    objective = ImageObjective(Scene(device, observed.rig, None, observed.body), n, rows=rows)
     objective.observe(observed.on(device))
-    launches = objective.launcher(device.to_device(observed.poses(n)))
+    return _runner(device, objective, observed.poses(n))
+
+
+def _runner(device: Device, objective: Likelihood, poses: np.ndarray) -> Callable[[], None]:
+    """What scores `poses` and waits."""
+    launches = objective.launcher(device.to_device(poses))
     device.finish()
 
     def run() -> None:
@@ -189,6 +315,4 @@ def _evaluation(device: Device, observed: Observed, n: int) -> tuple[Callable[[]
             launch()
         device.finish()
 
-    if device.profiler is not None:
-        device.profiler.clear()
-    return run, device
+    return run

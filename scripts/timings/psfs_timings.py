@@ -50,16 +50,17 @@ def _run(args: argparse.Namespace) -> None:
     results = Results.begin("psfs", args, {"views": VIEWS, "shape": SHAPE, "frames": n_frames})
     scene = shared_scene(n_frames)
     for place in found:
-        results.section(f"device {place.label}", partial(on_place, place, scene, runs))
-    results.section("open3d", lambda: open3d_carving(scene, 2 if quick else 10))
-    results.section("numpy", lambda: numpy_twin(scene, 3), quick=False)
+        results.plan(f"device {place.label}", partial(on_place, place, scene, runs))
+    results.plan("open3d", lambda: open3d_carving(scene, 2 if quick else 10))
+    results.plan("numpy", lambda: numpy_twin(scene, 3), quick=False)
     for place in found:
         for cores in fewer_cores(place):
             name = f"device {place.label}, {cores} used"
-            results.section(name, partial(on_cores, cores, scene, runs), quick=False)
+            results.plan(name, partial(on_cores, cores, scene, runs), quick=False)
     for place in found:
-        results.section(f"growth {place.label}", partial(growth, place, scene), quick=False)
-    results.section("memory", lambda: memory(found[0], scene, 1000), quick=False)
+        results.plan(f"growth {place.label}", partial(growth, place, scene), quick=False)
+    results.plan("memory", lambda: memory(found[0], scene, 1000), quick=False)
+    results.measure()
     print_report(results)
 
 

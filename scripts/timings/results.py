@@ -1,11 +1,13 @@
 """The results' files: one envelope for all comparisons, written section by section.
 
     results = Results.begin("psfs", args, {"views": 8})
-    rows = results.section("growth", lambda: growth(...))   # None where it was left out
+    results.plan("growth", lambda: growth(...))
+    results.measure()
 
-OUT/psfs.json then holds what was measured where, with what and by which command; a section that
-has no time left (`--seconds`), or that lacks something optional, is named under `left_out` with the
-reason, and `--resume` measures what a file still lacks. Times are `Timing`s with all raw samples.
+OUT/psfs.json then holds what was measured where, with what and by which command; a planned section
+that was not reached, has no time left (`--seconds`) or lacks something optional is named under
+`left_out` with the reason, and `--resume` measures what a file still lacks. Times are `Timing`s
+with all raw samples.
 """
 
 from __future__ import annotations
@@ -74,6 +76,7 @@ class Results:
     left_out: dict[str, str] = field(default_factory=dict)
     budget: float = float("inf")
     deadline: float = float("inf")
+    planned: list[tuple[str, Callable[[], Any], bool]] = field(default_factory=list)
 
     @classmethod
     def begin(
@@ -111,6 +114,20 @@ class Results:
     def seconds_left(self) -> float:
         return self.deadline - time.monotonic()
 
+    def plan(self, name: str, measure: Callable[[], Any], quick: bool = True) -> None:
+        """Have `measure` measure the `section` of that name in its turn."""
+        self.planned.append((name, measure, quick))
+
+    def measure(self) -> None:
+        """Measure what was planned, in that order. Until then the file names it as left out, so
+        that a run which is ended shows what it did not reach."""
+        for name, _, _ in self.planned:
+            if name not in self.sections:
+                self.left_out[name] = "not reached; --resume measures it"
+        self.write()
+        for planned in self.planned:
+            self.section(*planned)
+
     def section(self, name: str, measure: Callable[[], Any], quick: bool = True) -> Any:
         """What `measure()` returns, as read back from the file; None if it is left out.
 
@@ -128,6 +145,7 @@ class Results:
             stderr.print(f"measuring: {self.comparison}, {name}", soft_wrap=True)
             self.sections[name] = _round_trip(measure())
             self.seconds[name] = round(time.monotonic() - started, 2)
+            self.left_out.pop(name, None)
         except (InputError, ImportError, BrokenProcessPool) as error:
             self.left_out[name] = str(error).splitlines()[0]
             stderr.print(f"left out: {name}: {self.left_out[name]}", soft_wrap=True)

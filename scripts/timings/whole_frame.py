@@ -57,12 +57,12 @@ class Problem:
         return replace(self, scene=scene, shape=shape, config=self.config.changed(**changes))
 
 
-@lru_cache(maxsize=1)
-def make_problem(frames: int) -> Problem:
+@lru_cache(maxsize=2)
+def make_problem(frames: int, body_name: str = "song31") -> Problem:
     """Song et al.'s setting, on `frames` frames of the synthetic walk, from its true joints."""
     scene = shared_scene(frames)
     first = dict(zip(scene.joint_names, scene.joints[0], strict=True))
-    body, pose, _ = fit_to_joints(load_body("song31"), first)
+    body, pose, _ = fit_to_joints(load_body(body_name), first)
     return Problem(scene, body, pose, FilterConfig().at_rate(FPS))
 
 

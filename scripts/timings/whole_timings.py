@@ -81,18 +81,19 @@ def run(args: argparse.Namespace) -> None:
     _columns(results, found, problem)
     for place in found:
         profiled = partial(roofline, place, problem, 3 if quick else 10)
-        results.section(f"stages {place.label}", profiled)
+        results.plan(f"stages {place.label}", profiled)
     _numpy_column(results, problem)
     for place in found:
         for what in _SCALED:
             measure = partial(scaling, place, problem, what)
-            results.section(f"scaling {what}, {place.label}", measure, quick=False)
+            results.plan(f"scaling {what}, {place.label}", measure, quick=False)
         for cores in fewer_cores(place)[1:]:
             measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
-            results.section(f"cores {cores}", measure, quick=False)
+            results.plan(f"cores {cores}", measure, quick=False)
     for place in found:
         measure = partial(compilation, place, problem)
-        results.section(f"compilation {place.label}", measure, quick=False)
+        results.plan(f"compilation {place.label}", measure, quick=False)
+    results.measure()
     print_report(results)
 
 
@@ -103,18 +104,18 @@ def _columns(results: Results, found: list[Place], problem: Problem) -> None:
     for place in found:
         share = 0.1 if place.cores is None else 0.15
         seconds = share * results.budget / repetitions["opencl"]
-        results.section(f"column {place.label}", partial(column, place, *ours, seconds))
+        results.plan(f"column {place.label}", partial(column, place, *ours, seconds))
     seconds = 0.15 * results.budget / repetitions["opencl"]
     one = partial(apart, only_cores(1), on_cpu, *ours, seconds)
     if any((place.cores or 1) > 1 for place in found):
-        results.section("column one core", one)
+        results.plan("column one core", one)
 
 
 def _numpy_column(results: Results, problem: Problem) -> None:
     frames, repetitions = (results.settings[k]["numpy"] for k in ("frames", "repetitions"))
     begin = 1 if results.settings["quick"] else 0
     twins = (problem, frames, repetitions, 0.2 * results.budget / repetitions, begin)
-    results.section("column NumPy", partial(apart, _ONE_THREAD, on_numpy, *twins))
+    results.plan("column NumPy", partial(apart, _ONE_THREAD, on_numpy, *twins))
 
 
 def column(

@@ -1,17 +1,27 @@
-"""Rendering by OpenGL: the same pictures as the OpenCL renderer's, within a pixel."""
+"""OpenGL: pictures and scores of the OpenCL renderer's, but for a boundary band."""
 
 from __future__ import annotations
+
+import threading
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from helpers import bodies, rendered, scenes
 
+from apf.backend import check_renderer, device_tracker
 from apf.body.mesh import cone_mesh
-from apf.image_objective.opengl import OpenGLRenderer, egl_context
+from apf.filters.method import Method
+from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
+from apf.image_objective.objective import ImageObjective
+from apf.image_objective.opengl import OpenGLObjective, OpenGLRenderer, egl_context
+from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.image_objective.renderer import draw_hypotheses
 from apf.scene import Scene
-from cl import Device, InputError
+from cl import Device, InputError, NumpyDevice
+
+OPENGL = ObjectiveConfig(renderer="opengl")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -29,23 +39,91 @@ def beyond(edges: np.ndarray, others: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("vertices", [4, 8, 34])
-def test_pictures_equal_opencl_within_a_pixel(device: Device, vertices: int) -> None:
+def test_pictures_equal_opencl(device: Device, vertices: int) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (333, 240))
     mesh = cone_mesh(body, vertices) if vertices > 4 else None
-    # More pictures than the frame buffer has tiles.
     poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 20)])
-    renderer = OpenGLRenderer(body, rig, mesh)
-    assert renderer.n_tiles < len(poses) * len(rig)
-    drawn, expected = (
-        renderer.draw(poses),
-        draw_hypotheses(Scene(device, rig, None, body), poses, mesh, round_ends=False),
-    )
+    drawn = draw_by_opengl(body, rig, poses, mesh)
+    expected = draw_hypotheses(Scene(device, rig, None, body), poses, mesh, round_ends=False)
     assert drawn.shape == expected.shape
     parts, edges = expected.reshape(-1, *expected.shape[2:4], 2).transpose(3, 0, 1, 2)
     gl_parts, gl_edges = drawn.reshape(-1, *drawn.shape[2:4], 2).transpose(3, 0, 1, 2)
     assert np.count_nonzero(parts) > 50_000
-    # Pixels on an outline, where the rules of filling differ.
+    # Pixels on an outline, where rounding decides.
     assert np.count_nonzero(parts != gl_parts) <= 1e-3 * np.count_nonzero(parts)
     assert np.count_nonzero(edges) > 5_000
-    assert beyond(edges > 0, gl_edges) <= 3e-3 * np.count_nonzero(edges)
-    assert beyond(gl_edges > 0, edges) <= 3e-3 * np.count_nonzero(edges)
+    if mesh is None:
+        assert np.count_nonzero(edges != gl_edges) <= 3e-3 * np.count_nonzero(edges)
+    else:  # whose edges are lines along the outline, inside of it or outside
+        assert beyond(edges > 0, gl_edges) <= 3e-3 * np.count_nonzero(edges)
+        assert beyond(gl_edges > 0, edges) <= 3e-3 * np.count_nonzero(edges)
+
+
+@pytest.mark.parametrize("kind", OBJECTIVE_KINDS)
+@pytest.mark.parametrize(("vertices", "n_labels"), [(4, 1), (4, 3), (18, 1)])
+def test_scores_equal_opencl(device: Device, kind: str, vertices: int, n_labels: int) -> None:
+    body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
+    poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 31)])
+    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
+    config = ObjectiveConfig(kind, 0.4, 0.6, labels=labels, vertices_per_part=vertices)
+    scene = Scene(device, rig, None, body)
+    kernels, shaders = (o(scene, len(poses), config) for o in (ImageObjective, OpenGLObjective))
+    for seed in range(2):  # a second frame with other regions of interest
+        observed = rendered.random_maps(rig, n_labels, seed)
+        observed.roi[1] += [seed, 2 * seed, -7 * seed, -seed]
+        for objective in (kernels, shaders):
+            objective.observe(observed.on(device))
+        expected = rendered.errors_of(device, kernels, poses)
+        errors = rendered.errors_of(device, shaders, poses)
+        counts = kernels.counts.get()
+        off = np.abs(counts - shaders.counts).sum((0, 1)) / counts.sum((0, 1))
+        assert expected.std() > 0.005
+        assert (off[2:] <= 2e-3).all()
+        # A mesh's edges are lines that lie a pixel beside those that the kernels find.
+        assert off[:2].max() <= (3e-3 if vertices == 4 else 0.1)
+        assert np.abs(errors - expected).max() <= (1e-3 if vertices == 4 else 0.02)
+
+
+def test_more_pictures_than_tiles(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("apf.image_objective.opengl.renderer._LARGEST", 400)
+    body, rig = bodies.named("song31"), scenes.ring(2, (161, 123))
+    poses = bodies.random_poses(body, 20).astype(np.float32)
+    objectives = [o(Scene(device, rig, None, body), 20) for o in (ImageObjective, OpenGLObjective)]
+    errors = []
+    for objective in objectives:
+        objective.observe(rendered.random_maps(rig).on(device))
+        errors.append(rendered.errors_of(device, objective, poses))
+    assert len(list(objectives[1].renderer.batches())) > 4
+    np.testing.assert_allclose(errors[1], errors[0], atol=1e-3)
+
+
+def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
+    body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
+    scene, observed = Scene(device, rig, None, body), rendered.random_maps(rig).on(device)
+    method = replace(Method.of("pso", "sp", n_particles=24, n_layers=3), image=OPENGL)
+    found: list[np.ndarray] = []
+
+    def track(tracker: object) -> None:
+        tracker.start(body.rest_pose)
+        found.append(tracker.step(observed).pose)
+
+    for _ in range(2):
+        tracker = device_tracker(scene, method)
+        threads = [threading.Thread(target=track, args=(tracker,)) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+            thread.join()
+    assert np.abs(found[0] - body.rest_pose).max() > 0
+    assert all((pose == found[0]).all() for pose in found)
+
+
+def test_what_opengl_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="round ends"):
+        replace(OPENGL, round_ends=True)
+    with pytest.raises(InputError, match="renderer is 'metal'; expected opencl, opengl"):
+        ObjectiveConfig(renderer="metal")
+    with pytest.raises(InputError, match="the device is numpy"):
+        check_renderer(NumpyDevice(), replace(Method.of("pso", "sp"), image=OPENGL))
+    monkeypatch.setattr("apf.image_objective.opengl.renderer._LARGEST", 100)
+    with pytest.raises(InputError, match="161 x 123; OpenGL draws up to 100 px"):
+        OpenGLRenderer(bodies.named("song31"), scenes.ring(2, (161, 123)), 3)

@@ -1,0 +1,10 @@
+"""Hypotheses drawn and scored by OpenGL off-screen (Kwolek & Rymut 2016; Rymut 2016, 5.3 to 5.5).
+
+Needs moderngl (`pip install psfs-apf[opengl]`) and a driver with EGL, such as Mesa's llvmpipe.
+"""
+
+from apf.image_objective.opengl.context import egl_context
+from apf.image_objective.opengl.objective import OpenGLObjective
+from apf.image_objective.opengl.renderer import OpenGLRenderer
+
+__all__ = ["OpenGLObjective", "OpenGLRenderer", "egl_context"]

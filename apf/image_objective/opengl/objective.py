@@ -1,0 +1,137 @@
+"""Objective functions over image features by OpenGL: drawn and counted there, scores come back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from apf.body.mesh import BodyMesh
+from apf.body.posing import Kinematics
+from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
+from apf.image_objective.objective import FeatureMaps, segments
+from apf.image_objective.opengl.context import Compute, buffer_of
+from apf.image_objective.opengl.renderer import OpenGLRenderer
+from apf.likelihood.base import Likelihood
+from apf.scene import Scene
+from cl import Array, Step
+
+#: Columns and rows of pixels that a work-group counts at a time.
+GROUP = (32, 8)
+_SCORED = 64
+
+
+class OpenGLObjective(Likelihood):
+    """Scores poses as `ImageObjective` does, with OpenGL's rasteriser and depth test.
+
+    OpenCL poses the body; its cones cross to OpenGL by the host, as drivers share buffers of the
+    two without a window rarely. There all hypotheses are drawn as tiles of a frame buffer, counted
+    and scored, and only `errors` (N,) come back. Once a frame its features cross, too.
+
+    group: columns and rows that a work-group counts at a time, at most 1024 in all. Raises what
+    `OpenGLRenderer` does.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        n_hypotheses: int,
+        config: ObjectiveConfig | None = None,
+        mesh: BodyMesh | None = None,
+        group: tuple[int, int] = GROUP,
+    ) -> None:
+        device, body, rig = scene.opencl, scene.body, scene.rig
+        self.device, self.rig, self.n_hypotheses = device, rig, n_hypotheses
+        self.config = config = config or ObjectiveConfig()
+        mesh = mesh or config.mesh(body)
+        self.renderer = OpenGLRenderer(body, rig, n_hypotheses, mesh)
+        self.kinematics = Kinematics(device, self.renderer.shape.body, n_hypotheses)
+        self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
+        context, n_labels = self.renderer.context, config.n_labels
+        n_counts = 2 + 2 * n_labels
+        size = (rig.width, rig.height, len(rig))
+        with self.renderer:
+            self._maps = context.texture_array(size, 2, dtype="u1")
+            self._counts = self.renderer.shape.reserve(n_counts)
+            self._labels = buffer_of(context, config.part_labels(self.renderer.shape.n_parts))
+            self._shares = buffer_of(context, config.shares.astype(np.float32))
+            self._areas = context.buffer(reserve=4 * len(rig) * n_labels)
+            self._errors = context.buffer(reserve=4 * n_hypotheses)
+            self._count = Compute(
+                context, "count_pixels.comp", GROUP_X=group[0], GROUP_Y=group[1], N_COUNTS=n_counts
+            )
+            kind = OBJECTIVE_KINDS.index(config.kind)
+            self._score = Compute(context, "score_counts.comp", KIND=kind, N_LABELS=n_labels)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(V, N, 2 + 2 L) int32 pixels of the poses that were scored last, see `Renderer`."""
+        with self.renderer:
+            counts = np.frombuffer(self._counts.read(), np.int32)
+        return counts.reshape(len(self.rig), self.n_hypotheses, -1)
+
+    def observe(self, observation: FeatureMaps[Array]) -> None:
+        """Take a frame's features over to OpenGL. Raises InputError where segments are missing
+        that the config has labels for."""
+        maps, regions = observation.maps.get(), observation.roi.get()
+        if self.config.labels:
+            maps = np.stack([segments(observation).get(), maps[..., 1]], -1)
+        numbers = maps[..., 0] if self.config.labels else maps[..., 0] > 127
+        n_labels = self.config.n_labels
+        areas = np.zeros((len(self.rig), n_labels), np.int32)
+        for view, (x0, y0, x1, y1) in enumerate(regions):
+            found = np.bincount(numbers[view, y0:y1, x0:x1].ravel(), minlength=n_labels + 1)
+            areas[view] = found[1 : n_labels + 1]
+        with self.renderer:
+            self.renderer.look_at(regions)
+            self._maps.write(np.ascontiguousarray(maps).tobytes())
+            self._areas.write(areas.tobytes())
+
+    def launcher(self, poses: Array) -> list[Step]:
+        """Return what scores `poses` (N, D) float32 into `errors`; the last of it waits."""
+        return [*self.kinematics.launcher(poses), self._scored]
+
+    def _scored(self) -> None:
+        cones = self.kinematics.cones.get()
+        with self.renderer:
+            self.upload(cones)
+            self.project()
+            for first, count in self.renderer.batches():
+                self.draw(first, count)
+                self.count(first, count)
+            self.score()
+            errors = self.read()
+        self.errors.set(errors)
+
+    def upload(self, cones: np.ndarray) -> None:
+        """Upload the posed cones; the steps of an evaluation, in their order."""
+        self.renderer.upload(cones)
+
+    def project(self) -> None:
+        """Enqueue the projection of all hypotheses into all cameras."""
+        self.renderer.project()
+
+    def draw(self, first: int, count: int) -> None:
+        """Enqueue the drawing of so many pictures."""
+        self.renderer.render(first, count)
+
+    def count(self, first: int, count: int) -> None:
+        """Enqueue the counting of the pixels of the pictures that were drawn last."""
+        renderer = self.renderer
+        renderer.drawn.use(0)
+        self._maps.use(1)
+        buffers = {0: renderer.regions, 1: self._labels, 2: self._counts}
+        self._count((count,), buffers, **renderer.tiles(first))
+
+    def score(self) -> None:
+        """Enqueue the scores of all hypotheses."""
+        config, n = self.config, self.n_hypotheses
+        self._score(
+            (-(-n // _SCORED),),
+            {0: self._counts, 1: self._areas, 2: self._shares, 3: self._errors},
+            n_particles=n,
+            n_views=len(self.rig),
+            weights=(config.balance, config.silhouette_weight, config.edge_weight),
+        )
+
+    def read(self) -> np.ndarray:
+        """Wait for the errors (N,) float32 and return them."""
+        return np.frombuffer(self._errors.read(), np.float32)

@@ -1,0 +1,27 @@
+// Camera projection, the counterpart of cl/kernels/common/camera.h, whose packing it reads.
+layout(std430, binding = 0) readonly buffer Cameras { float cameras[]; };
+
+vec3 camera_centre(int view)
+{
+    const int c = view * CAMERA_FLOATS + 25;
+    return vec3(cameras[c], cameras[c + 1], cameras[c + 2]);
+}
+
+// Project a world point; false where it has no image or one too far out.
+bool project(int view, vec3 p, out vec2 pixel)
+{
+    const int c = view * CAMERA_FLOATS;
+    const vec3 q = vec3(dot(vec3(cameras[c], cameras[c + 1], cameras[c + 2]), p),
+                        dot(vec3(cameras[c + 3], cameras[c + 4], cameras[c + 5]), p),
+                        dot(vec3(cameras[c + 6], cameras[c + 7], cameras[c + 8]), p)) +
+                   vec3(cameras[c + 9], cameras[c + 10], cameras[c + 11]);
+    const float u = q.x / q.z, v = q.y / q.z, r2 = u * u + v * v;
+    const float p1 = cameras[c + 19], p2 = cameras[c + 20];
+    const float radial =
+        1.0 + r2 * (cameras[c + 17] + r2 * (cameras[c + 18] + r2 * cameras[c + 21]));
+    const float x = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u);
+    const float y = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v;
+    pixel = vec2(cameras[c + 12] * x + cameras[c + 16] * y + cameras[c + 14],
+                 cameras[c + 13] * y + cameras[c + 15]);
+    return q.z > 1e-6 && r2 < cameras[c + 22] && all(lessThan(abs(pixel), vec2(FAR_OUT)));
+}
