@@ -102,8 +102,8 @@ def add_method_flags(
         "--likelihood",
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
-        "it is not the usual one; Song et al.'s is edge=1,silhouette; part_colour needs pictures "
-        f"(default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are searched for)",
+        "it is not the usual one; Song et al.'s is edge=1,silhouette; contour and part_colour need "
+        f"pictures (default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are searched for)",
     )
     rows = [(FilterConfig().settings, {**_SETTINGS, **_WEIGHTS})]
     rows += [

@@ -218,7 +218,7 @@ class FilterConfig:
 
 
 #: Parts whose settings have names of their own; those of all others begin with the part's.
-_UNPREFIXED = ("search", "likelihood", "reprojection")
+_UNPREFIXED = ("search", "likelihood", "reprojection", "samples")
 
 
 def _inner(part_name: str) -> str:
@@ -255,6 +255,7 @@ _USUAL_TERMS = {
     "overlap": "overlap_weight",
     "posture": "posture_prior_weight",
     "part_colour": "part_colour_weight",
+    "contour": "contour_weight",
     "pictures": "foreground_join_on",
 }
 #: and the others with the weight that they have when they are chosen by name. Silhouette recall

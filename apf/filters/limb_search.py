@@ -100,7 +100,7 @@ class LimbSearch:
             return []
         least_recall, stride = (
             self.config.limb_search.least_recall,
-            self.config.likelihood.point_turns,
+            self.config.likelihood.samples.point_turns,
         )
         if self._n_limbs:
             errors = likelihood.errors

@@ -46,7 +46,7 @@ class Refinement:
     ) -> None:
         self.device = device
         self.body = body
-        self.config, self._n_points = config.refinement, config.likelihood.n_points * voxels
+        self.config, self._n_points = config.refinement, config.likelihood.samples.n_points * voxels
         self._filter, self._observed = config, observed
         self.n_poses = n_poses
         n = body.n_dof

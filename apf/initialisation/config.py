@@ -215,7 +215,8 @@ class AcceptanceConfig:
 def _start_likelihood() -> FilterConfig:
     return FilterConfig.of(
         surface_weight=1.0, silhouette_recall_weight=2.0, sample_spacing=0.04, point_turns=4,
-        part_colour_weight=0.0,  # the start keeps no pictures
+        contour_weight=4.0,
+        part_colour_weight=0.0,  # nothing is learnt yet
     )  # fmt: skip
 
 

@@ -14,22 +14,30 @@ from psfs.voxels.host_voxels import HostVoxels
 
 
 class StoredVoxels:
-    """A copy of one frame's surface voxels, and of the evidence maps (V, H, W) int8 that they were
-    carved with, which trackers can be shown like `Voxels`."""
+    """A copy of one frame's surface voxels, of the evidence maps (V, H, W) int8 that they were
+    carved with, and of the pictures (V, H, W, 3) uint8 BGR, which trackers can be shown like
+    `Voxels`."""
 
     stays = True
 
-    def __init__(self, device: Device, cloud: VoxelCloud, evidence: Array | None = None) -> None:
+    def __init__(
+        self,
+        device: Device,
+        cloud: VoxelCloud,
+        evidence: Array | None = None,
+        pictures: Array | None = None,
+    ) -> None:
         self.grid = cloud.grid
         self.evidence = evidence
+        self._pictures = pictures
         self._cloud = cloud
         indices = cloud.indices if len(cloud.indices) else np.zeros(1)
         self.surface = device.to_device(indices.astype(np.int32), "the surface voxels")
         self.count = device.to_device(np.array([len(cloud.indices)], np.int32))
 
-    def pictures(self) -> None:
-        """The pictures are not kept."""
-        return
+    def pictures(self) -> Array | None:
+        """The frame's pictures, if it has any."""
+        return self._pictures
 
     def cloud(self) -> VoxelCloud:
         """The surface voxels on the host."""
@@ -40,12 +48,13 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
     """What remains of `voxels` when their reconstructor goes on to the next frame."""
     if isinstance(device, NumpyDevice):
         assert isinstance(voxels, HostVoxels)
-        return replace(voxels, colours=None, pictures=None)
+        return replace(voxels, colours=None)
     assert not isinstance(voxels, HostVoxels)
-    evidence = None
-    if voxels.evidence is not None:
-        evidence = device.to_device(voxels.evidence.get(), "the kept evidence maps")
-    return StoredVoxels(device, voxels.cloud(), evidence)
+
+    def kept(array: Array | None) -> Array | None:
+        return None if array is None else device.to_device(array.get(), "what a start keeps")
+
+    return StoredVoxels(device, voxels.cloud(), kept(voxels.evidence), kept(voxels.pictures()))
 
 
 def between(
@@ -58,7 +67,7 @@ def between(
         return replace(voxels, surface=voxels.surface[kept])
     assert isinstance(device, Device)
     parts = replace(cloud, indices=cloud.indices[kept], probability=cloud.probability[kept])
-    return StoredVoxels(device, parts, voxels.evidence)
+    return StoredVoxels(device, parts, voxels.evidence, voxels.pictures())
 
 
 def person_points(grid: VoxelGrid, indices: np.ndarray, min_part: float = 0.05) -> np.ndarray:

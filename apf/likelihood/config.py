@@ -48,6 +48,22 @@ class PartColourConfig:
 
 
 @dataclass(frozen=True)
+class ContourConfig:
+    """How much the pictures change across the outlines of limbs and head, the mean over what a
+    camera sees of them."""
+
+    weight: float = 8.0
+    """Of what that mean lacks of 1, in one camera's error. Tuned on the six suite sequences: 4 to
+    12 differ little."""
+    contrast: float = 7.5
+    """Grey values per pixel that count in full. Tuned: 4 does as well, 12 worse."""
+
+    def __post_init__(self) -> None:
+        check_range("contour_weight", self.weight, 0, ends=True)
+        check_range("contour_contrast", self.contrast, 0, 255)
+
+
+@dataclass(frozen=True)
 class MotionPriorConfig:
     """The mean squared change since the last frame, in the body's sigmas."""
 
@@ -95,6 +111,20 @@ class ReprojectionConfig:
 
 
 @dataclass(frozen=True)
+class SurfaceSamplesConfig:
+    """Which of the surface voxels are looked at."""
+
+    n_points: int = 1024
+    """So many, evenly spread over all of them. By hand."""
+    point_turns: int = 8
+    """Each layer looks at every `point_turns`-th of these, in turn. Tuned: as accurate as 4."""
+
+    def __post_init__(self) -> None:
+        for name in ("n_points", "point_turns"):
+            check_range(name, getattr(self, name), 1, ends=True)
+
+
+@dataclass(frozen=True)
 class LikelihoodConfig:
     """What the voxels' likelihood is made of. All weights but those of edge and silhouette are 0
     for Song et al.'s likelihood alone."""
@@ -121,18 +151,17 @@ class LikelihoodConfig:
     surface_scale: float = 0.05
     """m, distance at which a surface voxel is half unexplained (Geman & McClure 1987). By hand:
     about as far as hulls of few cameras and cones differ from flesh."""
-    n_points: int = 1024
-    """Surface voxels that are looked at, evenly spread over all of them. By hand."""
-    point_turns: int = 8
-    """Each layer looks at every `point_turns`-th of these, in turn. Tuned: as accurate as 4."""
+    samples: SurfaceSamplesConfig = field(default_factory=SurfaceSamplesConfig)
+    """Which of the surface voxels that term looks at."""
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     """What the terms of edge and silhouette look at."""
     part_colour: PartColourConfig = field(default_factory=PartColourConfig)
+    """What colours parts have in the pictures,"""
+    contour: ContourConfig = field(default_factory=ContourConfig)
+    """and what contours."""
     motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
 
     def __post_init__(self) -> None:
-        for name in ("n_points", "point_turns"):
-            check_range(name, getattr(self, name), 1, ends=True)
         check_range("surface_scale", self.surface_scale, 0)
         weights = (
             "edge_weight", "silhouette_weight", "surface_weight", "overlap_weight",

@@ -21,7 +21,6 @@ from apf.likelihood.config import PartColourConfig
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
-from psfs.voxels.device_voxels import Voxels
 
 _GROUP = 128
 #: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
@@ -164,10 +163,9 @@ class PartColours:
             kept[slice(None) if run is None else run] = 0
             array.set(kept)
 
-    def observe(self, voxels: Voxels) -> None:
-        """Enqueue the codes of a frame, whose maps are made. The first person seen makes the
-        palette, which waits for the device."""
-        pictures = voxels.pictures()
+    def observe(self, pictures: Array | None) -> None:
+        """Enqueue the codes of a frame's pictures (V, H, W, 3), whose maps are made. The first
+        person seen makes the palette, which waits for the device."""
         if pictures is None:
             if self.known:
                 self.codes.fill(N_CODES - 1)  # nothing is learnt from this frame

@@ -13,6 +13,7 @@ from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
 from apf.likelihood.config import LikelihoodConfig
+from apf.likelihood.contour import Contours
 from apf.likelihood.motion_prior import MotionPrior
 from apf.likelihood.part_colour import (
     N_CODES,
@@ -111,19 +112,21 @@ class VoxelLikelihood(Likelihood):
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self.n_launchers = 0
         self._scores: list[Launch] = []
-        self.points = device.empty((config.n_points, 4), np.float32, "the surface samples")
+        self.points = device.empty((config.samples.n_points, 4), np.float32, "the surface samples")
         self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((n_runs,), np.float32)
         self._recall: SilhouetteRecall | None = None
         if config.silhouette_recall_weight > 0:
             self._recall = SilhouetteRecall(scene, self._cameras, self.points)
         self.part_colours: PartColours | None = None
+        self.contours: Contours | None = None
         self._no_ratios = device.zeros((1,), np.int8)
-        self._row_parts = device.zeros((1,), np.int32)
-        self._coloured: list[Launch] = []
-        self._colour_weight = 0.0
+        self._row_parts = device.to_device(scored_parts(body, rows))
+        self._by_pictures: list[Launch] = []
+        self._picture_weights = {"colour_weight": 0.0, "contour_weight": 0.0}
+        if config.contour.weight > 0:
+            self.contours = Contours(device, rig, self.reprojection.maps, config.contour)
         if config.part_colour.weight > 0:
-            self._row_parts = device.to_device(scored_parts(body, rows))
             self.part_colours = PartColours(
                 device, rig, body, self._cameras, self.reprojection.maps, config.part_colour, n_runs
             )
@@ -138,8 +141,8 @@ class VoxelLikelihood(Likelihood):
         self._posture.set(posture_prior(body))
         rows = sample_rows(cone_sampling(body, self.config.reprojection.sample_spacing))
         self._rows = self.device.to_device(rows, "the cones' samples")
+        self._row_parts = self.device.to_device(scored_parts(body, rows))
         if self.part_colours is not None:
-            self._row_parts = self.device.to_device(scored_parts(body, rows))
             self.part_colours.change_body(body)
         for launch in self._scores:
             launch.set(**self._row_arguments())
@@ -178,13 +181,19 @@ class VoxelLikelihood(Likelihood):
         self._sample_surface()
         if self._recall is not None:
             self._recall.observe()
-        if self.part_colours is not None:
-            self.part_colours.observe(voxels)
-            weight = self.config.part_colour.weight if self.part_colours.known else 0.0
-            if weight != self._colour_weight:
-                self._colour_weight = weight
-                for launch in self._coloured:
-                    launch.set(colour_weight=weight)
+        pictures, weights = None, {}
+        if self.part_colours is not None or self.contours is not None:
+            pictures = voxels.pictures()
+        terms = {"colour": (self.part_colours, self.config.part_colour.weight),
+                 "contour": (self.contours, self.config.contour.weight)}  # fmt: skip
+        for name, (term, weight) in terms.items():
+            if term is not None:
+                term.observe(pictures)
+            weights[f"{name}_weight"] = weight if term is not None and term.known else 0.0
+        if weights != self._picture_weights:
+            self._picture_weights = weights
+            for launch in self._by_pictures:
+                launch.set(**weights)
 
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that score `poses` (N, D) float32 into `errors`.
@@ -193,7 +202,9 @@ class VoxelLikelihood(Likelihood):
         """
         config, turn = self.config, self.n_launchers
         self.n_launchers += 1
-        subset = PointSubset(turn % config.point_turns % config.n_points, config.point_turns)
+        subset = PointSubset(
+            turn % config.samples.point_turns % config.samples.n_points, config.samples.point_turns
+        )
         return self._every_term(poses, subset, self.errors, config.silhouette_recall_weight)
 
     def rescoring_launcher(
@@ -211,9 +222,8 @@ class VoxelLikelihood(Likelihood):
         config = self.config
         weights = config.weights, config.posture_prior_weight
         score = self._launch(poses.shape[0], poses, subset, *weights, errors)
-        if self.part_colours is not None:
-            self._coloured.append(score)
-            score.set(colour_weight=self._colour_weight)
+        self._by_pictures.append(score)
+        score.set(**self._picture_weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
@@ -243,7 +253,8 @@ class VoxelLikelihood(Likelihood):
         errors: Array,
     ) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples."""
-        config, colours = self.config, self.part_colours
+        config, colours, contours = self.config, self.part_colours, self.contours
+        maps = self.reprojection.maps
         launch = self.device.launch(
             self._kernel("score_poses"),
             pack_size(n, self._defines),
@@ -255,9 +266,9 @@ class VoxelLikelihood(Likelihood):
             width=self.rig.width,
             height=self.rig.height,
             cameras=self._cameras,
-            maps=self.reprojection.maps,
+            maps=maps,
             **self._row_arguments(),
-            n_points=config.n_points,
+            n_points=config.samples.n_points,
             first_point=subset.first,
             stride=subset.stride,
             scale=config.surface_scale,
@@ -267,11 +278,13 @@ class VoxelLikelihood(Likelihood):
             posture=self._posture,
             weights=weights,
             posture_weight=posture_weight,
-            codes=colours.codes if colours is not None else self.reprojection.maps,
+            codes=colours.codes if colours is not None else maps,
             ratios=colours.ratios if colours is not None else self._no_ratios,
             n_per_run=max(1, n // self.misfits.size),
             table_size=0 if colours is None else int(np.prod(colours.ratios.shape[1:])),
             colour_weight=0.0,
+            contours=maps if contours is None else contours.contours,
+            contour_weight=0.0,
             errors=errors,
         )
         self._scores.append(launch)
@@ -299,7 +312,7 @@ class VoxelLikelihood(Likelihood):
         defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
-        fixed = pack * (2 * body.n_dof + posed + 7 * defines["GROUP"])
+        fixed = pack * (2 * body.n_dof + posed + 9 * defines["GROUP"])
         fixed += self._body.nbytes + self._rows.nbytes
         per_view = pack * (_OUTLINE_FLOATS * n_cones + 2)
         room = self.device.handle.local_mem_size
@@ -315,9 +328,9 @@ class VoxelLikelihood(Likelihood):
     def _surface_launch(self, voxels: Voxels) -> Launch:
         return self.device.launch(
             self._kernel("sample_surface"),
-            (self.config.n_points,),
+            (self.config.samples.n_points,),
             None,
-            n_points=self.config.n_points,
+            n_points=self.config.samples.n_points,
             count=voxels.count,
             surface=voxels.surface,
             ny=voxels.grid.shape[1],

@@ -91,7 +91,7 @@ class Setup:
     def expected(self, points: np.ndarray, turn: int = 0) -> np.ndarray:
         cones = posed_cones(self.body, self.poses)
         sampling = cone_sampling(self.body, self.config.reprojection.sample_spacing)
-        seen = subset(points, turn, self.config.point_turns)
+        seen = subset(points, turn, self.config.samples.point_turns)
         errors = total_errors(
             self.rig, cones, self.maps, seen, sampling, self.body.apart, self.config
         )

@@ -55,7 +55,7 @@ def searched(
             seen = met[0] - mean
         poses, which = propose(body, mean, config, frame, seen)
         least_recall = config.limb_search.least_recall
-        errors = likelihood.rescore(poses, config.likelihood.point_turns, least_recall)
+        errors = likelihood.rescore(poses, config.likelihood.samples.point_turns, least_recall)
         for kind in range(2 * n_limbs):
             tried = np.flatnonzero(which == kind)
             candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)

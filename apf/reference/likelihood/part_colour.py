@@ -83,6 +83,27 @@ def ratios_of(histograms: np.ndarray, config: PartColourConfig) -> np.ndarray:
     return np.rint(RATIO_STEPS * np.clip(ratio, -1, 1)).astype(np.int8)
 
 
+def hidden_by_trunk(
+    camera: Camera,
+    body: BodyModel,
+    cones: np.ndarray,
+    corners: np.ndarray,
+    cone: int,
+    share: float,
+    pixels: np.ndarray,
+) -> np.ndarray:
+    """Return (N, K) whether the trunk hides samples at pixels (N, K, 2), that lie at this share of
+    a cone's length: they do in the outline of its cone, where that point lies further from the
+    camera than the trunk's middle. cones (N, C, 16), corners (N, C, 4, 2): their outlines."""
+    trunk = trunk_cone(body)
+    if trunk < 0:
+        return np.zeros(pixels.shape[:2], bool)
+    own = cones[:, cone, 0:3] + share * (cones[:, cone, 4:7] - cones[:, cone, 0:3])
+    middle = (cones[:, trunk, 0:3] + cones[:, trunk, 4:7]) / 2
+    further: np.ndarray = (own - middle) @ camera.R[2] > 0
+    return further[:, None] & in_outline(corners[:, trunk, None], pixels)
+
+
 def colour_means(
     camera: Camera,
     body: BodyModel,
@@ -100,7 +121,6 @@ def colour_means(
     """
     corners = outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
-    trunk = trunk_cone(body)
     for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
         if part < 0:
             continue
@@ -113,13 +133,7 @@ def colour_means(
         u = ((np.arange(int(n_columns)) + 0.5) / n_columns)[:, None]
         pixels = left + u * (right - left)  # (N, columns, 2)
         code = _codes_at(camera, codes, pixels)
-        seen = code >= 0
-        if trunk >= 0:
-            own = cones[:, c, 0:3] + t * (cones[:, c, 4:7] - cones[:, c, 0:3])
-            middle = (cones[:, trunk, 0:3] + cones[:, trunk, 4:7]) / 2
-            further = (own - middle) @ camera.R[2] > 0
-            covered = in_outline(corners[:, trunk, None], pixels)
-            seen = seen & ~(further[:, None] & covered)
+        seen = (code >= 0) & ~hidden_by_trunk(camera, body, cones, corners, c, t, pixels)
         sums += np.where(seen, ratios[part][np.maximum(code, 0)].astype(float), 0).sum(1)
         counts += seen.sum(1)
     means: np.ndarray = sums / (RATIO_STEPS * np.maximum(counts, 1))

@@ -11,9 +11,11 @@ from apf.body.cones import distances, outlines, overlap_errors
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
+from apf.likelihood.contour import contrast_of
 from apf.likelihood.part_colour import N_CODES, palette_of, part_names, scored_parts
 from apf.likelihood.voxel import cone_sampling, sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
+from apf.reference.likelihood.contour import contour_means, contours_of, gradients_of
 from apf.reference.likelihood.motion_prior import expectation, motion_errors
 from apf.reference.likelihood.part_colour import colour_means, counted, encoded, ratios_of
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
@@ -139,6 +141,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self._rows = sample_rows(self._sampling)
         self._row_parts = scored_parts(scene.body, self._rows)
         self.codes: np.ndarray | None = None
+        self.contours: np.ndarray | None = None
         self._palette: np.ndarray | None = None
         self.forget()
 
@@ -160,8 +163,12 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
     def observe(self, voxels: HostVoxels) -> None:
         """Take the voxels of a frame."""
         self._maps = self._reprojection(voxels)
-        self.points = sampled_surface(voxels.cloud().centres, self.config.n_points)
-        self.codes = None
+        self.points = sampled_surface(voxels.cloud().centres, self.config.samples.n_points)
+        self.codes = self.contours = None
+        if self.config.contour.weight > 0 and voxels.pictures is not None:
+            gradients = gradients_of(voxels.pictures, self._maps)
+            contrast = contrast_of(self.config.contour)
+            self.contours = contours_of(gradients, self._maps, contrast)
         if self.config.part_colour.weight > 0 and voxels.pictures is not None:
             silhouettes = self._maps[..., 0]
             if self._palette is None:
@@ -172,7 +179,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D)."""
-        return self._errors(poses, self.turn, self.config.point_turns, self.config)
+        return self._errors(poses, self.turn, self.config.samples.point_turns, self.config)
 
     def rescore(self, poses: np.ndarray, stride: int, least_recall: float = 0.0) -> np.ndarray:
         """Return errors (N,) of poses (N, D) by every `stride`-th surface sample, and by silhouette
@@ -187,24 +194,30 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         cones, seen = posed_cones(body, poses), subset(self.points, turn, turns)
         errors = total_errors(rig, cones, self._maps, seen, self._sampling, body.apart, config)
         errors = errors + len(rig) * config.posture_prior_weight * posture_errors(body, poses)
-        if config.part_colour.weight > 0 and self.codes is not None:
-            errors = errors - config.part_colour.weight * self._colour_gains(cones)
+        errors = errors + self._picture_errors(cones, config)
         if config.motion_prior.weight > 0:
             found = motion_errors(body, poses, self.motion[:, 1], config.motion_prior)
             errors = errors + len(rig) * config.motion_prior.weight * found
         return errors
 
-    def _colour_gains(self, cones: np.ndarray) -> np.ndarray:
-        """(N,) the mean over the cameras of the colours' means, times the number of cameras."""
-        assert self.codes is not None
-        look = self.ratios, self._row_parts, self._rows
-        means, seeing = np.zeros(len(cones)), np.zeros(len(cones))
-        for camera, codes, view in zip(self.rig, self.codes, self._maps, strict=True):
-            sums = image_errors(camera, cones, view, self._sampling).sum(1)
+    def _picture_errors(self, cones: np.ndarray, config: LikelihoodConfig) -> np.ndarray:
+        """(N,) what contours lack and colours gain, the mean over the cameras that see the body,
+        times the number of cameras."""
+        errors, seeing = np.zeros(len(cones)), np.zeros(len(cones))
+        look = self._row_parts, self._rows
+        for v, camera in enumerate(self.rig):
+            sums = image_errors(camera, cones, self._maps[v], self._sampling).sum(1)
             seen = (sums[:, 1] > 0) & (sums[:, 3] > 0)
-            means += np.where(seen, colour_means(camera, self.body, cones, codes, *look), 0.0)
+            error = np.zeros(len(cones))
+            if config.part_colour.weight > 0 and self.codes is not None:
+                gain = colour_means(camera, self.body, cones, self.codes[v], self.ratios, *look)
+                error -= config.part_colour.weight * gain
+            if config.contour.weight > 0 and self.contours is not None:
+                found = contour_means(camera, self.body, cones, self.contours[v], *look)
+                error += config.contour.weight * (1 - found)
+            errors += np.where(seen, error, 0.0)
             seeing += seen
-        return len(self.rig) * means / np.maximum(seeing, 1)
+        return len(self.rig) * errors / np.maximum(seeing, 1)
 
     def misfit(self, pose: np.ndarray) -> float:
         """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""

@@ -8,6 +8,9 @@
 #endif
 #include "common/packed_cones.h"
 
+// Slope from which a line counts as upright: that of half of a right angle's quarter, 67.5 degrees.
+#define STEEP 2.41421356f
+
 // Items that look at one camera's map.
 #define VIEW_LANES (GROUP / VIEWS)
 
@@ -29,19 +32,23 @@ __kernel void sample_surface(int n_points, __global const int *count,
 }
 
 // Sums over samples of a map: 255 - value, and how many of them lie in the picture; of `colour` the
-// log ratios of visible samples, see part_colour.cl.
-typedef struct { vint edge, n_edge, inside, n_inside, colour, n_colour; } samples;
+// log ratios of visible samples, see part_colour.cl; of `contour` what visible samples of outlines
+// find of contour.cl's.
+typedef struct {
+    vint edge, n_edge, inside, n_inside, colour, n_colour, contour, n_contour;
+} samples;
 
-// What the colours of parts are looked up in: the cameras' pictures of codes, the tables of log
-// ratios and where that of each particle's run begins, the part of every row, and what their mean
-// weighs.
+// What is looked up in the pictures themselves: their codes, the tables of log ratios and where that
+// of each particle's run begins, the part of every row, their contours, and what the means of both
+// weigh.
 typedef struct {
     __global const uchar *codes;
     __global const char *ratios;
     vint table;
     __global const int *row_parts;
-    float weight;
-} part_colours;
+    __global const uchar *contours;
+    float colour_weight, contour_weight;
+} picture_cues;
 
 // Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
 inline void take_sample(__global const float *camera, __global const uchar *channel, int width,
@@ -103,13 +110,47 @@ inline void take_colour(__global const float *camera, __global const uchar *code
     sums->n_colour += inside & 1;
 }
 
+// The normal, of contour.cl's four, of a line in direction (x, y).
+inline vint normal_of(vfloat x, vfloat y)
+{
+    const vfloat across = most(x, -x), down = most(y, -y);
+    const vint diagonal = x * y < 0.0f ? (vint)1 : (vint)3;
+    return down > STEEP * across ? (vint)0 : across > STEEP * down ? (vint)2 : diagonal;
+}
+
+// Adds what the sample at pixel (x, y), whose half is added already, of an outline with this normal
+// finds of contours.
+inline void take_contour(__global const float *camera, __global const uchar *contours, vint normal,
+                         int width, vfloat x, vfloat y, vint visible, samples *sums)
+{
+    const vint inside =
+        visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint pixel = inside ? 4 * (TO_INT(y) * width + TO_INT(x)) + normal : 0;
+#define FOUND(l) contours[LANE_OF(pixel, l)]
+    const vint value = PACK_OF(vint, FOUND);
+#undef FOUND
+    sums->contour += inside ? value : 0;
+    sums->n_contour += inside & 1;
+}
+
+// Whether a sample at pixel (x, y), whose half is added already, is seen: unless the row is `hidden`
+// where the trunk's outline covers it.
+inline vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint hidden)
+{
+#if TRUNK < 0
+    return (vint)-1;
+#else
+    return (hidden & in_outline(outlines + TRUNK * OUTLINE_FLOATS, x - 0.5f, y - 0.5f)) == 0;
+#endif
+}
+
 // One row of a cone, x = its number, y = share of the way along it: samples at both outlines and z
 // evenly between them, w = 1 / z.
-// Where its part has colours, `part` is not negative and `hidden` says where the trunk hides it.
+// Where its part is looked for in the pictures, `part` is not negative and `hidden` says whether it
+// lies behind the trunk; before: pixels of the cameras before this one.
 inline void take_row(__global const float *camera, __global const uchar *map, int width,
                      __local const vfloat *outlines, float4 row, int part,
-                     __global const uchar *codes, __global const char *ratios, vint table,
-                     vint hidden, samples *sums)
+                     picture_cues cues, size_t before, vint hidden, samples *sums)
 {
     __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
     const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;
@@ -118,31 +159,37 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
     const vfloat right_y = corner[3] + row.y * (corner[5] - corner[3]) + 0.5f;
     take_sample(camera, map + 1, width, left_x, left_y, &sums->edge, &sums->n_edge);
     take_sample(camera, map + 1, width, right_x, right_y, &sums->edge, &sums->n_edge);
+    if (part >= 0 && cues.contour_weight > 0.0f) {
+        __global const uchar *contours = cues.contours + 4 * before;
+        const vint left = normal_of(corner[6] - corner[0], corner[7] - corner[1]);
+        const vint right = normal_of(corner[4] - corner[2], corner[5] - corner[3]);
+        take_contour(camera, contours, left, width, left_x, left_y,
+                     seen_sample(outlines, left_x, left_y, hidden), sums);
+        take_contour(camera, contours, right, width, right_x, right_y,
+                     seen_sample(outlines, right_x, right_y, hidden), sums);
+    }
+    const bool coloured = part >= 0 && cues.colour_weight > 0.0f;
     const vfloat step_x = (right_x - left_x) * row.w, step_y = (right_y - left_y) * row.w;
     const int n = (int)row.z;
     for (int column = 0; column < n; ++column) {
         const vfloat x = left_x + (column + 0.5f) * step_x;
         const vfloat y = left_y + (column + 0.5f) * step_y;
         take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
-        if (part < 0) continue;
-#if TRUNK < 0
-        const vint visible = -1;
-#else
-        const vint covered = in_outline(outlines + TRUNK * OUTLINE_FLOATS, x - 0.5f, y - 0.5f);
-        const vint visible = (hidden & covered) == 0;
-#endif
-        take_colour(camera, codes, ratios, table + part * N_CODES, width, x, y, visible, sums);
+        if (coloured)
+            take_colour(camera, cues.codes + before, cues.ratios, cues.table + part * N_CODES,
+                        width, x, y, seen_sample(outlines, x, y, hidden), sums);
     }
 }
 
 // Song et al. eq. (14)-(15) of the cameras from `first_view` on, at most VIEWS of them: the items'
 // sums over the rows of all cones become error and 1 of every camera that sees both edge and
-// silhouette, else 0 and 0; the first item gets their sums. From the error goes the mean log ratio
-// of the colours that the camera sees, as a share of its bound, times its weight.
+// silhouette, else 0 and 0; the first item gets their sums. The error has, times their weights, what
+// the contours that the camera sees along outlines lack of 1 on average, less the mean log ratio of
+// the colours that it sees, as a share of its bound.
 inline void score_views(int first_view, int n_views, int width, int height,
                         __global const float *cameras, __global const uchar *maps,
                         int n_rows, __local const float4 *rows, float2 weights,
-                        part_colours colours, __local const vfloat *cones, __local vfloat *outlines,
+                        picture_cues cues, __local const vfloat *cones, __local vfloat *outlines,
                         __local samples *partial, __local vfloat *views, vfloat *error,
                         vfloat *seeing)
 {
@@ -154,16 +201,17 @@ inline void score_views(int first_view, int n_views, int width, int height,
     barrier(CLK_LOCAL_MEM_FENCE);
 
     const int view = lane / VIEW_LANES, view_lane = lane % VIEW_LANES;
-    samples sums = {0, 0, 0, 0, 0, 0};
+    samples sums = {0, 0, 0, 0, 0, 0, 0, 0};
     if (view < here) {
         const size_t before = (size_t)(first_view + view) * width * height;
         __global const float *camera = cameras + (first_view + view) * CAMERA_FLOATS;
         for (int r = view_lane; r < n_rows; r += VIEW_LANES) {
-            const int part = colours.weight > 0.0f ? colours.row_parts[r] : -1;
+            const int part =
+                cues.colour_weight > 0.0f || cues.contour_weight > 0.0f ? cues.row_parts[r] : -1;
             const vint hidden = part < 0 ? (vint)0 : behind_trunk(camera, cones, rows[r]);
             take_row(camera, maps + 2 * before, width,
-                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], part,
-                     colours.codes + before, colours.ratios, colours.table, hidden, &sums);
+                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], part, cues, before,
+                     hidden, &sums);
         }
     }
     partial[lane] = sums;
@@ -178,6 +226,8 @@ inline void score_views(int first_view, int n_views, int width, int height,
             partial[lane].n_inside += more.n_inside;
             partial[lane].colour += more.colour;
             partial[lane].n_colour += more.n_colour;
+            partial[lane].contour += more.contour;
+            partial[lane].n_contour += more.n_contour;
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
@@ -188,7 +238,10 @@ inline void score_views(int first_view, int n_views, int width, int height,
         const vfloat inside = TO_FLOAT(sums.inside) / (255.0f * TO_FLOAT(sums.n_inside));
         const vfloat known = most(TO_FLOAT(sums.n_colour), 1.0f);
         const vfloat colour = TO_FLOAT(sums.colour) / (RATIO_STEPS * known);
-        const vfloat own = weights.x * edge + weights.y * inside - colours.weight * colour;
+        const vfloat outlined = most(TO_FLOAT(sums.n_contour), 1.0f);
+        const vfloat contour = 1.0f - TO_FLOAT(sums.contour) / (255.0f * outlined);
+        const vfloat own = weights.x * edge + weights.y * inside - cues.colour_weight * colour +
+                           cues.contour_weight * contour;
         views[2 * view] = seen ? own : 0.0f;
         views[2 * view + 1] = seen ? (vfloat)1.0f : 0.0f;
     }
@@ -266,8 +319,8 @@ inline vfloat posture_error(__global const float2 *posture, __global const float
 // that see no sample are replaced by the mean of the others; if no camera sees any, by the worst.
 // row_table: the n_rows rows of samples on all cones, for which `rows` is room.
 // weights: of edge, silhouette, surface, overlap. n_per_run: particles of a run, whose table of
-// table_size ratios they are compared with. row_parts: of every row, the part whose colours
-// it is compared with, or -1. One work-group per pack of particles.
+// table_size ratios they are compared with. row_parts: of every row, the part that is looked for in
+// the pictures' codes and contours, or -1. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses, __global const float *table,
                  int n_views, int width, int height, __global const float *cameras,
@@ -278,7 +331,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  __global const float2 *posture, float4 weights, float posture_weight,
                  __global const uchar *codes, __global const char *ratios, int n_per_run,
                  int table_size, __global const int *row_parts, float colour_weight,
-                 __global float *errors)
+                 __global const uchar *contours, float contour_weight, __global float *errors)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -291,12 +344,13 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
 
 #define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
-    const part_colours colours = {codes, ratios, PACK_OF(vint, TABLE), row_parts, colour_weight};
+    const picture_cues cues = {codes,    ratios,        PACK_OF(vint, TABLE), row_parts,
+                               contours, colour_weight, contour_weight};
 #undef TABLE
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)
-        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, colours,
-                    cones, outlines, partial, views, &error, &seeing);
+        score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cues, cones,
+                    outlines, partial, views, &error, &seeing);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat sum = 0.0f;

@@ -107,10 +107,10 @@ def test_terms_of_the_likelihood_by_name() -> None:
     default = LikelihoodConfig()
     song = of_terms("edge,silhouette").likelihood
     assert song.weights.tolist() == [default.edge_weight, default.silhouette_weight, 0, 0]
-    assert song.part_colour.weight == 0
+    assert song.part_colour.weight == song.contour.weight == 0
     assert song.posture_prior_weight == 0 and not song.reprojection.foreground_join.on
     assert of_terms("surface=2.5").likelihood.weights.tolist() == [0, 0, 2.5, 0]
-    every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,pictures")
+    every = of_terms("edge,silhouette,surface,overlap,posture,part_colour,contour,pictures")
     assert every == FilterConfig.of(limb_search_least_recall=0.0)
 
 

@@ -116,7 +116,7 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
         n_particles=n_particles, refinement_steps=2, first_survival=0.5, last_survival=0.4
     )
     pose = bodies.random_poses(body, 1)[0]
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
     found, shift, information = search_limbs(device, body, likelihood, mean, config)
@@ -137,7 +137,7 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> N
     body = load_body("song31")
     config = CONFIG.changed(n_particles=n_particles, first_survival=0.9, last_survival=0.6)
     pose = bodies.random_poses(body, 1)[0].astype(np.float32)
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper).astype(np.float32)
     with (
@@ -173,7 +173,7 @@ def test_a_lost_arm_is_found(device: Device) -> None:
     """Within a few frames; refinement alone leaves it where it is."""
     body = load_body("song31")
     pose, wrist = raised(body), body.joint_names.index("l_wrist")
-    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.n_points))
+    likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
 
     def miss(config: FilterConfig, n_frames: int = 8) -> float:
         found = body.rest_pose
@@ -191,7 +191,9 @@ def test_a_lost_arm_is_found(device: Device) -> None:
 def test_nothing_moves_where_nothing_is_gained(device: Device) -> None:
     """With margins that no limb can win, the mean is refined as if alone."""
     body = load_body("song31")
-    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
+    likelihood = Nearness(
+        device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
+    )
     hopeless = CONFIG.changed(limb_search_near_margin=1.0, limb_search_far_margin=1.0)
     stays = search_limbs(device, body, likelihood, body.rest_pose, hopeless)[0]
     alone = search_limbs(
@@ -211,7 +213,9 @@ def test_runs_are_searched_each_by_itself(device: Device) -> None:
     """Bit by bit as alone, from means, frames and seeds of their own."""
     body, seeds, frames = load_body("song31"), (5, 2**35, 1), np.array([7, 3, 9], np.uint32)
     config = CONFIG.changed(n_particles=37, refinement_steps=2, last_survival=0.4)
-    likelihood = Nearness(device, body, on_cones(body, raised(body), CONFIG.likelihood.n_points))
+    likelihood = Nearness(
+        device, body, on_cones(body, raised(body), CONFIG.likelihood.samples.n_points)
+    )
     means = bodies.random_poses(body, 3).astype(np.float32)
 
     def of(rows: list[int]) -> list[np.ndarray]:

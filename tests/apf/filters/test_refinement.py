@@ -34,7 +34,7 @@ def on_device(
     device: Device, body: BodyModel, mean: np.ndarray, points: np.ndarray, config: FilterConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refined pose and information by the kernel; no points at all count as an empty cloud."""
-    padded = np.zeros((config.likelihood.n_points, 4), np.float32)
+    padded = np.zeros((config.likelihood.samples.n_points, 4), np.float32)
     if len(points):
         padded[:] = np.c_[points, np.ones(len(points))]
     refinement = Refinement(device, body, config)

@@ -1,0 +1,80 @@
+"""Where the pictures have contours (kernels: contour.cl, likelihood.cl).
+
+Silhouettes show a limb's outline where it lies before the background. Before the trunk the picture
+alone shows it: grey values change across the outline. The term asks for that change along the
+outline's normal (Isard & Blake 1998, section 4), the largest within a few pixels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from apf.likelihood.config import ContourConfig
+from cl import Array, Device, Launch
+from psfs.cameras.camera import CameraRig
+
+#: Normals that contours are looked for along: (1, 0), (1, 1), (0, 1) and (-1, 1).
+N_NORMALS = 4
+#: Pixels to either side of an outline, and diagonal steps that are about as far.
+REACH, DIAGONAL_REACH = 3, 2
+#: Of the Sobel operator's result, per grey value and pixel.
+SOBEL_GAIN = 128
+_GROUP = 16, 4
+
+
+def contrast_of(config: ContourConfig) -> int:
+    """Return the derivative by the Sobel operator that counts in full."""
+    return max(1, round(config.contrast * SOBEL_GAIN))
+
+
+class Contours:
+    """The contours of the pictures that `maps` (V, H, W, 2) are silhouettes of.
+
+    `contours` (V, H, W, 4) uint8 are those of the latest frame, along each normal; `known` tells
+    whether it had pictures. Twin: reference/likelihood/contour.py.
+    """
+
+    def __init__(self, device: Device, rig: CameraRig, maps: Array, config: ContourConfig) -> None:
+        self.device, self._rig, self._maps, self._config = device, rig, maps, config
+        shape = len(rig), rig.height, rig.width
+        self.contours = device.empty((*shape, N_NORMALS), np.uint8, "the pictures' contours")
+        self._gradients = device.empty((*shape, 2), np.int16, "the pictures' gradients")
+        self.known = False
+        self._pictures: Array | None = None
+        self._launches: list[Launch] = []
+
+    def observe(self, pictures: Array | None) -> None:
+        """Enqueue the contours of a frame's pictures (V, H, W, 3), whose maps are made."""
+        self.known = pictures is not None
+        if pictures is None:
+            return
+        if pictures is not self._pictures:
+            self._pictures, self._launches = pictures, self._finding(pictures)
+        for launch in self._launches:
+            launch()
+
+    def _finding(self, pictures: Array) -> list[Launch]:
+        rig = self._rig
+        size = (
+            -(-rig.width // _GROUP[0]) * _GROUP[0], -(-rig.height // _GROUP[1]) * _GROUP[1],
+            len(rig),
+        )  # fmt: skip
+        shape = {"n_views": len(rig), "width": rig.width, "height": rig.height}
+        return [
+            self.device.launch(
+                self._kernel("differentiate"), size, (*_GROUP, 1), **shape,
+                maps=self._maps, pictures=pictures, gradients=self._gradients,
+            ),
+            self.device.launch(
+                self._kernel("find_contours"), size, (*_GROUP, 1), **shape,
+                contrast=contrast_of(self._config), maps=self._maps,
+                gradients=self._gradients, contours=self.contours,
+            ),
+        ]  # fmt: skip
+
+    def _kernel(self, name: str) -> Any:
+        return self.device.kernel(
+            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH
+        )

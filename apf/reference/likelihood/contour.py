@@ -1,0 +1,94 @@
+"""Where the pictures have contours. Twin of apf/likelihood/contour.py, contour.cl and the term in
+likelihood.cl."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from apf.body.cones import outlines
+from apf.body.model import BodyModel
+from apf.likelihood.contour import DIAGONAL_REACH, N_NORMALS, REACH
+from apf.reference.likelihood.part_colour import hidden_by_trunk
+from psfs.cameras.camera import Camera
+
+_SMOOTH, _DERIVE = np.array([1, 4, 6, 4, 1]), np.array([-1, -2, 0, 2, 1])
+#: Blue, green and red in grey, in 256ths (ITU-R BT.601).
+_GREY = np.array([29, 150, 77])
+#: Slope from which a line counts as upright or level.
+_STEEP = 2.41421356
+
+
+def gradients_of(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
+    """Return the derivatives (V, H, W, 2) int16 along x and y, by the Sobel operator of 5 x 5
+    pixels, of pictures (V, H, W, 3) uint8 BGR where maps (V, H, W, 2) are not 0."""
+    grey = pictures.astype(np.int32) @ _GREY >> 8
+    along = []
+    for axis in (2, 1):
+        other = 3 - axis
+        smooth = ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
+        along.append(ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
+    shown = maps.max(-1) > 0
+    return np.where(shown[..., None], np.stack(along, -1), 0).astype(np.int16)
+
+
+def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
+    """Return contours (V, H, W, 4) uint8: the largest derivative along each of the normals (1, 0),
+    (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond."""
+    _, height, width, _ = gradients.shape
+    x, y = gradients.astype(np.int32)[..., 0], gradients.astype(np.int32)[..., 1]
+    slopes = np.abs(x), np.abs(x + y) * 181 >> 8, np.abs(y), np.abs(y - x) * 181 >> 8
+    found = np.zeros((*x.shape, N_NORMALS), np.int32)
+    steps = ((1, 0), (1, 1), (0, 1), (-1, 1))
+    for normal, (slope, (dx, dy)) in enumerate(zip(slopes, steps, strict=True)):
+        reach = DIAGONAL_REACH if dx and dy else REACH
+        for step in range(-reach, reach + 1):
+            columns = np.clip(np.arange(width) + step * dx, 0, width - 1)
+            rows = np.clip(np.arange(height) + step * dy, 0, height - 1)
+            moved = slope[:, rows[:, None], columns]
+            found[..., normal] = np.maximum(found[..., normal], moved)
+    shown = maps.max(-1) > 0
+    return np.where(shown[..., None], np.minimum(found, contrast) * 255 // contrast, 0).astype(
+        np.uint8
+    )
+
+
+def contour_means(
+    camera: Camera,
+    body: BodyModel,
+    cones: np.ndarray,
+    contours: np.ndarray,
+    row_parts: np.ndarray,
+    rows: np.ndarray,
+) -> np.ndarray:
+    """Return (N,) the mean, 0 to 1, of the contours (H, W, 4) that a camera sees along the outlines
+    of the rows (R, 4) of cones (N, C, 16); 0 where it sees none of them.
+
+    Rows of parts (R,) -1 count nothing, nor do samples that the trunk hides.
+    """
+    corners = outlines(camera, cones)
+    sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
+    for (number, t, _, _), part in zip(rows, row_parts, strict=True):
+        if part < 0:
+            continue
+        quad = corners[:, int(number)]
+        for near, far in ((0, 3), (1, 2)):
+            line = quad[:, far] - quad[:, near]
+            pixels = quad[:, near] + t * line
+            x, y = np.moveaxis(np.floor(np.nan_to_num(pixels, nan=-1e6) + 0.5).astype(int), -1, 0)
+            seen = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
+            hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
+            seen &= ~hidden[:, 0]
+            found = contours[np.where(seen, y, 0), np.where(seen, x, 0), _normals(line)]
+            sums += np.where(seen, found.astype(float), 0)
+            counts += seen
+    means: np.ndarray = sums / (255 * np.maximum(counts, 1))
+    return means
+
+
+def _normals(lines: np.ndarray) -> np.ndarray:
+    """The numbers (N,) of the normals of lines in directions (N, 2)."""
+    x, y = np.moveaxis(np.nan_to_num(lines), -1, 0)
+    diagonal = np.where(x * y < 0, 1, 3)
+    level = np.where(np.abs(x) > _STEEP * np.abs(y), 2, diagonal)
+    return np.where(np.abs(y) > _STEEP * np.abs(x), 0, level)

@@ -1,0 +1,158 @@
+"""Contours of the pictures, and their kernels against the twin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from helpers import bodies, scenes
+from helpers.kinds import other_kind
+from helpers.likelihoods import Setup, only, smooth_maps
+
+from apf.body.kinematics import posed_cones
+from apf.filters.config import FilterConfig
+from apf.likelihood.config import ContourConfig
+from apf.likelihood.contour import N_NORMALS, SOBEL_GAIN, Contours, contrast_of
+from apf.likelihood.part_colour import scored_parts
+from apf.likelihood.voxel import VoxelLikelihood, cone_sampling, sample_rows
+from apf.reference.image_objective.render import draw_hypotheses
+from apf.reference.likelihood.contour import contour_means, contours_of, gradients_of
+from apf.reference.likelihood.voxel import NumpyVoxelLikelihood
+from apf.scene import Scene
+from cl import Device, InputError, NumpyDevice
+from psfs.reconstructor import Reconstructor
+from psfs.reference.reconstructor import NumpyReconstructor
+
+SONG = bodies.named("song31")
+CONFIG = ContourConfig()
+RIG = scenes.ring(4, (161, 121))
+
+
+def crossing() -> np.ndarray:
+    """The left forearm lies across the belly."""
+    pose = SONG.rest_pose.copy()
+    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
+        pose[SONG.dof_names.index(f"l_{axis}")] = value
+    return pose
+
+
+def painted(pose: np.ndarray, arms: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures (V, H, W, 3) of a person in this pose, `arms` grey at the arms and 90 elsewhere, and
+    maps (V, H, W, 2) of the silhouettes."""
+    bare = [cone.name[2:] in ("forearm", "upper_arm") for cone in SONG.cones]
+    grey = np.array([30, *np.where(bare, arms, 90)], np.uint8)
+    pictures = np.zeros((len(RIG), RIG.height, RIG.width, 3), np.uint8)
+    maps = np.zeros((len(RIG), RIG.height, RIG.width, 2), np.uint8)
+    for view, drawn in enumerate(draw_hypotheses(SONG, RIG, pose[None])):
+        parts = drawn[0][0]
+        height, width = parts.shape
+        pictures[view, :height, :width] = grey[parts][..., None]
+        shown = cv2.dilate((parts > 0) * np.uint8(255), np.ones((5, 5)))
+        maps[view, :height, :width] = shown[..., None]
+    return pictures, maps
+
+
+def means(poses: np.ndarray, contours: np.ndarray) -> np.ndarray:
+    """The term's means (N,) over the cameras."""
+    rows = sample_rows(cone_sampling(SONG, 0.06))
+    look = scored_parts(SONG, rows), rows
+    cones = posed_cones(SONG, poses)
+    views = zip(RIG, contours, strict=True)
+    return np.mean([contour_means(camera, SONG, cones, view, *look) for camera, view in views], 0)
+
+
+def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
+    """Of the trunk's own grey it has few there."""
+    gain = {}
+    for arms in (150, 90):
+        pictures, maps = painted(crossing(), arms)
+        contours = contours_of(gradients_of(pictures, maps), maps, contrast_of(CONFIG))
+        hanging, right = means(np.stack([SONG.rest_pose, crossing()]), contours)
+        gain[arms] = right - hanging
+    assert gain[150] > 0.005 and gain[150] > gain[90] + 0.01
+
+
+def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
+    pictures, maps = np.full((1, 40, 40, 3), 50, np.uint8), np.full((1, 40, 40, 2), 255, np.uint8)
+    pictures[:, :, 20:] = 90
+    contrast = contrast_of(ContourConfig(contrast=20.0))
+    assert contrast == 20 * SOBEL_GAIN
+    found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
+    assert found[20, 20, 0] > 2 * found[20, 20, 2] == 0
+    assert found[20, 20, 1] == found[20, 20, 3] < found[20, 20, 0]
+    assert found[20, 16, 0] > 0 == found[20, 10, 0]
+    maps[:, :20] = 0
+    found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
+    assert not found[:20].any() and found[25, 20, 0] > 0
+
+
+@pytest.mark.parity("tracking/contour.differentiate", "tracking/contour.find_contours")
+def test_contours_are_those_of_the_twin(device: Device) -> None:
+    rig, grid = scenes.ring(3), scenes.small_grid(0.08)
+    masks = scenes.masks_of(rig)
+    images = np.random.default_rng(0).integers(0, 256, (*masks.shape, 3)).astype(np.uint8)
+    images[0] = cv2.GaussianBlur(images[0], (0, 0), 2.0)
+    picture: Any = scenes.frame(images=images, masks=masks)
+    config = FilterConfig.of(part_colour_weight=0.0).likelihood
+    here = VoxelLikelihood(Scene(device, rig, grid, SONG), config, 37)
+    here.observe(Reconstructor(device, rig, grid, None)(picture))
+    assert here.contours is not None and here.contours.known
+    found, maps = here.contours.contours.get(), here.reprojection.maps.get()
+    gradients = gradients_of(images, maps)
+    np.testing.assert_array_equal(found, contours_of(gradients, maps, contrast_of(CONFIG)))
+    assert np.abs(gradients).max() > 1000 and 0.02 < (found > 0).mean() < 0.98
+    twin = NumpyVoxelLikelihood(Scene(NumpyDevice(), rig, grid, SONG), config)
+    twin.observe(NumpyReconstructor(NumpyDevice(), rig, grid, None)(picture))
+    assert twin.contours is not None
+    assert ((found > 0) == (twin.contours > 0)).mean() > 0.98
+
+
+@pytest.mark.parity("tracking/likelihood.score_poses")
+@pytest.mark.parametrize("name", ["song31", "stick"])
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> None:
+    """Outlines in a direction between two normals may take either's: blurred maps, most alike."""
+    device = device if kind == "own" else other_kind(device)
+    body, rig, grid = bodies.named(name), scenes.ring(2, (161, 121)), scenes.small_grid(0.1)
+    poses = bodies.random_poses(body, 37)
+    config = only("none").changed(part_colour_weight=0.0, contour_weight=1.5)
+    setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
+    likelihood = setup.likelihood
+    assert isinstance(likelihood.contours, Contours)
+    contours = np.concatenate([smooth_maps(rig, seed) for seed in (1, 2)], -1)
+    assert contours.shape[-1] == N_NORMALS
+    likelihood.contours.contours.set(contours)
+    rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
+    look = scored_parts(body, rows), rows
+    cones = posed_cones(body, setup.poses)
+    views = zip(rig, contours, strict=True)
+    expected = np.mean([1 - contour_means(c, body, cones, v, *look) for c, v in views], 0)
+    setup.on_device.set(setup.poses)
+    launches = likelihood.launcher(setup.on_device)
+    likelihood.reprojection.maps.set(setup.maps)
+    for launch in launches:
+        launch.set(contour_weight=1.5)
+        launch()
+    found = likelihood.errors.get() / len(rig)
+    np.testing.assert_allclose(found, 1.5 * expected, atol=0.05)
+    assert np.mean(np.abs(found - 1.5 * expected) < 0.005) > 0.8
+    assert np.ptp(found) > 0.02
+
+
+def test_without_pictures_contours_cost_nothing(device: Device) -> None:
+    with pytest.raises(InputError, match=r"contour_contrast is 0"):
+        FilterConfig.of(contour_contrast=0.0)
+    rig, grid = scenes.ring(2), scenes.small_grid(0.1)
+    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
+    poses = bodies.random_poses(SONG, 8).astype(np.float32)
+    found = []
+    for weight in (0.0, 4.0):
+        config = FilterConfig.of(contour_weight=weight).likelihood
+        likelihood = VoxelLikelihood(Scene(device, rig, grid, SONG), config, len(poses))
+        likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
+        for launch in likelihood.launcher(device.to_device(poses)):
+            launch()
+        found.append(likelihood.errors.get())
+    np.testing.assert_array_equal(*found)
