@@ -36,11 +36,13 @@ if TYPE_CHECKING:
     from apf.initialisation.from_joints import fit_to_joints
     from apf.keypoints.keypoints import Keypoints
     from apf.likelihood.config import (
+        ContourConfig,
         KeypointConfig,
         LikelihoodConfig,
         MotionPriorConfig,
         PartColourConfig,
         ReprojectionConfig,
+        SurfaceSamplesConfig,
     )
     from apf.presets import Preset, preset
     from apf.results.evaluate import Evaluation, evaluate, load_truth
@@ -68,6 +70,7 @@ __all__ = [
     "AnnealedParticleFilter",
     "BodyModel",
     "ContactConfig",
+    "ContourConfig",
     "Device",
     "DeviceError",
     "Estimate",
@@ -102,6 +105,7 @@ __all__ = [
     "Start",
     "StartConfig",
     "StartError",
+    "SurfaceSamplesConfig",
     "SwarmConfig",
     "Take",
     "Track",
@@ -139,11 +143,13 @@ _MODULES = {
     "apf.initialisation.from_joints": ("fit_to_joints",),
     "apf.keypoints.keypoints": ("Keypoints",),
     "apf.likelihood.config": (
+        "ContourConfig",
         "KeypointConfig",
         "LikelihoodConfig",
         "MotionPriorConfig",
         "PartColourConfig",
         "ReprojectionConfig",
+        "SurfaceSamplesConfig",
     ),
     "apf.presets": ("Preset", "preset"),
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),

@@ -103,7 +103,8 @@ def add_method_flags(
         metavar="A,B=W",
         help=f"terms of the voxels' likelihood out of {', '.join(TERMS)}, each with its weight if "
         "it is not the usual one; Song et al.'s is edge=1,silhouette; contour and part_colour need "
-        f"pictures (default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are searched for)",
+        f"pictures (default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are "
+        "searched for)",
     )
     rows = [(FilterConfig().settings, {**_SETTINGS, **_WEIGHTS})]
     rows += [
