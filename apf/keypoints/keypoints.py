@@ -92,6 +92,6 @@ class Keypoints:
             )
         points = self.points.copy()
         for view, camera in zip(points, cameras, strict=True):
-            if camera.distortion.any():
+            if camera.lens.any():
                 view[..., :2] = camera.undistorted(view[..., :2].astype(np.float64))
         return replace(self, points=points)

@@ -1,4 +1,4 @@
-"""Calibrated cameras: what they are and how they project (Brown-Conrady, OpenCV conventions).
+"""Calibrated cameras: what they are and how they project (Brown-Conrady, OpenCV conventions; Tsai).
 
 World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right,
 y down; pixel centres at integer coordinates. OpenCL's counterpart: `cl/kernels/common/camera.h`.
@@ -34,8 +34,9 @@ class Camera:
     """One calibrated camera.
 
     K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m
-    take world to camera. size: (width, height) px. Raises InputError if R is not a rotation, a
-    number is not finite or a shape is wrong.
+    take world to camera. size: (width, height) px. kappa: Tsai's, of normalised coordinates, in
+    the place of the distortion (see `distortion.py`). Raises InputError if R is not a rotation, a
+    number is not finite or a shape is wrong, or where there are both.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Camera:
     R: np.ndarray
     t: np.ndarray
     size: tuple[int, int]
+    kappa: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name, "a camera")
@@ -68,8 +70,10 @@ class Camera:
         self._check()
 
     def _check(self) -> None:
-        for field in ("K", "distortion", "R", "t"):
-            values = getattr(self, field)
+        if self.kappa and self.distortion.any():
+            raise InputError(f"camera {self.name}: distortion beside Tsai's kappa; expected one")
+        for field in ("K", "distortion", "kappa", "R", "t"):
+            values = np.asarray(getattr(self, field))
             if not np.isfinite(values).all():
                 raise InputError(f"camera {self.name}: {field} holds a number that is not finite")
             if np.abs(values).max() > _LARGEST:
@@ -100,11 +104,16 @@ class Camera:
         """(3,) position of the camera in the world, m."""
         return -self.R.T @ self.t
 
+    @property
+    def lens(self) -> np.ndarray:
+        """(6,) k1 k2 p1 p2 k3 kappa."""
+        return np.append(self.distortion, self.kappa)
+
     @cached_property
     def max_radius2(self) -> float:
         """Largest squared normalised radius that has an image, see `largest_radius2`; points
         beyond it count as unseen."""
-        return largest_radius2(self.distortion)
+        return largest_radius2(self.lens)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return pixels (..., 2) and depths (...) m of world points (..., 3).
@@ -137,8 +146,8 @@ class Camera:
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = x / depth, y / depth
             seen = (depth > 1e-6) & (x * x + y * y < self.max_radius2)
-            if self.distortion.any():
-                x, y = distorted(self.distortion, x, y)
+            if self.lens.any():
+                x, y = distorted(self.lens, x, y)
             u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
             v = self.K[1, 1] * y + self.K[1, 2]
         return u, v, depth, seen
@@ -158,11 +167,15 @@ class Camera:
         K = self.K
         y = (pixels[..., 1] - K[1, 2]) / K[1, 1]
         x = (pixels[..., 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
-        x, y = undistorted(self.distortion, x, y)
+        x, y = undistorted(self.lens, x, y)
         return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""
+        if self.kappa:
+            there = np.column_stack([self.undistorted(pixels), np.ones(len(pixels))])
+            tsai: np.ndarray = np.linalg.solve(self.K, there.T).T @ self.R
+            return tsai
         distorted = np.array(pixels, np.float64).reshape(-1, 1, 2)
         # OpenCV leaves the skew out.
         distorted[..., 0] -= self.K[0, 1] * (distorted[..., 1] - self.K[1, 2]) / self.K[1, 1]
@@ -189,6 +202,7 @@ class Camera:
         out[22] = min(self.max_radius2, 1e30)
         out[23:25] = self.size
         out[25:28] = self.centre
+        out[28] = self.kappa
         return out
 
 
@@ -232,7 +246,7 @@ class CameraRig:
     @property
     def distorted(self) -> bool:
         """Has any camera's lens a distortion?"""
-        return any(camera.distortion.any() for camera in self)
+        return any(camera.lens.any() for camera in self)
 
     @property
     def centres(self) -> np.ndarray:

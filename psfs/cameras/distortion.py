@@ -1,4 +1,6 @@
-"""Lens distortion after Brown and Conrady, in OpenCV's convention: coefficients k1 k2 p1 p2 k3.
+"""Lens distortion after Brown and Conrady, in OpenCV's convention: coefficients k1 k2 p1 p2 k3; or,
+where a sixth one, kappa, is not 0, after Tsai (1987; Rymut 2016 eq. 2.24), who has it the other way
+round: undistorted = distorted (1 + kappa r^2) with the radius r of the distorted coordinates.
 
 `cl/kernels/common/camera.h` is the OpenCL counterpart.
 """
@@ -10,16 +12,37 @@ import numpy as np
 #: Steps in which the distortion is undone, and what may be left of it, of the focal length.
 _STEPS, _LEFT = 12, 1e-6
 
+#: The least -kappa r^2 at which Tsai's cubic has no root on the side of the lens.
+_TSAI_END = 4 / 27
+
+
+def _tsai_share(stretch: np.ndarray) -> np.ndarray:
+    """Return (...) the root s of `stretch` s^3 + s - 1 = 0 that is 1 where that is 0: the distorted
+    radius over the undistorted r, for a stretch (...) of kappa r^2; NaN below -4/27."""
+    root = np.sqrt(3 * np.abs(stretch))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wide = np.sinh(np.arcsinh(1.5 * root) / 3)
+        narrow = np.sin(np.arcsin(1.5 * root) / 3)
+        share = 2 * np.where(stretch > 0, wide, narrow) / root
+    # One step of Newton's, for the last digits; of almost nothing, the series.
+    share = np.where(np.abs(stretch) < 1e-12, 1 - stretch, share)
+    slope = 3 * stretch * share**2 + 1
+    better: np.ndarray = share - (stretch * share**3 + share - 1) / np.where(slope > 1e-6, slope, 1)
+    return better
+
 
 def distorted(
     coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the distorted normalised coordinates (...) of undistorted ones (...).
 
-    x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise.
+    x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise; or Tsai's.
     """
-    k1, k2, p1, p2, k3 = coefficients
+    k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
+    if any(kappa):
+        share = _tsai_share(kappa[0] * r2)
+        return x * share, y * share
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     return xd, y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
@@ -27,8 +50,13 @@ def distorted(
 
 def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the derivatives (2, 2, ...) of the distorted coordinates by the undistorted ones."""
-    k1, k2, p1, p2, k3 = coefficients
+    k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
+    if any(kappa):
+        share = _tsai_share(kappa[0] * r2)
+        slope = -2 * kappa[0] * share**3 / (1 + 3 * kappa[0] * r2 * share**2)
+        mixed = x * y * slope
+        return np.array([[share + x * x * slope, mixed], [mixed, share + y * y * slope]])
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
     mixed = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
@@ -46,6 +74,10 @@ def undistorted(
     """Return the undistorted normalised coordinates (...) of distorted ones (...), by Newton's
     method; NaN where it does not converge, or beyond `largest_radius2`, where no lens shows them.
     """
+    if len(coefficients) > 5 and coefficients[5]:
+        stretch = coefficients[5] * (x * x + y * y)
+        good = 1 + 3 * stretch > 0  # farther out the undistorted radius would shrink again
+        return np.where(good, x * (1 + stretch), np.nan), np.where(good, y * (1 + stretch), np.nan)
     found_x, found_y = np.array(x, np.float64), np.array(y, np.float64)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
@@ -66,7 +98,9 @@ def largest_radius2(coefficients: np.ndarray) -> float:
     Beyond it the polynomial turns back and would project points far outside the view into the
     picture. Infinite where it never turns back up to a radius of 10, which is 84 degrees.
     """
-    k1, k2, _, _, k3 = coefficients
+    k1, k2, _, _, k3, *kappa = coefficients
+    if any(kappa):
+        return float(_TSAI_END / -kappa[0]) if kappa[0] < 0 else float("inf")
     r = np.linspace(0.0, 10.0, 100_001)
     slope = 1 + 3 * k1 * r**2 + 5 * k2 * r**4 + 7 * k3 * r**6
     turning = np.flatnonzero(slope <= 0)

@@ -119,7 +119,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
     the derivatives hold; largest radius that has an image."""
     largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
     u, v = _polar(min(largest, 20.0))
-    x, y = distorted(camera.distortion, u, v)
+    x, y = distorted(camera.lens, u, v)
     px = camera.K[0, 0] * x + camera.K[0, 1] * y + camera.K[0, 2]
     py = camera.K[1, 1] * y + camera.K[1, 2]
     width, height = camera.size
@@ -131,9 +131,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
     if rings.size and rings.max() == len(step) - 1:
         picture = largest
     outer = 1.3 * picture
-    slopes = (
-        np.abs(distortion_jacobian(camera.distortion, *_polar(min(outer, 1e3)))).max((2, 3)) * 1.02
-    )
+    slopes = np.abs(distortion_jacobian(camera.lens, *_polar(min(outer, 1e3)))).max((2, 3)) * 1.02
     fx, fy, skew = camera.K[0, 0], camera.K[1, 1], abs(camera.K[0, 1])
     by_x = fx * slopes[0] + skew * slopes[1]
     reach = np.zeros(_REACH_FLOATS)

@@ -1,7 +1,19 @@
 // Camera projection, the counterpart of psfs/cameras/camera.py. A camera is CAMERA_FLOATS floats:
 //   0-8 R (row-major)  9-11 t  12-16 fx fy cx cy skew  17-21 k1 k2 p1 p2 k3
 //   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
+//   28 Tsai's kappa, in the place of 17-21
 #include "common/pack.h"
+
+// Distorted over undistorted radius of Tsai's lens: the root of stretch s^3 + s - 1, by Newton's
+// method; stretch is kappa times the squared undistorted radius.
+inline vfloat tsai_share(vfloat stretch)
+{
+    vfloat s = 1.0f / (1.0f + stretch);
+#pragma unroll
+    for (int step = 0; step < 5; ++step)
+        s = (2.0f * stretch * s * s * s + 1.0f) / (3.0f * stretch * s * s + 1.0f);
+    return s;
+}
 
 // Project a pack of world points (x, y, z): pixels in *px and *py, returns the depth, which is <= 0
 // when the point has no image (behind the camera, or beyond the radius where the distortion turns
@@ -23,8 +35,13 @@ inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat
     const vint seen = (cz > 1e-6f) & (r2 < camera[22]);
     const float k1 = camera[17], k2 = camera[18], p1 = camera[19], p2 = camera[20];
     const vfloat radial = 1.0f + r2 * (k1 + r2 * (k2 + r2 * camera[21]));
-    const vfloat xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
-    const vfloat yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
+    vfloat xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
+    vfloat yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
+    if (camera[28] != 0.0f) { // of few cameras, and the same for all points
+        const vfloat share = tsai_share(camera[28] * r2);
+        xd = u * share;
+        yd = v * share;
+    }
 #endif
     // Before the selection: what reads memory inside of it stays a branch (occupancy: three times).
     const vfloat image_x = camera[12] * xd + camera[16] * yd + camera[14];

@@ -18,6 +18,8 @@ from psfs.cameras.calibration.projections import read_projections
 from psfs.cameras.calibration.surrey import looks_like_surrey, read_surrey
 from psfs.cameras.calibration.toml_tables import read_toml_tables
 from psfs.cameras.calibration.transforms import read_transforms
+from psfs.cameras.calibration.tsai import SUFFIXES as TSAI
+from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import natural_key
 from psfs.cameras.units import Unit
 
@@ -38,6 +40,7 @@ __all__ = [
     "read_surrey",
     "read_toml_tables",
     "read_transforms",
+    "read_tsai",
 ]
 
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
@@ -119,9 +122,16 @@ def _read(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_matlab(path, unit, sizes)
     if suffix in _STORAGE:
         return read_filestorage([path], unit, sizes)
+    if _is_tsai(path):
+        return read_tsai([path], unit, sizes)
     if suffix == ".cal" and not looks_like_surrey(read_text(path)):
         return read_humaneva([path], unit, sizes)
     return _read_text_file(path, unit, sizes)
+
+
+def _is_tsai(path: Path) -> bool:
+    suffix = path.suffix.lower()
+    return suffix in TSAI or (suffix in (".cal", ".txt") and looks_like_tsai(read_text(path)))
 
 
 def _read_text_file(path: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
@@ -140,7 +150,7 @@ def _holds_cameras(folder: Path) -> bool:
 
 def _camera_files(folder: Path) -> list[Path]:
     """Return the files of one camera each in a folder, in natural order of their names."""
-    suffixes = (".cal", *_STORAGE, *SUFFIXES)
+    suffixes = (".cal", *TSAI, *_STORAGE, *SUFFIXES)
     files = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
     files = [path for path in files if not path.stem.lower().startswith(_NO_CAMERAS)]
     if any(path.suffix.lower() == ".pa" for path in files):  # among pictures and other things
@@ -155,6 +165,8 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_colmap(folder, unit)
     files = _camera_files(folder)
     suffixes = {path.suffix.lower() for path in files}
+    if len(suffixes) == 1 and _is_tsai(files[0]):
+        return read_tsai(files, unit, sizes)
     if suffixes == {".cal"}:
         return read_humaneva(files, unit, sizes)
     if len(suffixes) == 1 and suffixes <= set(SUFFIXES):
@@ -162,6 +174,6 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
     if len(suffixes) == 1:
         return read_filestorage(files, unit, sizes)
     raise InputError(
-        f"{folder}: {len(files)} camera files; expected .cal, .pa, .txt or OpenCV xml/yml/json "
-        "files, one per camera and all of one kind, or COLMAP's cameras.txt and images.txt"
+        f"{folder}: {len(files)} camera files; expected .cal, .cpar, .pa, .txt or OpenCV "
+        "xml/yml/json files, one per camera and all of one kind, or COLMAP's cameras.txt and images.txt"
     )

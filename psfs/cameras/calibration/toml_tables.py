@@ -1,7 +1,7 @@
 """Pose2Sim, anipose and FreeMoCap: TOML with one table per camera.
 
 Keys: name, size [w, h], matrix 3x3, distortions k1 k2 p1 p2 (k3), rotation = Rodrigues vector
-world -> camera, translation, fisheye.
+world -> camera, translation, fisheye; and ours, tsai_kappa, see `Camera.kappa`.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class CameraTable(Table):
     size: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     name: Name | None = None
     fisheye: bool = False
+    tsai_kappa: float = 0.0
 
 
 def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
@@ -86,6 +87,7 @@ def write_toml_tables(path: Path, rig: CameraRig) -> None:
             "rotation": cv2.Rodrigues(camera.R)[0].ravel().tolist(),
             "translation": camera.t.tolist(),
             "fisheye": False,
+            **({"tsai_kappa": camera.kappa} if camera.kappa else {}),
         }
     tables["metadata"] = {"adjusted": False, "error": 0.0}
     write_toml(path, tables)
@@ -106,4 +108,5 @@ def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
         R=rotation_matrix(table.rotation, f"camera {name}: rotation"),
         t=np.array(table.translation),
         size=size,
+        kappa=table.tsai_kappa,
     )

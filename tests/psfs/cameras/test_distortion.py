@@ -13,10 +13,11 @@ from psfs.cameras.distortion import (
     undistorted,
 )
 
-LENSES = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
+BROWN = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
+LENSES = [*BROWN, np.array([0, 0, 0, 0, 0, 0.7]), np.array([0, 0, 0, 0, 0, -0.1])]
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("lens", BROWN)
 def test_it_is_opencvs(lens: np.ndarray) -> None:
     x, y = np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50))
     points = np.column_stack([x, y, np.ones(50)])

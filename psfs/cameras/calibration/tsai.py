@@ -1,0 +1,116 @@
+"""Tsai's cameras (Tsai 1987; Rymut 2016, 2.2), a text file each, as Willson's programs write them.
+
+Two layouts: 17 numbers, with any white space between them, in the order of `_NAMES`, and perhaps
+the tangential p1 p2, which are 0; or lines `name value`, `name = value [unit]`, of these names in
+any order and case, where `dpx` and `dpy` may stand for the first six. Angles are radians, or what
+their line says, `[deg]`.
+
+With R = Rz(rz) Ry(ry) Rx(rx) and p = R x + t (eq. 2.22), a point is seen at the distorted sensor
+coordinates d, mm, with f p_xy / p_z = d (1 + kappa1 |d|^2) (eq. 2.23-2.24): the root of a cubic,
+which `Camera.kappa` holds exactly. Its pixel is (sx d_x / dpx + cx, d_y / dpy + cy) (eq. 2.25-2.26,
+where the second sx is a misprint).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.calibration.common import (
+    Calibration,
+    Size,
+    Sizes,
+    naming,
+    numbers,
+    read_text,
+    rig_of,
+)
+from psfs.cameras.camera import Camera
+from psfs.cameras.units import Unit
+
+SUFFIXES = (".cpar", ".tsai")
+_NAMES = (
+    *("ncx", "nfx", "dx", "dy", "dpx", "dpy", "cx", "cy", "sx"),
+    *("f", "kappa1", "tx", "ty", "tz", "rx", "ry", "rz"),
+)
+_OF_SENSOR = ("ncx", "nfx", "dx", "dy")
+_LINE = re.compile(r"^\s*(\w+)\s*[=:\s]\s*([-+.\deE]+)\s*(?:\[?\s*(\S*?)\s*\]?)\s*$")
+
+
+def looks_like_tsai(text: str) -> bool:
+    """Is the text one of the two layouts?"""
+    words = text.split()
+    named = {match[1].lower() for match in map(_LINE.match, text.splitlines()) if match}
+    if {"kappa1", "f", "tz", "rz"} <= named:
+        return True
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        return False
+    return len(values) in (len(_NAMES), len(_NAMES) + 2) and not any(values[len(_NAMES) :])
+
+
+def read_tsai(paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
+    """Read one camera per path, named after the file. Millimetres unless `unit` says otherwise."""
+    by_name = {path.stem: path for path in paths}
+
+    def camera(name: str, size: Size) -> Camera:
+        with naming(by_name[name]):
+            return _camera(name, _values(read_text(by_name[name])), size)
+
+    return rig_of(list(by_name), sizes, camera, unit, default="mm")
+
+
+def _values(text: str) -> Mapping[str, float]:
+    """Return the parameters by name. Raises InputError where one is missing or no number."""
+    if not looks_like_tsai(text):
+        count = len(text.split())
+        raise InputError(
+            f"{count} words; expected Tsai's {len(_NAMES)} numbers ({', '.join(_NAMES)}), with p1 "
+            "and p2 0 if they follow, or lines of name and value"
+        )
+    lines = [match for match in map(_LINE.match, text.splitlines()) if match]
+    if not lines:
+        found = numbers(text.split(), "Tsai's calibration")
+        values = dict(zip(_NAMES, found.tolist(), strict=False))
+    else:
+        values = {}
+        for name, number, of in (match.groups() for match in lines):
+            value = float(numbers([number], f"Tsai's {name}")[0])
+            angle = name.lower() in ("rx", "ry", "rz") and of.lower().startswith("deg")
+            values[name.lower()] = np.radians(value) if angle else value
+    if "dpx" not in values and {"dx", "ncx", "nfx"} <= values.keys() and values["nfx"]:
+        values["dpx"] = values["dx"] * values["ncx"] / values["nfx"]
+    values.setdefault("dpy", values.get("dy", 0.0))
+    missing = [name for name in _NAMES if name not in values and name not in _OF_SENSOR]
+    if missing:
+        raise InputError(f"Tsai's calibration lacks {', '.join(missing)}")
+    return values
+
+
+def _camera(name: str, values: Mapping[str, float], size: Size) -> Camera:
+    f, dpx, dpy, sx = (values[key] for key in ("f", "dpx", "dpy", "sx"))
+    if not (f > 0 and dpx > 0 and dpy > 0 and sx > 0):
+        raise InputError(
+            f"camera {name}: f {f:g}, dpx {dpx:g}, dpy {dpy:g}, sx {sx:g}; "
+            "expected positive numbers"
+        )
+    (sin_x, sin_y, sin_z), (cos_x, cos_y, cos_z) = (
+        of([values["rx"], values["ry"], values["rz"]]) for of in (np.sin, np.cos)
+    )
+    Rx = np.array([[1, 0, 0], [0, cos_x, -sin_x], [0, sin_x, cos_x]])
+    Ry = np.array([[cos_y, 0, sin_y], [0, 1, 0], [-sin_y, 0, cos_y]])
+    Rz = np.array([[cos_z, -sin_z, 0], [sin_z, cos_z, 0], [0, 0, 1]])
+    return Camera(
+        name=name,
+        K=np.array([[sx * f / dpx, 0, values["cx"]], [0, f / dpy, values["cy"]], [0, 0, 1]]),
+        distortion=np.zeros(5),
+        R=Rz @ Ry @ Rx,
+        t=np.array([values["tx"], values["ty"], values["tz"]]),
+        size=size,
+        kappa=values["kappa1"] * f**2,
+    )
