@@ -69,6 +69,8 @@ class Sequence:
         self.folder = folder
         self.name = full_path(folder).name
         self.layout = layout
+        if settings.sync is None and footage.late:
+            settings = replace(settings, sync=footage.late)
         self.settings = settings
         self.notes = list(footage.notes)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}

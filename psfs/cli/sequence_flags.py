@@ -21,7 +21,7 @@ _MOST_OF_THEM = 0.9
 #: The flags that become overrides of `Sequence.open`.
 _KEYS = (
     *("calibration", "unit", "up", "fps", "background", "key", "threshold"),
-    *("volume", "cameras", "sync", "subject"),
+    *("volume", "cameras", "sync", "subject", "take"),
 )
 
 
@@ -65,6 +65,9 @@ def add_sequence_flags(
         choices=SUBJECTS,
         help="what is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall "
         "(default), or any object",
+    )
+    group.add_argument(
+        "--take", metavar="NAME", help="which one, of a folder with several (HumanEva's: Box_1)"
     )
     group.add_argument("--background", choices=BACKGROUND_KINDS, help="how silhouettes are made")
     group.add_argument(

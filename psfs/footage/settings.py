@@ -46,7 +46,7 @@ class Settings:
     "object", what is filmed. background: one of `BACKGROUND_KINDS`. key: the screen's colour,
     "#rrggbb". threshold: 0..1; dilate, erode: pixels. volume:
     ((x0, y0, z0), (x1, y1, z1)) in metres, Z up. calibration: path, relative to the folder.
-    cameras: names of those to use.
+    cameras: names of those to use. take: which of the takes in the folder, where it has several.
     """
 
     unit: Unit | None = None
@@ -62,6 +62,7 @@ class Settings:
     cameras: tuple[str, ...] | None = None
     sync: Any = None
     subject: str | None = None
+    take: str | None = None
 
     def __post_init__(self) -> None:
         if self.unit is not None:
@@ -88,6 +89,8 @@ class Settings:
             raise InputError(
                 f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
             )
+        if self.take is not None:
+            check_name(self.take, "`take`")
         if self.key is not None:
             parse_colour(self.key)
         if self.calibration is not None:

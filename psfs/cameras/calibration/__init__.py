@@ -175,5 +175,6 @@ def _read_folder(folder: Path, unit: Unit | None, sizes: Sizes) -> Calibration:
         return read_filestorage(files, unit, sizes)
     raise InputError(
         f"{folder}: {len(files)} camera files; expected .cal, .cpar, .pa, .txt or OpenCV "
-        "xml/yml/json files, one per camera and all of one kind, or COLMAP's cameras.txt and images.txt"
+        "xml/yml/json files, one per camera and all of one kind, or COLMAP's cameras.txt and "
+        "images.txt"
     )

@@ -8,6 +8,7 @@ from cl import InputError, MissingFileError
 from psfs.footage.layouts.bodytrack import BODYTRACK
 from psfs.footage.layouts.common import Footage, Layout
 from psfs.footage.layouts.flat import FLAT
+from psfs.footage.layouts.humaneva import HUMANEVA
 from psfs.footage.layouts.middlebury import MIDDLEBURY
 from psfs.footage.layouts.native import NATIVE
 from psfs.footage.layouts.utrecht import UTRECHT
@@ -16,7 +17,7 @@ from psfs.footage.settings import Settings
 __all__ = ["LAYOUTS", "Footage", "Layout", "recognised"]
 
 #: The most specific first: flat takes whatever lies beside a calibration.
-LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, MIDDLEBURY, FLAT)
+LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
 def recognised(folder: Path, settings: Settings) -> Layout:
@@ -32,5 +33,6 @@ def recognised(folder: Path, settings: Settings) -> Layout:
             return layout
     raise InputError(
         f"{folder}: no sequence is recognised; expected a calibration beside videos/, "
-        "images/<camera>/ or masks/<camera>/, or a bodytrack, Utrecht or Middlebury folder"
+        "images/<camera>/ or masks/<camera>/, or a bodytrack, Utrecht, HumanEva or Middlebury "
+        "folder"
     )

@@ -22,7 +22,8 @@ Found = Mapping[str, list[Path]]
 class Footage:
     """What lies in a folder, one `Media` per camera of the rig (metres, the file's own axes).
 
-    unit: of the calibration's numbers.
+    unit: of the calibration's numbers. late: by how many of their frames cameras come late, as
+    files say, by name.
 
     notes: remarks about guesses that were made, for `psfs info`.
     """
@@ -33,6 +34,7 @@ class Footage:
     masks: tuple[Media, ...] | None = None
     background: tuple[Media, ...] | None = None
     notes: list[str] = field(default_factory=list)
+    late: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,136 @@
+"""A subject's folder of HumanEva (Sigal, Balan, Black 2010), its take chosen by `take`:
+
+    Image_Data/<take>_(<camera>).avi   Calibration_Data/<camera>.cal
+    Sync_Data/<take>_(<camera>).ofs    Mocap_Data/<take>.c3d
+    Background/Background*_(<camera>).avi, here, beside it or in Image_Data
+
+An .ofs has three numbers: a frame of the video, the frame of the motion capture at that time, and
+frames of the motion capture per frame of the video, both counted from 1. The videos begin together
+where all have begun; a note says which frame of the motion capture that is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError
+from psfs.cameras.calibration import read_calibration, read_humaneva
+from psfs.cameras.calibration.common import naming, numbers, read_text
+from psfs.cameras.names import listed, natural_key
+from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
+from psfs.footage.media import Media
+from psfs.footage.settings import Settings
+
+#: Of the videos, as their makers state it.
+_FPS = 60.0
+_VIDEO = re.compile(r"(?P<take>.+?)_?\((?P<camera>[^()]+)\)\.avi$", re.IGNORECASE)
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """Return the folder of that name in any case, or one that is not there."""
+    found = [path for path in folder.glob("*") if path.is_dir() and path.name.lower() == name]
+    return found[0] if found else folder / name
+
+
+def _takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
+    """Return the videos by take and camera."""
+    found: dict[str, dict[str, list[Path]]] = defaultdict(dict)
+    for path in sorted(folder.glob("*")):
+        match = _VIDEO.match(path.name)
+        if match:
+            found[match["take"]][match["camera"]] = [path]
+    return dict(found)
+
+
+def _matches(folder: Path, settings: Settings) -> bool:
+    calibration = _inside(folder, "calibration_data")
+    return calibration.is_dir() and bool(_takes(_inside(folder, "image_data")))
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    where = _inside(folder, "image_data")
+    takes = {
+        name: videos
+        for name, videos in _takes(where).items()
+        if not name.lower().startswith("background")
+    }
+    take = settings.take or (next(iter(takes)) if len(takes) == 1 else None)
+    if take not in takes:
+        names = listed(sorted(takes, key=natural_key))
+        found = "no `take` is stated" if take is None else f"take {take!r} is none of its"
+        raise InputError(f"{where}: {found}; expected one of {names}")
+    videos: Found = takes[take]
+    sizes = sizes_of(videos, where, settings)
+    notes: list[str] = []
+    if settings.calibration is None:
+        files = sorted(_inside(folder, "calibration_data").glob("*.[cC][aA][lL]"))
+        files = [path for path in files if path.stem in videos]
+        if not files:
+            raise InputError(
+                f"{_inside(folder, 'calibration_data')}: no .cal of {listed(videos)}; "
+                "expected one per camera"
+            )
+        lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
+        notes += [f"{name} is not calibrated, and left out" for name in lacking]
+        videos = {path.stem: videos[path.stem] for path in files}
+        rig = read_humaneva(files, settings.unit, sizes)
+    else:
+        rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
+    images, remarks = assigned(rig, videos, where, settings, extras=True)
+    late, more = _late(_inside(folder, "sync_data"), take, images)
+    notes += [*remarks, *more]
+    background = None
+    plates = _plates(folder)
+    if set(chosen(rig, settings).names) <= plates.keys():
+        background, remarks = assigned(rig, plates, folder / "Background", settings, extras=True)
+        notes += remarks
+    rig_in_use = chosen(rig, settings)
+    return Footage(
+        rig_in_use, rig.unit, images=images, background=background, notes=notes, late=late
+    )
+
+
+def _plates(folder: Path) -> Found:
+    """Return the first video of the empty room of every camera."""
+    found: dict[str, list[Path]] = {}
+    places = [_inside(place, "background") for place in (folder, folder.parent)]
+    for place in (*places, _inside(folder, "image_data")):
+        for name, videos in _takes(place).items():
+            if name.lower().startswith("background"):
+                found = {**videos, **found}
+    return found
+
+
+def _late(folder: Path, take: str, media: tuple[Media, ...]) -> tuple[dict[str, int], list[str]]:
+    """Return by how many frames the videos come late, so that they begin with the first time that
+    all have, and a remark on the motion capture; nothing where there is no .ofs for all of them."""
+    paths = [folder / f"{take}_({item.name}).ofs" for item in media]
+    if not all(path.exists() for path in paths):
+        return {}, [f"no .ofs for every camera of {take}: the videos are taken as they begin"]
+    starts, mocap, scale = np.array([_offsets(path) for path in paths]).T
+    # The motion capture's frame, from 0 on, at each video's first one.
+    first = mocap - 1 - (starts - 1) * scale
+    begin = float(first.max())
+    late = np.rint((begin - first) / scale).astype(int)
+    shown = f"frame {begin:.2f} of {take}.c3d, counted from 0, {scale.mean():.4g} per frame"
+    note = f"frame 0 is {shown} (`apf evaluate --truth-start {begin:.2f}`)"
+    return {item.name: int(by) for item, by in zip(media, late, strict=True)}, [note]
+
+
+def _offsets(path: Path) -> np.ndarray:
+    with naming(path):
+        values = numbers(read_text(path).split(), "HumanEva's .ofs")
+        if values.size < 3 or not np.isfinite(values[:3]).all() or values[2] <= 0:
+            raise InputError(
+                f"{values.size} numbers; expected three: a frame of the video, one of the motion "
+                "capture, and its frames per frame of the video"
+            )
+        return values[:3]
+
+
+#: X and Y on the floor, Z up, millimetres.
+HUMANEVA = Layout("HumanEva", _matches, _read, Settings(fps=_FPS))
