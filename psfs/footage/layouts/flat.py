@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cl import InputError
 from psfs.cameras.calibration import Size, find_calibration, read_calibration
@@ -69,7 +70,7 @@ def _read(folder: Path, settings: Settings) -> Footage:
     calibrated = read_calibration(calibration, settings.unit, sizes)
     rig = chosen(calibrated, settings)
     notes = list(calibrated.notes)
-    media = {}
+    media: dict[str, Any] = {}
     kinds, guess = _all_pictures(folder, calibrated.names)
     notes += [guess] if guess else []
     for kind, every in kinds.items():

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration import read_calibration, read_humaneva
+from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
 from psfs.cameras.calibration.common import naming, numbers, read_text
 from psfs.cameras.names import listed, natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
@@ -51,35 +51,44 @@ def _matches(folder: Path, settings: Settings) -> bool:
     return calibration.is_dir() and bool(_takes(_inside(folder, "image_data")))
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
-    where = _inside(folder, "image_data")
+def _videos(folder: Path, take: str | None) -> tuple[str, Found]:
+    """Return the take's name, the only one's by default, and its videos. Raises InputError."""
     takes = {
         name: videos
-        for name, videos in _takes(where).items()
+        for name, videos in _takes(folder).items()
         if not name.lower().startswith("background")
     }
-    take = settings.take or (next(iter(takes)) if len(takes) == 1 else None)
-    if take not in takes:
+    if take is None and len(takes) == 1:
+        take = next(iter(takes))
+    if take is None or take not in takes:
         names = listed(sorted(takes, key=natural_key))
         found = "no `take` is stated" if take is None else f"take {take!r} is none of its"
-        raise InputError(f"{where}: {found}; expected one of {names}")
-    videos: Found = takes[take]
+        raise InputError(f"{folder}: {found}; expected one of {names}")
+    return take, takes[take]
+
+
+def _calibrated(
+    folder: Path, videos: Found, where: Path, settings: Settings
+) -> tuple[Calibration, Found, list[str]]:
+    """Return the cameras, the videos of those that are calibrated, and remarks on the others."""
+    if settings.calibration is not None:
+        path, sizes = folder / settings.calibration, sizes_of(videos, where, settings)
+        return read_calibration(path, settings.unit, sizes), videos, []
+    place = _inside(folder, "calibration_data")
+    files = [p for p in sorted(place.glob("*.[cC][aA][lL]")) if p.stem in videos]
+    if not files:
+        raise InputError(f"{place}: no .cal of {listed(videos)}; expected one per camera")
+    lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
+    notes = [f"{name} is not calibrated, and left out" for name in lacking]
+    videos = {path.stem: videos[path.stem] for path in files}
     sizes = sizes_of(videos, where, settings)
-    notes: list[str] = []
-    if settings.calibration is None:
-        files = sorted(_inside(folder, "calibration_data").glob("*.[cC][aA][lL]"))
-        files = [path for path in files if path.stem in videos]
-        if not files:
-            raise InputError(
-                f"{_inside(folder, 'calibration_data')}: no .cal of {listed(videos)}; "
-                "expected one per camera"
-            )
-        lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
-        notes += [f"{name} is not calibrated, and left out" for name in lacking]
-        videos = {path.stem: videos[path.stem] for path in files}
-        rig = read_humaneva(files, settings.unit, sizes)
-    else:
-        rig = read_calibration(folder / settings.calibration, settings.unit, sizes)
+    return read_humaneva(files, settings.unit, sizes), videos, notes
+
+
+def _read(folder: Path, settings: Settings) -> Footage:
+    where = _inside(folder, "image_data")
+    take, videos = _videos(where, settings.take)
+    rig, videos, notes = _calibrated(folder, videos, where, settings)
     images, remarks = assigned(rig, videos, where, settings, extras=True)
     late, more = _late(_inside(folder, "sync_data"), take, images)
     notes += [*remarks, *more]
