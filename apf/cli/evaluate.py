@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from apf.formats.trc import CONVENTIONS
+from apf.formats.c3d import read_c3d
+from apf.formats.trc import CONVENTIONS, JointSeries
 from apf.results.conventions import axes_that_fit
 from apf.results.evaluate import (
     LOST_FRAMES,
@@ -18,9 +19,10 @@ from apf.results.evaluate import (
     load_truth,
 )
 from apf.results.evaluation_plot import write_plot
+from apf.results.marker_truth import SHIPPED, evaluate_markers, load_markers
 from apf.tracking.track import Track, spans
 from cl import InputError
-from psfs.cli.commandline import add_command, stdout, warn
+from psfs.cli.commandline import add_command, path_or_name, stdout, warn
 from psfs.common.files import full_path
 from psfs.common.outputs import output_folder
 
@@ -32,13 +34,26 @@ def register(commands: argparse._SubParsersAction) -> None:
         commands, "evaluate", run, "Compare a track with the truth, joint by joint."
     )
     parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
-    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="npz or TRC")
+    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="npz, TRC or C3D")
+    parser.add_argument(
+        "--markers",
+        type=path_or_name,
+        metavar="SET",
+        help="compare markers on the body with the truth's, by their labels: a TOML file that says "
+        f"where each is fixed, or {', '.join(SHIPPED)} (docs/formats.md)",
+    )
+    parser.add_argument(
+        "--truth-start",
+        type=float,
+        metavar="N",
+        help="frame of the truth, counted from 0, that is the sequence's frame 0; truth at another "
+        "rate is taken at the frames' times (default: a C3D's own numbers)",
+    )
     parser.add_argument(
         "--convention",
         choices=CONVENTIONS,
-        default="y-up",
-        help="axes of a TRC: y-up (X Y Z) = world (x z -y), as `apf track` writes it; "
-        "pose2sim = world (y z x); z-up = world (x y z) (default: y-up)",
+        help="axes of a TRC or C3D: y-up (X Y Z) = world (x z -y), as `apf track` writes it; "
+        "pose2sim = world (y z x); z-up = world (x y z) (default: y-up of a TRC; what a C3D says)",
     )
     for kind, what in _FILES.items():
         parser.add_argument(f"--{kind}", action="store_true", help=f"write {what}")
@@ -54,17 +69,19 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> None:
     track = Track.open(args.track)
-    truth = load_truth(args.truth, args.convention)
-    # An npz has the world's own axes.
-    convention = args.convention if args.truth.suffix.lower() == ".trc" else "z-up"
+    truth, convention = _truth(args, track.fps)
+    markers = None if args.markers is None else load_markers(args.markers)
     try:
-        evaluation = evaluate(track, truth)
+        evaluation = (
+            evaluate(track, truth) if markers is None else evaluate_markers(track, markers, truth)
+        )
     except InputError as error:
         raise InputError(f"{args.track} against {args.truth}: {error}") from None
     print_evaluation(evaluation)
-    better = axes_that_fit(track, truth, evaluation, convention)
-    if better is not None:
-        warn(better, stdout)
+    if markers is None:
+        better = axes_that_fit(track, truth, evaluation, convention)
+        if better is not None:
+            warn(better, stdout)
     if track.smoothing is not None:
         shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
@@ -73,6 +90,20 @@ def run(args: argparse.Namespace) -> None:
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
         written = _written(args, folder, evaluation, wanted)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+
+
+def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
+    """Return the truth in the frames of a sequence with `fps`, and the convention of its axes."""
+    kind = args.truth.suffix.lower()
+    if kind == ".c3d":
+        truth = read_c3d(args.truth, args.convention)
+        return truth.at_rate(fps, args.truth_start), args.convention or "z-up"
+    # An npz has the world's own axes.
+    convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
+    truth = load_truth(args.truth, convention)
+    if args.truth_start is not None:
+        truth = truth.at_rate(fps, args.truth_start)
+    return truth, convention
 
 
 def _written(

@@ -1,8 +1,9 @@
 """C3D files, the exchange format of motion laboratories (Vicon, Qualisys, Visual3D, Mokka).
 
-Written: millimetres, Z up as the tracker's world; POINT:X_SCREEN and Y_SCREEN say so. The residual
-of a point is how far it may be away, 0 where that is not known; a point that is missing has the
-residual -1, as the format wants it.
+Read: in metres, centimetres or millimetres; Z or Y is up, as POINT:Y_SCREEN says or the caller,
+else Z. Written: millimetres, Z up as the tracker's world; POINT:X_SCREEN and Y_SCREEN say so. The
+residual of a point is how far it may be away, 0 where that is not known; a point that is missing
+has the residual -1, as the format wants it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from apf.formats.trc import JointSeries
-from cl import InputError
+from apf.formats.trc import CONVENTIONS, METRES, JointSeries
+from cl import InputError, MissingFileError
 from psfs.common.files import written_whole
 
 #: The format's header counts frames in 16 bits; ezc3d leaves out those that follow.
@@ -32,6 +33,54 @@ class C3dEvent:
     label: str
     context: str
     time: float
+
+
+def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
+    """Return the points of a C3D in the world, Z up, missing ones NaN; its own rate and numbers of
+    frames, from 0 on. convention: of its axes, one of `CONVENTIONS`; by default what it says.
+    Raises InputError naming the file."""
+    import ezc3d  # takes a while to load
+
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file; expected a C3D")
+    try:
+        with TemporaryDirectory() as folder:
+            plain = Path(folder) / "motion.c3d"  # ezc3d takes no path that is not UTF-8
+            shutil.copyfile(path, plain)
+            file: Any = ezc3d.c3d(str(plain))
+        point, points = file["parameters"]["POINT"], file["data"]["points"]
+        residuals = file["data"]["meta_points"]["residuals"]
+        names = tuple(str(name) for name in point["LABELS"]["value"])
+        unit = str(point["UNITS"]["value"][0]) if point["UNITS"]["value"] else "mm"
+        rate = float(point["RATE"]["value"][0])
+        first = int(file["header"]["points"]["first_frame"])
+    except (OSError, RuntimeError, ValueError, KeyError, IndexError) as error:
+        raise InputError(f"{path}: not a C3D with points ({error})") from None
+    if unit.strip().lower() not in METRES:
+        raise InputError(f"{path}: POINT:UNITS is {unit!r}; expected {', '.join(METRES)}")
+    n_points = points.shape[1]
+    if not n_points or len(names) < n_points or not 1e-3 < rate < 1e5:
+        raise InputError(
+            f"{path}: {n_points} points with {len(names)} labels at {rate:g} frames/s; "
+            "expected a label for each, and a rate"
+        )
+    joints = METRES[unit.strip().lower()] * points[:3].transpose(2, 1, 0)
+    missing = (residuals[0].T < 0) | ~np.isfinite(joints).all(-1)
+    joints[missing] = np.nan
+    matrix = CONVENTIONS[convention or _convention_of(path, point)]
+    frames = first + np.arange(len(joints))
+    return JointSeries(names[:n_points], joints @ matrix.T, rate, frames)
+
+
+def _convention_of(path: Path, point: Any) -> str:
+    """Return which axis is up, as the file says. Raises InputError for one that we do not know."""
+    said = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
+    up = str(said[0]).strip().upper() if said else "+Z"
+    found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(up)
+    if found is None:
+        raise InputError(f"{path}: POINT:Y_SCREEN is {up!r}; expected +Z or +Y, or --convention")
+    return found
 
 
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:

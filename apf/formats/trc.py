@@ -6,6 +6,7 @@ of `CONVENTIONS`, when nothing else is said Y up: TRC (X, Y, Z) = world (x, z, -
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ CONVENTIONS: dict[str, np.ndarray] = {
 }
 #: m from the origin that a marker may be, frames, and bytes of a file.
 FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
-_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: Frames of a file that has no times: nine hours at 30 frames/s.
 _MOST_BEATS = 1_000_000
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
@@ -45,6 +46,22 @@ class JointSeries:
     frames: np.ndarray
     deviation: np.ndarray | None = None
     note: str = ""
+
+    def at_rate(self, fps: float, start: float | None = None) -> JointSeries:
+        """Return the points in the frames of a sequence with `fps`, linear between our own, as far
+        as these reach; NaN beside missing ones. start: the row here that is the sequence's frame 0,
+        by default what the frames' numbers say."""
+        ratio = self.fps / fps
+        begin = -float(self.frames[0]) if start is None else start
+        first, last = (math.ceil(-begin / ratio), (len(self.frames) - 1 - begin) / ratio)
+        frames = np.arange(max(0, first), math.floor(last + 1e-9) + 1)
+        places = np.clip(begin + frames * ratio, 0, len(self.frames) - 1)
+        low = np.floor(places + 1e-9).astype(int)
+        share = np.maximum(places - low, 0)[:, None, None]
+        high = np.minimum(low + 1, len(self.frames) - 1)
+        between = (1 - share) * self.joints[low] + share * self.joints[high]
+        joints = np.where(share < 1e-9, self.joints[low], between)
+        return JointSeries(self.joint_names, joints, fps, frames, note=self.note)
 
     @property
     def times(self) -> np.ndarray:
@@ -149,8 +166,8 @@ def _header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = header.get("CameraRate", header.get("DataRate", ""))
     unit = header.get("Units", "")
-    if unit not in _METRES:
-        raise InputError(f"{path}: Units is {unit!r}; expected one of {', '.join(_METRES)}")
+    if unit not in METRES:
+        raise InputError(f"{path}: Units is {unit!r}; expected one of {', '.join(METRES)}")
     try:
         fps = float(rate)
     except ValueError:
@@ -158,7 +175,7 @@ def _header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
     if not 1e-3 <= fps <= 1e5:
         raise InputError(f"{path}: CameraRate is {rate!r}; expected a number from 0.001 to 100000")
     n_frames = header.get("NumFrames", "")
-    return fps, _METRES[unit], int(n_frames) if re.fullmatch(r"\d{1,9}", n_frames) else None
+    return fps, METRES[unit], int(n_frames) if re.fullmatch(r"\d{1,9}", n_frames) else None
 
 
 def _row(path: Path, number: int, line: str, n_markers: int) -> list[float]:

@@ -80,15 +80,19 @@ def plain(name: str) -> str:
 @lru_cache(maxsize=4)
 def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
     """Read a table of anatomical points; the shipped one by default. Raises InputError."""
-    entries = read_toml(path).get("landmark", [])
+    return landmarks_in(read_toml(path).get("landmark", []), path, "landmark")
+
+
+def landmarks_in(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmark, ...]:
+    """Return the points of the tables [[kind]] of a file. Raises InputError."""
     try:
         found = [landmark for entry in entries for landmark in _parse(entry)]
     except KeyError as error:
-        raise InputError(f"{path}: a landmark lacks the key {error}") from None
+        raise InputError(f"{path}: a {kind} lacks the key {error}") from None
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None
     if not found:
-        raise InputError(f"{path}: holds no [[landmark]]")
+        raise InputError(f"{path}: holds no [[{kind}]]")
     by_alias: dict[str, str] = {}
     for landmark in found:
         for alias in landmark.aliases:
@@ -159,12 +163,15 @@ def landmark_edges(names: Sequence[str]) -> list[tuple[int, int]]:
 
 
 def points_on(
-    body: BodyModel, names: Sequence[str], landmarks: Sequence[Landmark] | None = None
+    body: BodyModel,
+    names: Sequence[str],
+    landmarks: Sequence[Landmark] | None = None,
+    of_stature: float = _STATURE,
 ) -> BodyPoints:
     """Return which of the keypoints `names` are points on `body`, and where.
 
-    Lengths grow with the body's stature. Points whose joint the body lacks are left out. Raises
-    InputError if none is left.
+    of_stature: m, of the body that the landmarks' lengths are of; they grow with the body's
+    stature. Points whose joint the body lacks are left out. Raises InputError if none is left.
     """
     found = landmarks_of(names, landmarks)
     columns = [index for index, landmark in found.items() if landmark.joint in body.joint_names]
@@ -174,7 +181,7 @@ def points_on(
             "expected names such as left_shoulder or LShoulder"
         )
     chosen = [found[index] for index in columns]
-    scale = stature(body) / _STATURE
+    scale = stature(body) / of_stature
     places = [_place(body, landmark, scale) for landmark in chosen]
     points = [landmark.name for landmark in chosen]
     return BodyPoints(

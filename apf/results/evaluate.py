@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.tracking.track import Track
@@ -49,10 +50,11 @@ class Evaluation:
     joint_names: (J,) compared ones, out of EVALUATED_JOINTS. frames: (F,) compared indices.
     fps: of the track. offsets: (F, J, 3) m, track minus truth in the world, NaN where the truth
     is missing. body_frames: (F, 3, 3) columns forward, left, up of the true body, NaN without
-    hips and neck. covariance: (F, J, 3, 3) m^2 that the track states, NaN where it states none.
-    lost: (F,) frames that the track says to have lost the person in; they count as all others.
-    unmatched_track, unmatched_truth: names not compared. n_ignored: joint-frames without truth.
-    warnings: what the reader of the figures should know.
+    hips and neck; or (F, J, 3, 3) axes of what carries each point. covariance: (F, J, 3, 3) m^2
+    that the track states, NaN where it states none. lost: (F,) frames that the track says to have
+    lost the person in; they count as all others. unmatched_track, unmatched_truth: names not
+    compared. n_ignored: joint-frames without truth. warnings: what the reader of the figures should
+    know.
     """
 
     joint_names: tuple[str, ...]
@@ -96,7 +98,10 @@ class Evaluation:
         tracking mends. The rest is the mean distance once that offset is taken away. NaN where
         hips or neck are not known.
         """
-        local = np.einsum("fij,fki->fkj", self.body_frames, self.offsets)
+        axes = self.body_frames if self.body_frames.ndim == 4 else self.body_frames[:, None]
+        local = np.einsum(
+            "fkij,fki->fkj", np.broadcast_to(axes, (*self.offsets.shape, 3)), self.offsets
+        )
         with warnings.catch_warnings():  # joints that are NaN throughout stay NaN
             warnings.simplefilter("ignore", RuntimeWarning)
             constant = np.nanmedian(local, axis=0)
@@ -177,15 +182,18 @@ class Evaluation:
 
 
 def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
-    """True joints of a .trc (axes after `convention`), or of an npz.
+    """True joints or markers of a .trc (axes after `convention`), a .c3d or an npz.
 
-    The npz holds joint_names (J,), joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the
-    indices in the sequence (0, 1, ... without them). Raises InputError.
+    A C3D says itself which axis is up, and has its own rate and numbers of frames. The npz holds
+    joint_names (J,), joints (F, J, 3) m, Z up, fps, and may hold frames (F,), the indices in the
+    sequence (0, 1, ... without them). Raises InputError.
     """
     path = Path(path)
+    if path.suffix.lower() == ".c3d":
+        return read_c3d(path)
     if path.suffix.lower() == ".trc":
         return read_trc(path, convention)
-    what = "a .trc, or an npz with joint_names, joints (frames, joints, 3) in metres and fps"
+    what = "a .trc, .c3d or npz with joint_names, joints (frames, joints, 3) in metres and fps"
     data = read_npz(path, _TRUTH, what)
     joints, fps = data["joints"].astype(np.float64), data["fps"]
     names = tuple(str(name) for name in data["joint_names"])
@@ -208,31 +216,63 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
             f"no joint in common: the track has {', '.join(track.joint_names)}; "
             f"the truth has {', '.join(truth.joint_names)}"
         )
+    frames, rows, true_rows = common_frames(track, truth)
+    columns = [EVALUATED_JOINTS.index(name) for name in names]
+    offsets = ours[rows][:, columns] - true[true_rows][:, columns]
+    stated = _stated(track, tuple(names))[rows]
+    axes = _body_frames(true[true_rows])
+    found = evaluation_of(track, truth, (frames, rows), tuple(names), offsets, axes, stated)
+    kept = found.joint_names
+    return replace(
+        found,
+        unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
+        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
+    )
+
+
+def common_frames(
+    track: Track | JointSeries, truth: JointSeries
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the frames (F,) of both, and their rows in either. Raises InputError if none is."""
     frames, rows, true_rows = np.intersect1d(track.frames, truth.frames, return_indices=True)
     if not frames.size:
         raise InputError(
             f"no frame in common: the track has {_span(track.frames)}, "
             f"the truth {_span(truth.frames)}"
         )
-    ours, true = ours[rows], true[true_rows]
-    columns = [EVALUATED_JOINTS.index(name) for name in names]
-    offsets = ours[:, columns] - true[:, columns]
+    return frames, rows, true_rows
+
+
+def evaluation_of(
+    track: Track | JointSeries,
+    truth: JointSeries,
+    common: tuple[np.ndarray, np.ndarray],
+    names: tuple[str, ...],
+    offsets: np.ndarray,
+    axes: np.ndarray,
+    covariance: np.ndarray | None = None,
+) -> Evaluation:
+    """Return the evaluation of points `names` with these offsets (F, J, 3), m, in common frames,
+    which are given with their rows of the track; points and frames without truth left out. axes:
+    the `body_frames`. covariance: (F, J, 3, 3) m^2. Raises InputError where none has truth."""
+    frames, rows = common
     missing = ~np.isfinite(offsets).all(axis=-1)
-    offsets[missing] = np.nan
+    offsets = np.where(missing[..., None], np.nan, offsets)
     compared, with_truth = ~missing.all(axis=1), ~missing.all(axis=0)
     if not compared.any():
         raise InputError("the truth is missing (NaN) in every frame of the track")
-    kept = tuple(name for name, some in zip(names, with_truth, strict=True) if some)
+    if covariance is None:
+        covariance = np.full((*offsets.shape, 3), np.nan)
     return Evaluation(
-        joint_names=kept,
+        joint_names=tuple(name for name, some in zip(names, with_truth, strict=True) if some),
         frames=frames[compared],
         fps=track.fps,
         offsets=offsets[compared][:, with_truth],
-        body_frames=_body_frames(true[compared]),
-        covariance=_stated(track, kept)[rows][compared],
+        body_frames=axes[compared] if axes.ndim == 3 else axes[compared][:, with_truth],
+        covariance=covariance[compared][:, with_truth],
         lost=_lost(track)[rows][compared],
-        unmatched_track=tuple(our_unused + [name for name in our_names if name not in kept]),
-        unmatched_truth=tuple(true_unused + [name for name in true_names if name not in kept]),
+        unmatched_track=(),
+        unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=_warnings(track, truth, len(frames)),
     )
