@@ -9,7 +9,7 @@ from psfs.cli.commandline import add_command, stderr
 from timings.results import add_timing_flags
 
 #: Shares of a limited time; 1 for those not named.
-_SHARES = {"whole": 4.0}
+_SHARES = {"whole": 4.0, "psfs": 1.5, "apf": 1.5, "methods": 2.5, "batch": 0.5}
 
 
 def register(commands: argparse._SubParsersAction) -> None:

@@ -38,6 +38,8 @@ SCORED = 2000
 PARTICLES = (50, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 LAYERS = (1, 2, 5, 10, 20)
 CAMERAS = (1, 2, 4, 6, 8)
+#: Frames on fewer than all cores, which take long.
+_RUNS_ON_FEW = 12
 #: Frames timed where a setting grows.
 _GROWTH_RUNS = 15
 #: What a CPU grows to: the others take seconds each.
@@ -60,7 +62,7 @@ def _run(args: argparse.Namespace) -> None:
     results.plan("numpy", partial(by_twin, problem), quick=False)
     for place in found:
         for cores in fewer_cores(place):
-            measure = partial(apart, only_cores(cores), _on_cpu, problem, runs)
+            measure = partial(apart, only_cores(cores), _on_cpu, problem, min(runs, _RUNS_ON_FEW))
             results.plan(f"device {place.label}, {cores} used", measure, quick=False)
         results.plan(f"device {place.label}", partial(on_place, place, problem, runs))
     for place in found:

@@ -1,27 +1,31 @@
 """`compare_timings.py methods`: particle swarm and particle filter over the images' objective.
 
 Whole frames, from pictures in host memory to the pose: silhouettes, edges, distance maps, and the
-search that renders the body model for every particle. The settings of Rymut 2016, tables 6.2 to
-6.6: four cameras, 10 iterations of the swarm.
+search that renders the body model `rymut31` for every particle. The settings of Rymut 2016, tables
+6.2 to 6.6 and figures 6.9 to 6.23: four cameras, 10 iterations of the swarm where they do not vary.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from apf.backend import features_for, tracker_for
+from apf.backend import check_renderer, features_for, tracker_for
+from apf.filters.base import Tracker
 from apf.filters.method import Method
+from apf.filters.swarm import ParticleSwarm
 from apf.image_objective.config import ObjectiveConfig
+from apf.likelihood.base import Likelihood
+from cl import Array, Device, Step
 from psfs.cli.commandline import add_command
-from timings.bench_scene import FPS, playing
+from psfs.sequence import Frame
+from timings.bench_scene import FPS
 from timings.measure import Place, Timing, places
 from timings.results import Results, add_timing_flags
 from timings.tables.methods import print_report
@@ -29,15 +33,38 @@ from timings.whole_frame import Problem, make_problem
 
 VIEWS, ITERATIONS, OBJECTIVE = 4, 10, "sp"
 #: Particles of the swarm and of the filter whose frames are timed: tables 6.2, 6.3 and 6.6.
-_SWARM, _FILTER = (100, 200, 300, 400, 1000), (1000, 2000, 3000, 4000)
+_SWARM, _FILTER, _OPENGL = (
+    (100, 200, 300, 400, 1000),
+    (1000, 2000, 3000, 4000),
+    (100, 200, 300, 400),
+)
 #: Evaluations of the objective per frame: table 6.4.
 _EVALUATIONS = (960, 2040, 3040, 5120)
-#: Vertices per part of the body's shape, and particles: table 6.5.
+#: Vertices per part of the body's shape, and particles: table 6.5; Kwolek & Rymut, table 3.
 _VERTICES, _SHAPE_PARTICLES = (4, 8, 18, 34, 66, 130, 258, 514), (96, 304)
-
-
+#: Iterations and particles of the curves of figures 6.9, 6.10 and 6.19 to 6.21, and their seeds.
+_ITERATIONS, _CURVES = (5, 10, 15, 20), (50, 100, 200, 300, 500, 800)
+_SEEDS, _CPU_SEEDS = (0, 1, 2), (0,)
+#: Particles of figures 6.11, 6.17 (shares of the time) and 6.23 (tracking while footage plays).
+_SHARES, _ONLINE = (32, 100, 300, 500, 1000), (50, 100, 200, 300, 500, 800)
 #: Frames of the walk, and with `--quick`, which times fewer searches, too.
 _FRAMES, _QUICK_FRAMES = 40, 6
+#: Seconds after which a row has frames enough: hardware rendering in software is slow.
+_ENOUGH = 12.0
+
+
+class NoObjective(Likelihood):
+    """Finds all poses equally good, at no time: what is left is the search itself."""
+
+    def __init__(self, device: Device, n: int) -> None:
+        self.errors = device.zeros((n,), np.float32)
+
+    def observe(self, observation: Any) -> None:
+        """Look at nothing."""
+
+    def launcher(self, poses: Array) -> list[Step]:
+        """Return nothing to do."""
+        return []
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -52,28 +79,40 @@ def _run(args: argparse.Namespace) -> None:
     n_frames = _QUICK_FRAMES if quick else _FRAMES
     swarm, filters = (_SWARM[::4], _FILTER[:1]) if quick else (_SWARM, _FILTER)
     settings = {"views": VIEWS, "iterations": ITERATIONS, "objective": OBJECTIVE,
-                "frames": n_frames}  # fmt: skip
+                "frames": n_frames, "fps": FPS, "body": "rymut31"}  # fmt: skip
     results = Results.begin("methods", args, settings)
-    problem = make_problem(n_frames).smaller(cameras=VIEWS)
-    for place in found:
-        efforts = [("pso", n) for n in swarm] + [("sir", n) for n in filters]
-        results.plan(f"frames {place.label}", partial(frames, place, problem, efforts))
-    for place in found:
-        measure = partial(shapes, place, problem)
-        results.plan(f"shapes {place.label}", measure, quick=False)
+    problem = make_problem(n_frames, "rymut31").smaller(cameras=VIEWS)
+    efforts = [("pso", n) for n in swarm] + [("sir", n) for n in filters]
     accuracy = [("pso", n // ITERATIONS) for n in _EVALUATIONS]
     accuracy += [("sir", n) for n in _EVALUATIONS]
     results.plan("accuracy", partial(frames, found[0], problem, accuracy), quick=False)
+    for place in found:
+        here = place.label
+        results.plan(f"frames {here}", partial(frames, place, problem, efforts))
+        measure = partial(shares, place, problem, "opencl")
+        results.plan(f"shares opencl, {here}", measure, quick=False)
+        if place is found[0]:
+            opengl = [("pso", n) for n in (_OPENGL[:1] if quick else _OPENGL)]
+            by_opengl = partial(frames, place, problem, opengl, "opengl")
+            results.plan(f"opengl frames {here}", by_opengl)
+            measure = partial(shares, place, problem, "opengl")
+            results.plan(f"shares opengl, {here}", measure, quick=False)
+        results.plan(f"online {here}", partial(online, place, problem), quick=False)
+        results.plan(f"curves {here}", partial(curves, place, problem), quick=False)
+        results.plan(f"shapes {here}", partial(shapes, place, problem), quick=False)
     results.measure()
     print_report(results)
 
 
-def frames(place: Place, problem: Problem, efforts: Sequence[tuple[str, int]]) -> dict[str, Any]:
+def frames(
+    place: Place, problem: Problem, efforts: Sequence[tuple[str, int]], renderer: str = "opencl"
+) -> dict[str, Any]:
     """A row for every search and number of particles."""
     rows = [
-        {"search": search, "particles": n, **tracked(place, problem, _method(search, n))}
+        {"search": search, "particles": n,
+         **tracked(place, problem, _method(search, n, renderer=renderer))}
         for search, n in efforts
-    ]
+    ]  # fmt: skip
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
@@ -82,30 +121,121 @@ def shapes(place: Place, problem: Problem) -> dict[str, Any]:
     rows = []
     for vertices in _VERTICES:
         for n in _SHAPE_PARTICLES:
-            image = ObjectiveConfig(kind=OBJECTIVE, vertices_per_part=vertices)
-            method = replace(_method("pso", n), image=image)
-            run = tracked(place, problem, method)
+            run = tracked(place, problem, _method("pso", n, vertices_per_part=vertices))
             rows.append({"vertices": vertices, "particles": n, **run})
     return {"label": place.label, "cores": place.cores, "rows": rows}
 
 
-def _method(search: str, particles: int) -> Method:
-    layers = ITERATIONS if search == "pso" else 1
-    method = Method.of(search, OBJECTIVE, n_particles=particles, n_layers=layers)
-    return replace(method, filter=method.filter.at_rate(FPS))
+def curves(place: Place, problem: Problem) -> dict[str, Any]:
+    """A row for every number of iterations and particles of the swarm; several seeds on a GPU."""
+    rows = []
+    for iterations in _ITERATIONS:
+        for n in _CURVES:
+            runs = [
+                tracked(place, problem, _method("pso", n, iterations, seed))
+                for seed in (_SEEDS if place.cores is None else _CPU_SEEDS)
+            ]
+            ms = [ms for run in runs for ms in run["frames"].samples]
+            errors = [run["error_mm"] for run in runs]
+            rows.append({"iterations": iterations, "particles": n, "frames": Timing(tuple(ms)),
+                         "errors_mm": errors})  # fmt: skip
+    return {"label": place.label, "cores": place.cores, "rows": rows}
+
+
+def shares(place: Place, problem: Problem, renderer: str) -> dict[str, Any]:
+    """Rows of the time of a frame's search, features being there, and of the same search without
+    an objective."""
+    device, rows = place.device(), []
+    for n in _SHARES:
+        method = _method("pso", n, renderer=renderer)
+        check_renderer(device, method)
+        scene = problem.on(device)
+        nothing = ParticleSwarm(scene, NoObjective(device, n), method.filter, method.swarm)
+        whole = _searches(device, problem, method, tracker_for(scene, method))
+        rows.append({"particles": n, "search": whole,
+                     "without": _searches(device, problem, method, nothing)})  # fmt: skip
+    return {"label": place.label, "renderer": renderer, "cores": place.cores, "rows": rows}
+
+
+def _searches(device: Device, problem: Problem, method: Method, tracker: Tracker) -> Timing:
+    """ms of the tracker's step in every frame."""
+    scene, ms = problem.scene, []
+    features = features_for(device, scene.rig, scene.background, method.features)
+    tracker.start(problem.pose)
+    for place, frame in enumerate(_within(_ENOUGH, scene.frames)):
+        features(frame)
+        device.finish()
+        started = time.perf_counter()
+        tracker.step(features)
+        if place:  # the first compiles
+            ms.append(1e3 * (time.perf_counter() - started))
+    return Timing(tuple(ms))
+
+
+def online(place: Place, problem: Problem) -> dict[str, Any]:
+    """Rows of the error where every frame is tracked, and where footage plays at its own rate:
+    then the next frame is the newest at the time when the one before is done."""
+    rows = []
+    for n in _ONLINE:
+        step = _stepper(place, problem, _method("pso", n))
+        every = [step(k) for k in range(len(problem.scene.frames))]
+        step = _stepper(place, problem, _method("pso", n))
+        chosen, clock, k = [], 0.0, 0
+        while k < len(problem.scene.frames):
+            clock = max(clock, 1e3 * k / FPS)
+            chosen.append(step(k))
+            clock += chosen[-1][0]
+            k = max(k + 1, int(1e-3 * clock * FPS))
+        rows.append({"particles": n, "frames": Timing(tuple(ms for ms, _ in every[1:])),
+                     "offline_mm": float(np.mean([mm for _, mm in every])),
+                     "online_mm": float(np.mean([mm for _, mm in chosen])),
+                     "share": len(chosen) / len(every)})  # fmt: skip
+    return {"label": place.label, "cores": place.cores, "rows": rows}
+
+
+def _stepper(
+    place: Place, problem: Problem, method: Method
+) -> Callable[[int], tuple[float, float]]:
+    """What tracks the frame of that number, warm: its ms, and the error in mm."""
+    device, scene = place.device(), problem.scene
+    features = features_for(device, scene.rig, scene.background, method.features)
+    tracker = tracker_for(problem.on(device), method)
+
+    def step(k: int) -> tuple[float, float]:
+        started = time.perf_counter()
+        features(scene.frames[k])
+        estimate = tracker.step(features)
+        return 1e3 * (time.perf_counter() - started), problem.error_mm(k, estimate.pose)
+
+    tracker.start(problem.pose)
+    step(0)
+    step(0)
+    tracker.start(problem.pose)
+    return step
+
+
+def _method(
+    search: str, particles: int, iterations: int = ITERATIONS, seed: int = 0, **image: Any
+) -> Method:
+    layers = iterations if search == "pso" else 1
+    method = Method.of(search, OBJECTIVE, n_particles=particles, n_layers=layers, seed=seed)
+    looks = ObjectiveConfig(kind=OBJECTIVE, **image)
+    return replace(method, filter=method.filter.at_rate(FPS), image=looks)
 
 
 def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
-    """The scene once through after a warm-up: ms per frame by the clock, and the mean error."""
+    """The scene once through after a warm-up, as far as time reaches: ms per frame by the clock,
+    and the mean error."""
     device, scene = place.device(), problem.scene
+    check_renderer(device, method)
     features = features_for(device, scene.rig, scene.background, method.features)
     tracker = tracker_for(problem.on(device), method)
     ms: list[float] = []
     errors: list[float] = []
     n = len(scene.frames)
-    for warm_up, count in ((True, min(2, n)), (False, n)):
+    for warm_up, frames in ((True, min(2, n)), (False, n)):
         tracker.start(problem.pose)
-        for place_, frame in enumerate(islice(playing(scene.frames), count)):
+        for place_, frame in enumerate(_within(_ENOUGH, scene.frames[:frames])):
             started = time.perf_counter()
             features(frame)
             estimate = tracker.step(features)
@@ -114,3 +244,11 @@ def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:
                 ms.append(1e3 * passed)
                 errors.append(problem.error_mm(place_, estimate.pose))
     return {"frames": Timing(tuple(ms)), "error_mm": float(np.mean(errors))}
+
+
+def _within(seconds: float, frames: Sequence[Frame]) -> Iterator[Frame]:
+    """`frames`, the first three in any case, the others while time lasts."""
+    began = time.monotonic()
+    for place, frame in enumerate(frames):
+        if place < 3 or time.monotonic() - began < seconds:
+            yield frame

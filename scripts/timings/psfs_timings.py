@@ -35,6 +35,8 @@ from timings.results import Results, add_timing_flags
 from timings.stages import STAGES, reconstruction_work, stage_of
 from timings.tables.psfs import print_report
 
+#: Frames on fewer than all cores, which take long.
+_RUNS_ON_FEW = 10
 #: Frames of one streamed run.
 _STREAM = 16
 
@@ -56,7 +58,9 @@ def _run(args: argparse.Namespace) -> None:
     for place in found:
         for cores in fewer_cores(place):
             name = f"device {place.label}, {cores} used"
-            results.plan(name, partial(on_cores, cores, scene, runs), quick=False)
+            results.plan(
+                name, partial(on_cores, cores, scene, min(runs, _RUNS_ON_FEW)), quick=False
+            )
     for place in found:
         results.plan(f"growth {place.label}", partial(growth, place, scene), quick=False)
     results.plan("memory", lambda: memory(found[0], scene, 1000), quick=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
@@ -94,12 +94,6 @@ class WholeFrame:
         self.parts_ms = 1e3 * np.diff(clock)
         return estimate, cloud
 
-    def streamed(self, frames: Iterable[Frame]) -> None:
-        """As `__call__` for many frames; each is uploaded while the one before is computed."""
-        for voxels in self.reconstruct.stream(frames):
-            self.tracker.step(voxels)
-            voxels.cloud(colour=True)
-
 
 def sequence_run(
     whole: WholeFrame, frames: int, seconds: float = np.inf, begin: int = 0
@@ -133,13 +127,18 @@ def sequence_run(
 
 
 def stream_run(
-    whole: WholeFrame, shown: Sequence[Frame], frames: int, seconds: float = np.inf
+    whole: WholeFrame,
+    shown: Sequence[Frame],
+    frames: int,
+    seconds: float = np.inf,
+    coloured: bool = False,
 ) -> dict[str, Any]:
-    """One run through the pictures in `shown` as a stream, pictures to poses: ms from one pose to
-    the next, mean error. Each frame is uploaded and reconstructed while the one before is searched
-    for; no cloud is downloaded. Ends early when `seconds` have passed."""
+    """One run through the pictures in `shown` as a stream: ms from one pose to the next, mean
+    error. Each frame is uploaded and reconstructed while the one before is searched for; no cloud
+    is downloaded. `coloured`: from one coloured cloud on the host to the next, each frame uploaded
+    while the one before is computed. Ends early when `seconds` have passed."""
     whole.tracker.start(whole.problem.pose)
-    stream = whole.tracker.stream(whole.reconstruct.stream(islice(playing(shown), frames + 1)))
+    stream = _stream(whole, islice(playing(shown), frames + 1), coloured)
     poses, clock = [next(stream).pose], [time.perf_counter()]
     for estimate in stream:
         poses.append(estimate.pose)
@@ -148,6 +147,16 @@ def stream_run(
             break
     errors = [whole.problem.error_mm(place, pose) for place, pose in enumerate(poses)]
     return {"frames": Timing(tuple(1e3 * np.diff(clock))), "error_mm": float(np.mean(errors))}
+
+
+def _stream(whole: WholeFrame, frames: Iterable[Frame], coloured: bool) -> Iterator[Estimate]:
+    if not coloured:
+        yield from whole.tracker.stream(whole.reconstruct.stream(frames))
+        return
+    for voxels in whole.reconstruct.stream(frames):
+        estimate = whole.tracker.step(voxels)
+        voxels.cloud(colour=True)
+        yield estimate
 
 
 def stage_times(whole: WholeFrame, frames: int, warm_up: int = 2) -> dict[str, Timing]:

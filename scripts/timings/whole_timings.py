@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import tempfile
 from functools import partial
-from itertools import islice
 from typing import Any
 
 import cv2
@@ -18,7 +17,7 @@ import numpy as np
 
 from cl import NumpyDevice
 from psfs.cli.commandline import add_command
-from timings.bench_scene import SHAPE, VIEWS, grid_of, playing
+from timings.bench_scene import SHAPE, VIEWS, grid_of
 from timings.measure import (
     Place,
     Timing,
@@ -28,7 +27,6 @@ from timings.measure import (
     measured_limits,
     only_cores,
     places,
-    timed,
 )
 from timings.results import Results, add_timing_flags
 from timings.stages import reconstruction_work, tracking_work
@@ -44,6 +42,8 @@ from timings.whole_frame import (
 
 #: Song et al.: frames of a run, and runs.
 FRAMES, REPETITIONS = 200, 3
+#: Surface voxels of theirs, about (3.3.3, e).
+SONGS_SURFACE = 30_000
 #: Frames of a NumPy run: the twins take seconds for each.
 _NUMPY_FRAMES = 5
 #: Distinct frames of the walk, played there and back.
@@ -84,15 +84,16 @@ def run(args: argparse.Namespace) -> None:
         results.plan(f"stages {place.label}", profiled)
     _numpy_column(results, problem)
     for place in found:
-        for what in _SCALED:
-            measure = partial(scaling, place, problem, what)
-            results.plan(f"scaling {what}, {place.label}", measure, quick=False)
         for cores in fewer_cores(place)[1:]:
             measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
             results.plan(f"cores {cores}", measure, quick=False)
-    for place in found:
+        results.plan(f"surface {place.label}", partial(finer, place, problem), quick=False)
         measure = partial(compilation, place, problem)
         results.plan(f"compilation {place.label}", measure, quick=False)
+    for place in found:
+        for what in _SCALED:
+            measure = partial(scaling, place, problem, what)
+            results.plan(f"scaling {what}, {place.label}", measure, quick=False)
     results.measure()
     print_report(results)
 
@@ -128,7 +129,6 @@ def column(
     runs = [sequence_run(whole, frames, seconds) for _ in range(repetitions)]
     held = problem.scene.pinned(device)
     per_run = len(runs[-1]["frames"].samples)
-    streamed = timed(lambda: whole.streamed(islice(playing(held), per_run)), 1, warm_up=0)
     return {
         "label": place.label,
         "kind": device.info.kind,
@@ -136,7 +136,7 @@ def column(
         "setup_ms": whole.setup_ms,
         "first_frame_ms": first,
         "runs": runs,
-        "streamed": Timing(tuple(ms / per_run for ms in streamed.samples)),
+        "to_cloud": stream_run(whole, held, per_run, seconds, coloured=True),
         "to_pose": stream_run(whole, held, per_run, seconds),
     }
 
@@ -175,6 +175,23 @@ def scaling(place: Place, problem: Problem, what: str) -> list[dict[str, Any]]:
         frames = sequence_run(whole, 9)["frames"].samples[1:]
         rows.append({"value": value, "frames": Timing(frames)})
     return rows
+
+
+def finer(place: Place, problem: Problem) -> dict[str, Any]:
+    """Whole frames in a grid so fine that the surface has about `SONGS_SURFACE` voxels."""
+    whole = WholeFrame(place.device(), problem)
+    surface = sequence_run(whole, 2)["surface_voxels"]
+    shape = problem.shape
+    for _ in range(2):  # the surface grows a little slower than the square of the grid's sides
+        factor = (SONGS_SURFACE / surface) ** 0.5
+        nx, ny, nz = (round(n * factor) for n in shape)
+        shape = nx, ny, nz
+        whole = WholeFrame(place.device(), problem.smaller(shape=shape))
+        surface = sequence_run(whole, 2)["surface_voxels"]
+    run = sequence_run(whole, 21, seconds=20)
+    frames = Timing(run["frames"].samples[1:])
+    return {"label": place.label, "cores": place.cores, "shape": shape, "frames": frames,
+            "surface_voxels": run["surface_voxels"], "error_mm": run["error_mm"]}  # fmt: skip
 
 
 def compilation(place: Place, problem: Problem) -> dict[str, float]:

@@ -22,6 +22,7 @@ from timings.report.readme import update_readme
 from timings.results import Results, read_results
 from timings.stages import PARTS, stage_of
 from timings.tables.grid import number
+from timings.tables.objective import ROWS, columns
 from timings.tables.whole import papers, table_3
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 
@@ -49,9 +50,10 @@ def column(kind: str, label: str, cores: int | None, ms: float, n: int) -> dict[
     if kind == "numpy":
         run["parts"] = {part: times(ms / 3, n) for part in ("reconstruction", "colour", "tracking")}
     made = {"label": label, "kind": kind, "cores": cores, "setup_ms": 900.0,
-            "first_frame_ms": 2 * ms, "runs": [run] * 3, "streamed": times(ms, 1)}  # fmt: skip
+            "first_frame_ms": 2 * ms, "runs": [run] * 3}  # fmt: skip
     if kind != "numpy":
         made["to_pose"] = {"frames": times(ms / 2, 5), "error_mm": 26.0}
+        made["to_cloud"] = {"frames": times(ms, 5), "error_mm": 26.0}
     return made
 
 
@@ -148,10 +150,16 @@ def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> Non
     for heading in ("Song table 1", "Song table 2", "Song table 3", "Song table 4", "Roofline"):
         assert f"### {heading}\n" in text
     assert "84.845207" in text  # Song's GPU
-    assert "| OpenCL GPU, Some GPU | 9.00 | 9.00 | 9.00 | 9.00 | 200 |" in text
+    assert "| OpenCL GPU, Some GPU | 9.00 | 9.00 | 9.00 | 9.00 | 200 | 111 | 9,000 |" in text
     assert "399.2868 x" in text
-    assert "| OpenCL GPU, Some GPU, streamed | 4.02 | 4.01 | 4.03 | 5 | 249 | 26.0 |" in text
-    assert "NumPy, one thread, streamed" not in text
+    streamed = "OpenCL GPU, Some GPU, streamed, without colour and download of voxels"
+    assert f"| {streamed} | 4.02 | 4.01 | 4.03 | 5 | 249 | 26.0 |" in text
+    assert "specification), streamed" not in text
+    assert "44.5 x as fast as OpenCL CPU, one core (Song et al., GPU / CPU: 399 x), 17.9 x" in text
+    assert (
+        "OpenCL CPU, 4 cores (Song et al., GPU / CPU+TBB (4 cores): 113 x), 889 x as fast" in text
+    )
+    assert "NumPy, one thread (an unoptimised specification). Medians." in text
     rows = {row[0]: row[1] for row in table_3(machines[0].results["whole"]).rows}
     assert rows["OpenCL CPU, 4 cores : OpenCL CPU, one core"] == "2.49 x"
     # One file: every figure is inside, nothing is fetched.
@@ -161,6 +169,87 @@ def test_the_page_has_the_papers_tables_with_both_figures(tmp_path: Path) -> Non
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == {
         "headline", "per_frame", "stages", "amdahl", "roofline", "scaling",
     }  # fmt: skip
+
+
+def thesis(folder: Path) -> None:
+    """Made-up results of `methods` and `objective`, as an ended run leaves them."""
+    gpu = {"label": "Some GPU", "cores": None}
+    methods = Results.begin("methods", arguments(folder), {"iterations": 10})
+    swarm = [{"search": "pso", "particles": n, "frames": times(n / 100, 5), "error_mm": 20.0}
+             for n in (100, 300)]  # fmt: skip
+    curve = [{"iterations": i, "particles": n, "frames": times(i, 5), "errors_mm": [20.0, 30.0]}
+             for i in (5, 10) for n in (100, 300)]  # fmt: skip
+    share = [{"particles": 100, "search": times(4.0, 1), "without": times(1.0, 1)}]
+    online = [{"particles": 100, "frames": times(40.0, 3), "offline_mm": 20.0, "online_mm": 33.0,
+               "share": 0.5}]  # fmt: skip
+    planned = {"frames Some GPU": swarm, "opengl frames Some GPU": swarm, "accuracy": swarm,
+               "shares opencl, Some GPU": share, "online Some GPU": online,
+               "curves Some GPU": curve}  # fmt: skip
+    for name, rows in planned.items():
+        made = {**gpu, "rows": rows, "renderer": "opencl"}
+        methods.plan(name, lambda made=made: made)
+
+    def ended() -> None:
+        raise KeyboardInterrupt
+
+    methods.plan("shapes Some GPU", ended)
+    with pytest.raises(KeyboardInterrupt):
+        methods.measure()
+    objective = Results.begin("objective", arguments(folder), {
+        "hypotheses": [96], "views": 4, "group_hypotheses": 512, "frames": 3})  # fmt: skip
+    kernels = {name: times(0.1, 3) for name in ("pose_cones", "place_parts", "count_pixels")}
+    total = {"hypotheses": 96, "total": times(1.0, 3), "whole": times(0.9, 3)}
+    parts = ("matrices", "upload", "rendering", "download", "objective")
+    by_opengl = {part: times(0.2, 3) for part in parts} | {"total": times(1.5, 3)}
+    made = {
+        "device Some GPU": {**gpu, "rows": [{**total, "kernels": kernels}]},
+        "opengl Some GPU": {**gpu, "renderer": "GL", "rows": [{**total, "parts": by_opengl}]},
+        "numpy": {"hypotheses": 8, "matrices": 1.0, "rendering": 90.0, "objective": 9.0},
+        "groups of OpenGL, Some GPU": {**gpu, "rows": [{"group": "8 x 8", "frames": times(1, 3)}]},
+    }
+    for name, section in made.items():
+        objective.plan(name, lambda section=section: section)
+    objective.measure()
+
+
+def test_the_thesis_beside_ours_and_what_an_ended_run_lacks(tmp_path: Path) -> None:
+    thesis(measured(tmp_path / "some"))
+    machines = read_machines([tmp_path / "some"])
+    write_report(machines, tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    assert text.count("methods, shapes Some GPU: not reached; --resume measures it._") == 2
+    assert "_Missing: Some GPU with" in text
+    assert "`compare_timings.py psfs` was not run" in text
+    for figure in ("swarm_curves", "objective_shares", "work_groups", "online"):
+        assert (tmp_path / "figures" / f"{figure}.svg").exists()
+    assert "| 100 | 25.0 | 25.0 | 199 | 99.8 |" in text  # curves
+    assert "| 100 | 4.00 | 1.00 | 75% |" in text  # shares
+    assert "| 100 | 40.0 [40.0, 40.0] | 20.0 | 33.0 | 50% |" in text  # online
+    results = machines[0].results["objective"]
+    for name, column in columns(results, 96).items():
+        parts = sum(column.get(part, 0.0) for part in list(ROWS)[:6])
+        assert parts == pytest.approx(column["total"]), name
+    assert set(columns(results, 96)) == {
+        "NumPy (an unoptimised specification)", "OpenCL Some GPU", "OpenCL Some GPU + OpenGL GL",
+    }  # fmt: skip
+    assert "| overall time | 1,200 | 1.01 | 1.51 |" in text
+
+
+def test_no_two_rows_share_a_label() -> None:
+    """In all tables of the report in this repository."""
+    text = (ROOT / "scripts" / "results" / "report.md").read_text()
+    tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
+    assert len(tables) > 30
+    # Columns that a row's label may go on in.
+    more = {"program", "voxels", "cameras", "kernel", "particles", "iterations", "comparison",
+            "section", "vertices", "vertices per part"}  # fmt: skip
+    for heads, _, *rows in tables:
+        names = heads.split(" | ")
+        n = 1
+        while n < len(names) and names[n] in more:
+            n += 1
+        labels = [tuple(row.split(" | ")[:n]) for row in rows]
+        assert len(set(labels)) == len(labels), (heads, labels)
 
 
 def test_what_was_not_measured_is_left_out_of_the_page(tmp_path: Path) -> None:
@@ -190,8 +279,12 @@ def test_the_readmes_table_is_made_between_its_marks(tmp_path: Path) -> None:
     assert text.endswith("\nafter\n")
     assert "old" not in text
     assert "OpenCL GPU, Some GPU | 9.00 |" in text
-    assert "OpenCL GPU, Some GPU, streamed | 4.02 | 249 | 1,990 x |" in text
-    assert "Streamed: from page-locked pictures" in text
+    shown = "OpenCL GPU, Some GPU, streamed, coloured voxels downloaded | 8.02 | 125 | 49.9 x | 5 |"
+    assert shown in text
+    assert (
+        "NumPy, one thread (an unoptimised specification) | 8,000 | 0.125 | 0.0500 x | 6 |" in text
+    )
+    assert "Medians; Song et al.'s are means." in text
     update_readme(readme, machines)
     assert readme.read_text() == text
     readme.write_text("no marks")

@@ -17,7 +17,7 @@ from psfs.common.files import written_whole
 from timings.report.machines import Machine, device_title
 from timings.stages import PARTS, STAGES
 from timings.tables.grid import number
-from timings.tables.whole import average, columns, papers
+from timings.tables.whole import columns, is_one_core, median_ms, papers
 
 #: Okabe and Ito's colours, told apart by the colour-blind as well.
 _KIND = {
@@ -66,7 +66,7 @@ def headline(machines: Sequence[Machine]) -> Any:
     for machine in machines:
         rows.append((machine.title, 0.0, ""))
         for title, column in columns(machine.results["whole"]):
-            rows.append((title, average(column), column_kind(column)))
+            rows.append((title, median_ms(column), column_kind(column)))
         rows.append(None)
     song = papers()["song2012"]["tables"]["2"]["rows"]
     rows.append(("Song et al. 2012: Core i7 860, Radeon HD 6870", 0.0, ""))
@@ -97,7 +97,7 @@ def headline(machines: Sequence[Machine]) -> Any:
 
 
 def column_kind(column: Any) -> str:
-    return "one" if column["kind"] == "cpu" and column["cores"] == 1 else column["kind"]
+    return "one" if is_one_core(column) else column["kind"]
 
 
 def plain_numbers(axis: Any) -> None:

@@ -13,7 +13,7 @@ from timings.report.figures import STAGE_COLOURS, plain_numbers, styled
 from timings.report.machines import Machine, device_title
 from timings.results import Results
 from timings.stages import STAGES
-from timings.tables.whole import average, papers
+from timings.tables.whole import median_ms, papers
 
 #: What the axes of the scaling plots show.
 _SCALED = {
@@ -27,7 +27,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 def core_times(results: Results) -> list[tuple[int, float]]:
     """(cores, ms per frame) of the CPU's columns."""
     found = {
-        section["cores"]: average(section)
+        section["cores"]: median_ms(section)
         for section in (*results.starting("column "), *results.starting("cores "))
         if section["kind"] == "cpu"
     }

@@ -39,7 +39,7 @@ def read_machines(folders: list[Path]) -> list[Machine]:
 
 
 def _environment(results: Mapping[str, Results]) -> dict:
-    return next(iter(results.values())).environment
+    return results["whole"].environment
 
 
 def _title(results: Mapping[str, Results]) -> str:
@@ -56,6 +56,29 @@ def short_cpu(name: str) -> str:
     for noise in ("(R)", "(TM)", " CPU", " Processor"):
         name = name.replace(noise, "")
     return " ".join(name.split("@")[0].split())
+
+
+def missing(machine: Machine, comparison: str, *prefixes: str, always: bool = True) -> list[str]:
+    """Markdown that names what is not there of the comparison's sections that start so.
+
+    always: that there is no such section at all is told, too.
+    """
+    results = machine.results.get(comparison)
+    if results is None:
+        return [f"_Missing: {machine.title}: `compare_timings.py {comparison}` was not run._"]
+    told = []
+    for prefix in prefixes:
+        left_out = {k: v for k, v in results.left_out.items() if k.startswith(prefix)}
+        told += [
+            f"_Missing: {machine.title}: {comparison}, {named(name, machine)}: {reason}._"
+            for name, reason in left_out.items()
+        ]
+        if always and not left_out and not results.starting(prefix):
+            told.append(
+                f"_Missing: {machine.title}: {comparison}, {prefix.strip()}: not in the results, "
+                "which an older program wrote, or one that was ended._"
+            )
+    return told
 
 
 def device_title(label: str, machine: Machine) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from timings.measure import Timing
-from timings.report.machines import Machine, device_title, named
+from timings.report.machines import Machine, device_title, missing, named
 from timings.results import Results
 from timings.tables.apf import tables
 from timings.tables.grid import NONE, Grid, number
@@ -21,14 +21,21 @@ def peers(machines: Sequence[Machine]) -> str:
         for text in (
             _reconstruction(machine, machine.results["psfs"]).markdown(),
             *(_folded(grid) for grid in _growth(machine, machine.results["psfs"])),
+            *missing(machine, "psfs", "device ", "numpy", "open3d", "growth ", "memory"),
         )
     ]
     tracking = [
-        named(_folded(grid), machine)
+        text
         for machine in machines
         if "apf" in machine.results
-        for grid in tables(machine.results["apf"])
+        for text in (
+            *(named(_folded(grid), machine) for grid in tables(machine.results["apf"])),
+            *missing(machine, "apf", "numpy", "device ", "particles, ", "layers, ", "cameras, "),
+        )
     ]
+    for name, texts in (("psfs", reconstruction), ("apf", tracking)):
+        absent = [machine for machine in machines if name not in machine.results]
+        texts += [line for machine in absent for line in missing(machine, name)]
     parts = []
     if reconstruction:
         parts += ["## Reconstruction alone, against its peers", _PEERS, *reconstruction]
@@ -58,9 +65,8 @@ def _reconstruction(machine: Machine, results: Results) -> Grid:
     carving = results.sections.get("open3d", {}).get("carving")
     twin = results.sections.get("numpy", {}).get("whole")
     rows = []
-    for label, timing in compared(results):
-        device, *rest = label.rsplit(", ", label.count(", ") - 1) if "cores" in label else [label]
-        name = ", ".join([device_title(device, machine), *rest])
+    for device, what, timing in compared(results):
+        name = f"{device_title(device, machine)}, {what}"
         rows.append([name, number(timing.median), _spread(timing), number(timing.least),
                      _faster(carving, timing), _faster(twin, timing)])  # fmt: skip
     nx, ny, nz = results.settings["shape"]

@@ -1,66 +1,114 @@
-"""The thesis's tables 6.2 to 6.7, ours beside them where we have a counterpart."""
+"""The thesis's tables 6.2 to 6.7 and curves, and Kwolek & Rymut's tables, ours beside them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from timings.report.machines import Machine, device_title, named
+from timings.report.machines import Machine, device_title, missing, named
 from timings.tables.grid import NONE, Grid, number, quoted
-from timings.tables.methods import SEARCHES
-from timings.tables.objective import table_6_7
+from timings.tables.methods import SEARCHES, TABLES
+from timings.tables.objective import group_sections, groups, kwolek_1, table_6_7
 from timings.tables.whole import papers
 
 _OPENING = """Whole frames from pictures to pose by particle swarm (PSO) and particle filter (PF)
-over the images' objective function; the synthetic walk in place of P1S, P1D, P2S and LeeWalk, so
-errors are of another person, room and camera than the thesis's. CPU: OpenCL on all cores."""
+over the images' objective function SP and the body rymut31; the synthetic walk in place of P1S,
+P1D, P2S and LeeWalk, so errors are of another person, room and camera than the thesis's, and of a
+short walk: those of a whole sequence and ten seeds are in
+`scripts/results/accuracy/thesis/thesis.md`. CPU: OpenCL on all cores. OpenGL: hypotheses drawn,
+counted and scored by OpenGL."""
+
+
+@dataclass(frozen=True)
+class _Chapter:
+    """A heading; the paper's own table, or a figure of ours; our grids of a machine; whose sections
+    of which comparison they are made of."""
+
+    heading: str
+    make: Callable[[Machine], Sequence[Grid | None]]
+    comparison: str
+    prefixes: tuple[str, ...]
+    paper: str = "rymut2016"
+    table: str = ""
+    figure: str = ""
 
 
 def tables(machines: Sequence[Machine]) -> str:
-    """The chapter, as far as `methods` and `objective` were measured."""
-    measured = [machine for machine in machines if "methods" in machine.results]
-    evaluated = [machine for machine in machines if "objective" in machine.results]
-    if not measured and not evaluated:
-        return ""
-    thesis = papers()["rymut2016"]
+    """The chapter; what was not measured is named in its places."""
+    thesis, kwolek = papers()["rymut2016"], papers()["kwolek2016"]
     parts = [
-        "## The tables of Rymut's thesis",
+        "## The tables and curves of Rymut's thesis",
         f"{thesis['citation']}. {thesis['setting']}.",
         _OPENING,
+        *_written(_THESIS, machines),
+        "## The tables of Kwolek & Rymut",
+        f"{kwolek['citation']}. {kwolek['setting']}.",
+        *_written(_KWOLEK, machines),
     ]
-    makers: dict[str, Callable[[Machine], Grid | None]] = {
-        "6.2": lambda m: _times(m, ("pso",), (100, 300, 1000)),
-        "6.3": lambda m: _times(m, ("sir", "pso"), (100, 200, 300, 400, 1000, 2000, 3000, 4000)),
-        "6.4": _accuracy,
-        "6.5": _shapes,
-        "6.6": lambda m: _times(m, ("pso",), (100, 200, 300, 400)),
-    }
-    for name, make in makers.items():
-        grids = [grid for grid in map(make, measured) if grid]
-        parts += [f"### Thesis table {name}", _theirs(name).markdown()]
-        parts += [grid.markdown() for grid in grids]
-    parts += ["### Thesis table 6.7", _theirs("6.7").markdown()]
-    parts += [_on(machine) for machine in evaluated]
     return "\n\n".join(parts)
 
 
-def _on(machine: Machine) -> str:
-    """Our table 6.7 for every number of hypotheses."""
+def _written(chapters: Sequence[_Chapter], machines: Sequence[Machine]) -> list[str]:
+    parts = []
+    for chapter in chapters:
+        parts.append(f"### {chapter.heading}")
+        if chapter.table:
+            parts.append(_theirs(chapter.paper, chapter.table).markdown())
+        if chapter.figure:
+            parts.append(f"![{chapter.heading}](figures/{chapter.figure}.svg)")
+        for machine in machines:
+            if chapter.comparison in machine.results:
+                parts += [named(g.markdown(), machine) for g in chapter.make(machine) if g]
+            parts += missing(machine, chapter.comparison, *chapter.prefixes)
+    return parts
+
+
+def _by_hypotheses(
+    make: Callable[[Any, int], Grid],
+) -> Callable[[Machine], Sequence[Grid | None]]:
+    """A grid for every number of hypotheses of `objective`."""
+
+    def grids(machine: Machine) -> list[Grid | None]:
+        results = machine.results["objective"]
+        if not results.starting("device "):
+            return []
+        made = [make(results, n) for n in results.settings["hypotheses"]]
+        return [replace(grid, title=f"Ours, {machine.title}: {grid.title}") for grid in made]
+
+    return grids
+
+
+def _work_groups(machine: Machine) -> list[Grid | None]:
     results = machine.results["objective"]
-    grids = [table_6_7(results, n) for n in results.settings["hypotheses"]]
-    shown = [replace(grid, title=f"Ours, {machine.title}: {grid.title}") for grid in grids]
-    return named("\n\n".join(grid.markdown() for grid in shown), machine)
+    return [
+        groups(section, f"Ours, {machine.title}: {section['label']}, {what}", results.settings)
+        for what, section in group_sections(results)
+    ]
 
 
-def _theirs(name: str) -> Grid:
-    """The thesis's own table, as printed."""
-    table = papers()["rymut2016"]["tables"][name]
+def _one_each(kind: str) -> Callable[[Machine], Sequence[Grid | None]]:
+    """The grid of every section of that kind."""
+
+    def grids(machine: Machine) -> list[Grid | None]:
+        return [
+            TABLES[kind](section, f"Ours, {device_title(section['label'], machine)}")
+            for section in machine.results["methods"].starting(f"{kind} ")
+        ]
+
+    return grids
+
+
+def _theirs(paper: str, name: str) -> Grid:
+    """A paper's own table, as printed."""
+    table = papers()[paper]["tables"][name]
     rows = [
         [cell if isinstance(cell, str) else quoted(cell) for cell in row] for row in table["rows"]
     ]
     note = table.get("note", "")
-    return Grid(f"Rymut 2016, table {name}: {table['title']}", table["columns"], rows, note)
+    return Grid(
+        f"{papers()[paper]['short']}, table {name}: {table['title']}", table["columns"], rows, note
+    )
 
 
 def _sections(machine: Machine, prefix: str) -> list[Any]:
@@ -69,12 +117,16 @@ def _sections(machine: Machine, prefix: str) -> list[Any]:
     return sorted(found, key=lambda section: section["cores"] is None)
 
 
-def _times(machine: Machine, searches: Sequence[str], particles: Sequence[int]) -> Grid | None:
+def _times(
+    machine: Machine, searches: Sequence[str], particles: Sequence[int], opengl: bool = False
+) -> Grid | None:
     """Time of a frame on the CPU and the GPUs, and how many times as fast these are."""
-    sections = _sections(machine, "frames ")
+    sections = [(s, "") for s in _sections(machine, "frames ")]
+    if opengl:
+        sections += [(s, ", OpenGL") for s in _sections(machine, "opengl frames ")]
     if not sections:
         return None
-    by_run = [{(r["search"], r["particles"]): r["frames"] for r in s["rows"]} for s in sections]
+    by_run = [{(r["search"], r["particles"]): r["frames"] for r in s["rows"]} for s, _ in sections]
     rows = []
     for search in searches:
         for n in particles:
@@ -83,16 +135,17 @@ def _times(machine: Machine, searches: Sequence[str], particles: Sequence[int]) 
                 continue
             row = [SEARCHES[search], f"{n:,}"]
             for timing in timings:
-                row += [NONE if timing is None else str(timing)]
+                row += [NONE if timing is None else f"{timing}, {len(timing.samples)}"]
             for timing in timings[1:]:
                 row += [
                     NONE if timing is None else f"{number(timings[0].median / timing.median)} x"
                 ]
             rows.append(row)
-    titles = [device_title(section["label"], machine) for section in sections]
+    titles = [device_title(s["label"], machine) + drawn for s, drawn in sections]
     heads = ["algorithm", "particles", *(f"{title}, ms" for title in titles)]
-    heads += [f"CPU / {title}" for title in titles[1:]]
-    return Grid(f"Ours, {machine.title}: time of a frame, median [quartiles]", heads, rows)
+    heads += [f"{titles[0]} : {title}" for title in titles[1:]]
+    title = f"Ours, {machine.title}: time of a frame, median [quartiles], frames"
+    return Grid(title, heads, rows)
 
 
 def _accuracy(machine: Machine) -> Grid | None:
@@ -130,3 +183,59 @@ def _shapes(machine: Machine) -> Grid | None:
     heads = [f"{n}: {what}" for n in particles for what in (*(f"{t}, ms" for t in titles), "mm")]
     return Grid(f"Ours, {machine.title}: time and error of a frame by vertices per part",
                 ["vertices", *heads], rows)  # fmt: skip
+
+
+_THESIS = (
+    _Chapter(
+        "Thesis table 6.2", lambda m: [_times(m, ("pso",), (100, 300, 1000))],
+        "methods", ("frames ",), table="6.2",
+    ),
+    _Chapter(
+        "Thesis table 6.3",
+        lambda m: [_times(m, ("sir", "pso"), (100, 200, 300, 400, 1000, 2000, 3000, 4000))],
+        "methods", ("frames ",), table="6.3",
+    ),
+    _Chapter(
+        "Thesis table 6.4", lambda m: [_accuracy(m)], "methods", ("accuracy",), table="6.4"
+    ),
+    _Chapter("Thesis table 6.5", lambda m: [_shapes(m)], "methods", ("shapes ",), table="6.5"),
+    _Chapter(
+        "Thesis table 6.6",
+        lambda m: [_times(m, ("pso",), (100, 200, 300, 400), opengl=True)],
+        "methods", ("frames ", "opengl frames "), table="6.6",
+    ),
+    _Chapter(
+        "Thesis table 6.7", _by_hypotheses(table_6_7), "objective",
+        ("device ", "opengl ", "opengl, NumPy", "numpy"), table="6.7",
+    ),
+    _Chapter(
+        "Thesis figures 6.9, 6.10 and 6.19 to 6.21: error and rate over particles",
+        _one_each("curves"), "methods", ("curves ",), figure="swarm_curves",
+    ),
+    _Chapter(
+        "Thesis figures 6.11 and 6.17: share of the objective", _one_each("shares"), "methods",
+        ("shares ",), figure="objective_shares",
+    ),
+    _Chapter(
+        "Thesis figure 6.16: size of the work-groups", _work_groups, "objective", ("groups ",),
+        figure="work_groups",
+    ),
+    _Chapter(
+        "Thesis figure 6.23: online against offline", _one_each("online"), "methods", ("online ",),
+        figure="online",
+    ),
+)  # fmt: skip
+_KWOLEK = (
+    _Chapter(
+        "Kwolek & Rymut table 1", _by_hypotheses(kwolek_1), "objective",
+        ("device ", "opengl ", "opengl, NumPy", "numpy"), "kwolek2016", "1",
+    ),
+    _Chapter(
+        "Kwolek & Rymut table 2", lambda m: [_accuracy(m)], "methods", ("accuracy",),
+        "kwolek2016", "2",
+    ),
+    _Chapter(
+        "Kwolek & Rymut table 3", lambda m: [_shapes(m)], "methods", ("shapes ",),
+        "kwolek2016", "3",
+    ),
+)  # fmt: skip

@@ -8,6 +8,7 @@ from typing import Any
 from timings.measure import Timing
 from timings.results import Results
 from timings.tables.grid import Grid, number
+from timings.tables.whole import SPECIFICATION
 
 _HALVES = ("both", "reconstruction", "tracking")
 _HEADINGS = ("pictures to pose", "reconstruction", "tracking")
@@ -41,7 +42,7 @@ def _devices(results: Results, devices: list[Mapping[str, Any]]) -> Grid:
     slow = rate(twin["scored"], views, twin["scoring"]) if twin else None
     rows = []
     if twin and slow:
-        rows.append(["NumPy twin", "", number(slow), "1", "", "", ""])
+        rows.append([f"NumPy, {SPECIFICATION}", "", number(slow), "1", "", "", ""])
     for device in devices:
         fast = rate(scored, views, device["scoring"])
         rows.append([
@@ -67,7 +68,9 @@ def _growth(name: str, section: list[Mapping[str, Any]]) -> Grid:
         ]
         for row in section
     ]
-    return Grid(f"{label}: growth, ms", (what, "hypotheses x cameras / s", *_HEADINGS), rows)
+    return Grid(
+        f"{label}: growth with {what}, ms", (what, "hypotheses x cameras / s", *_HEADINGS), rows
+    )
 
 
 def _kernels(device: Mapping[str, Any]) -> Grid:

@@ -11,11 +11,19 @@ from timings.measure import Timing
 from timings.results import Results
 from timings.stages import STAGES
 from timings.tables.grid import number
+from timings.tables.whole import SPECIFICATION
 
 #: What the comparison with carving alone is about.
 SHAPE_STAGES = ("silhouette", "occupancy", "smoothing", "surface")
 #: The modes of the reconstruction.
 MODES = ("dense", "sparse")
+#: What is timed in each mode, and its name there.
+_RUNS = {
+    "from pictures": "whole",
+    "from masks": "masks",
+    "with colour": "whole_coloured",
+    "with colour, streamed": "stream_per_frame",
+}
 
 
 def print_report(results: Results) -> None:
@@ -35,23 +43,20 @@ def print_report(results: Results) -> None:
         )
 
 
-def compared(results: Results) -> list[tuple[str, Timing]]:
-    """Everybody's whole frame."""
+def compared(results: Results) -> list[tuple[str, str, Timing]]:
+    """Everybody's whole frame: the program or its device, what it does, its time."""
     rows = []
     if "open3d" in results.sections:
         carving = results.sections["open3d"]["carving"]
-        rows.append(("Open3D carve_silhouette, carving alone", carving))
+        rows.append(("Open3D carve_silhouette", "carving alone", carving))
     if "numpy" in results.sections:
         twin = results.sections["numpy"]
-        rows.append(("NumPy twin, occupancy alone", twin["occupancy"]))
-        rows.append(("NumPy twin, whole", twin["whole"]))
+        rows.append((f"NumPy, {SPECIFICATION}", "occupancy alone", twin["occupancy"]))
+        rows.append((f"NumPy, {SPECIFICATION}", "whole", twin["whole"]))
     for device in results.starting("device "):
         for mode in MODES:
-            rows.append((f"{device['label']}, {mode}, from pictures", device[mode]["whole"]))
-            rows.append((f"{device['label']}, {mode}, from masks", device[mode]["masks"]))
-            rows.append((f"{device['label']}, {mode}, with colour", device[mode]["whole_coloured"]))
-            stream = device[mode]["stream_per_frame"]
-            rows.append((f"{device['label']}, {mode}, with colour, streamed", stream))
+            for what, name in _RUNS.items():
+                rows.append((device["label"], f"{mode}, {what}", device[mode][name]))
     return rows
 
 
@@ -65,9 +70,9 @@ def _print_comparison(results: Results) -> None:
     table.add_column("program")
     for heading in ("ms, median [quartiles]", "least", *medians):
         table.add_column(heading, justify="right")
-    for label, timing in compared(results):
+    for device, what, timing in compared(results):
         ratios = (median / timing.median for median in medians.values())
-        table.add_row(label, str(timing), *map(number, (timing.least, *ratios)))
+        table.add_row(f"{device}, {what}", str(timing), *map(number, (timing.least, *ratios)))
     stdout.print(table)
     for device in results.starting("device "):
         for mode in MODES:
