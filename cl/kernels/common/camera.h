@@ -1,4 +1,5 @@
-// Camera projection, the counterpart of psfs/cameras/camera.py. A camera is CAMERA_FLOATS floats:
+// Camera projection, the counterpart of psfs/cameras/camera.py (in OpenGL: camera.glsl). A camera is
+// CAMERA_FLOATS floats:
 //   0-8 R (row-major)  9-11 t  12-16 fx fy cx cy skew  17-21 k1 k2 p1 p2 k3
 //   22 largest squared normalised radius  23-24 width height  25-27 centre in the world
 //   28 Tsai's kappa, in the place of 17-21

@@ -20,6 +20,7 @@ from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.image_objective.renderer import draw_hypotheses
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
+from psfs.cameras.camera import CameraRig
 
 OPENGL = ObjectiveConfig(renderer="opengl")
 
@@ -66,6 +67,8 @@ def test_scores_equal_opencl(device: Device, kind: str, vertices: int, n_labels:
     poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 31)])
     labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
     config = ObjectiveConfig(kind, 0.4, 0.6, labels=labels, vertices_per_part=vertices)
+    tsai = replace(rig[1], distortion=np.zeros(5), kappa=0.15)
+    rig = CameraRig((rig[0], tsai, rig[2]))
     scene = Scene(device, rig, None, body)
     kernels, shaders = (o(scene, len(poses), config) for o in (ImageObjective, OpenGLObjective))
     for seed in range(2):  # a second frame with other regions of interest

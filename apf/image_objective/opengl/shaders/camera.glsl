@@ -7,6 +7,15 @@ vec3 camera_centre(int view)
     return vec3(cameras[c], cameras[c + 1], cameras[c + 2]);
 }
 
+// Distorted over undistorted radius of Tsai's lens: the root of stretch s^3 + s - 1.
+float tsai_share(float stretch)
+{
+    float s = 1.0 / (1.0 + stretch);
+    for (int step = 0; step < 5; ++step)
+        s = (2.0 * stretch * s * s * s + 1.0) / (3.0 * stretch * s * s + 1.0);
+    return s;
+}
+
 // Project a world point; false where it has no image or one too far out.
 bool project(int view, vec3 p, out vec2 pixel)
 {
@@ -19,8 +28,14 @@ bool project(int view, vec3 p, out vec2 pixel)
     const float p1 = cameras[c + 19], p2 = cameras[c + 20];
     const float radial =
         1.0 + r2 * (cameras[c + 17] + r2 * (cameras[c + 18] + r2 * cameras[c + 21]));
-    const float x = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u);
-    const float y = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v;
+    float x = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u);
+    float y = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v;
+    const float stretch = cameras[c + 28] * r2;
+    if (stretch != 0.0) {
+        const float share = tsai_share(stretch);
+        x = u * share;
+        y = v * share;
+    }
     pixel = vec2(cameras[c + 12] * x + cameras[c + 16] * y + cameras[c + 14],
                  cameras[c + 13] * y + cameras[c + 15]);
     return q.z > 1e-6 && r2 < cameras[c + 22] && all(lessThan(abs(pixel), vec2(FAR_OUT)));
