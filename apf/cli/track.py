@@ -29,7 +29,7 @@ from apf.report.summary import SUMMARY
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
 from apf.tracking.batch import BatchConfig, Take, at_once, track_take
-from apf.tracking.track import Track, spans
+from apf.tracking.track import PARTS, Track, spans
 from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice, UserError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
@@ -52,7 +52,7 @@ from psfs.reconstructor import ReconstructionConfig
 #: Runs that --seeds may ask for.
 MOST_SEEDS = 1000
 #: What a take is written to.
-RESULTS = (*FILES, SUMMARY, PAGE)
+RESULTS = (*FILES, SUMMARY, PAGE, PARTS)
 
 
 def register(commands: argparse._SubParsersAction) -> None:

@@ -27,6 +27,8 @@ CAMERA_FLOATS = 32
 _BLOCK = 16_384
 #: Of all numbers of a camera; lengths may be in any unit before they are converted.
 _LARGEST = 1e7
+#: Focal length, px; less is in another unit.
+_SHORTEST = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +89,10 @@ class Camera:
                 f"{np.abs(self.R @ self.R.T - np.eye(3)).max():.3g}, "
                 f"determinant {np.linalg.det(self.R):.3g}; expected 0 and 1)"
             )
-        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+        if min(self.K[0, 0], self.K[1, 1]) < _SHORTEST:
             raise InputError(
                 f"camera {self.name}: focal lengths {self.K[0, 0]:g}, {self.K[1, 1]:g}; "
-                "expected positive numbers of pixels"
+                f"expected numbers of pixels from {_SHORTEST:g} on"
             )
         if np.abs(self.K[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9:
             raise InputError(

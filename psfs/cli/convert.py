@@ -28,7 +28,8 @@ def _run(args: argparse.Namespace) -> None:
     sequence = open_sequence(args)
     for note in sequence.notes:
         remark("note", "cyan", note)
-    expected = ("calibration.toml", "sequence.toml")
+    folders = ("videos", "images", "masks", "background")
+    expected = ["calibration.toml", "sequence.toml", *(f"{f}/**/*.*" for f in folders)]
     with output_folder(args.output, args.parser.prog, sequence.inputs, expected):
         write_native(sequence, args.output)
     stdout.print(

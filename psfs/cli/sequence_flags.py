@@ -93,10 +93,14 @@ def sync_of(text: str) -> str | dict[str, int]:
         return text
     try:
         pairs = [item.rsplit("=", 1) for item in text.split(",")]
-        return {name: int(late) for name, late in pairs}
+        shifts = {name: int(late) for name, late in pairs}
+        if len(shifts) < len(pairs):
+            raise ValueError
+        return shifts
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is neither auto nor frames by camera; expected e.g. cam03=5,cam01=-2"
+            f"{text!r} is neither auto nor frames by camera; expected e.g. cam03=5,cam01=-2, each "
+            "camera once"
         ) from None
 
 

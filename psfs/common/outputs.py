@@ -199,6 +199,9 @@ class OutputFolder:
         manifest = Manifest.read(self.folder)
         ours = manifest.files if manifest is not None else {}
         for pattern in expected:
+            inside = self._real / Path(pattern).parts[0]
+            if len(Path(pattern).parts) > 1 and inside.exists() and not inside.is_dir():
+                raise _not_ours(self.folder / inside.name)
             for path in self._real.glob(pattern):
                 if path.name != MANIFEST and os.path.relpath(path, self._real) not in ours:
                     raise _not_ours(self.folder / os.path.relpath(path, self._real))

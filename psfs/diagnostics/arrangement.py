@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.small_views import Outline
-from psfs.diagnostics.tangency import Tangency
+from psfs.diagnostics.tangency import CAP, Tangency
 
 #: What calibrations of other programs may mean: camera to world instead of world to camera; the
 #: camera's centre instead of the translation; OpenGL's camera axes.
@@ -70,16 +70,18 @@ def mirrored(tangency: Tangency, config: FaultConfig) -> list[int]:
 
 #: Differences of costs up to this are noise: silhouettes of who keeps still agree at any lag.
 _NOISE = 0.003
+#: Frames about a lag where `refined` looks, and its cap of the differences.
+_NEAR, _FINE_CAP = 2, 0.01
 
 
 class Lags:
     """Costs of pairs of cameras at all lags up to `most` frames, either way.
 
     Of each pair with or without what is the same in all frames, whichever fits better at its best:
-    calibrations err by a steady amount, and silhouettes by none.
+    calibrations err by a steady amount, and silhouettes by none. cap: see `Tangency.difference`.
     """
 
-    def __init__(self, tangency: Tangency, most: int) -> None:
+    def __init__(self, tangency: Tangency, most: int, cap: float = CAP) -> None:
         n = len(tangency.rig)
         self.most, self.n_views = most, n
         reach = range(-2 * most, 2 * most + 1)
@@ -89,7 +91,7 @@ class Lags:
             if not tangency.comparable(a, b):
                 continue
             ways = [
-                np.array([tangency.difference(first, second, lag, steady) for lag in reach])
+                np.array([tangency.difference(first, second, lag, steady, cap) for lag in reach])
                 for steady in (True, False)
             ]
             pair = min(ways, key=lambda way: float(np.nanmin(_costs(way), initial=np.inf)))
@@ -145,6 +147,28 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
         shifts[view] = best[view]
     middle = int(np.median(shifts))
     return [shift - middle for shift in shifts]
+
+
+def refined(tangency: Tangency, shifts: list[int]) -> list[int]:
+    """Return `shifts` as larger pictures tell them: each within two frames of what it was, at the
+    lowest point of the parabola through the best lag and those beside it.
+
+    Only frames that nearly agree count: the others say that a lag is wrong, but not by how much.
+    """
+    most = max(abs(shift) for shift in shifts) + _NEAR + 1
+    lags, found = Lags(tangency, most, _FINE_CAP), list(shifts)
+    for view, shift in enumerate(shifts):
+        if not shift:
+            continue
+        curve = lags.curve(view, shifts)
+        near = curve[most + shift - _NEAR : most + shift + _NEAR + 1]
+        if np.isfinite(near).all():
+            best = most + shift - _NEAR + int(near.argmin())
+            before, here, after = curve[best - 1 : best + 2]
+            bend = before - 2 * here + after
+            aside = 0.5 * (before - after) / bend if bend > 0 else 0.0
+            found[view] = round(best - most + float(np.clip(aside, -1, 1)))
+    return found
 
 
 def turned_by(tangency: Tangency, view: int) -> tuple[float, float]:

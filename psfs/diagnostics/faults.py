@@ -10,7 +10,14 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
-from psfs.diagnostics.arrangement import convention, exchanged, lateness, mirrored, turned_by
+from psfs.diagnostics.arrangement import (
+    convention,
+    exchanged,
+    lateness,
+    mirrored,
+    refined,
+    turned_by,
+)
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.picture_faults import Fault, picture_faults
 from psfs.diagnostics.small_views import SmallViews, small_views
@@ -23,6 +30,8 @@ PERSON = (0.25, 4.0)
 _TURNED = (0.008, 0.5)
 
 
+#: Longest side, px, of the pictures that say by how many frames a late camera is late.
+_LARGER = 640
 #: Faults of the footage as a whole.
 _OF_ALL = ("exchange", "mirrored", "convention", "disagree")
 
@@ -69,7 +78,7 @@ def diagnosed(
     compared = tangency.compared()
     if len(sequence.rig) > 1 and math.isfinite(compared.cost):
         if not any(fault.kind == "exchange" for fault in faults):
-            faults = [*_arranged(sequence, views, tangency, faults, config), *faults]
+            faults = [*_arranged(sequence, device, views, tangency, faults, config), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
             faults += _unit(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
@@ -79,6 +88,7 @@ def diagnosed(
 
 def _arranged(
     sequence: Sequence,
+    device: Device | NumpyDevice,
     views: SmallViews,
     tangency: Tangency,
     known: list[Fault],
@@ -94,6 +104,9 @@ def _arranged(
         return [_exchange(names, order)]
     most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
     shifts = lateness(tangency, most, config)
+    if any(shifts) and views.rig.width < sequence.rig.width:
+        large = small_views(sequence, device, replace(config, longest_side=_LARGER))
+        shifts = refined(Tangency(large.rig, large.outlines), shifts)
     late = [_late(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
     compared = tangency.compared(shifts=shifts)
     if compared.cost > config.disagreeing:

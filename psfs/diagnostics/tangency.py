@@ -123,11 +123,16 @@ class Tangency:
         return self._of_rays(image, rays, camera, other)
 
     def difference(
-        self, a: np.ndarray, b: np.ndarray, lag: int = 0, steady: bool = True
+        self,
+        a: np.ndarray,
+        b: np.ndarray,
+        lag: int = 0,
+        steady: bool = True,
+        cap: float = CAP,
     ) -> tuple[float, int]:
-        """Return sum and number of the capped differences of planes (F, 2): a's frame t beside b's
-        frame t + lag. Without `steady`, what is the same in all frames is left out: what a wrong
-        calibration does, and not a lag."""
+        """Return sum and number of the differences of planes (F, 2), each up to `cap`, as shares of
+        the person's size: a's frame t beside b's frame t + lag. Without `steady`, what is the same
+        in all frames is left out: what a wrong calibration does, and not a lag."""
         first, end = max(0, -lag), min(len(a), len(b) - lag)
         if end <= first:
             return 0.0, 0
@@ -136,7 +141,7 @@ class Tangency:
         if not steady:
             for column, there in zip(apart.T, known.T, strict=True):
                 column -= np.median(column[there]) if there.any() else 0.0
-        return float(np.minimum(np.abs(apart[known]), CAP).sum()), int(known.sum())
+        return float(np.minimum(np.abs(apart[known]), cap).sum()), int(known.sum())
 
     def turned(self, camera: int, rotation: np.ndarray) -> float:
         """Return the cost of one camera's pairs if its rays are turned by `rotation` (3, 3)."""

@@ -126,7 +126,7 @@ def media_in(folder: Path) -> dict[str, list[Path]]:
     of images per camera. The names are those of the files without suffix, or of the subfolders.
     """
     found: dict[str, list[Path]] = {}
-    for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
+    for path in sorted(_visible(folder), key=lambda path: natural_key(path.name)):
         if path.is_dir():
             images = images_in(path)
             if images:
@@ -140,8 +140,13 @@ def media_in(folder: Path) -> dict[str, list[Path]]:
 
 def images_in(folder: Path) -> list[Path]:
     """Return the image files of a folder in natural order of their names."""
-    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    images = [path for path in _visible(folder) if path.suffix.lower() in IMAGE_SUFFIXES]
     return sorted(images, key=lambda path: natural_key(path.name))
+
+
+def _visible(folder: Path) -> list[Path]:
+    """Return what is in a folder but for hidden files, such as the `._0001.png` of macOS."""
+    return [path for path in folder.iterdir() if not path.name.startswith(".")]
 
 
 class VideoDecoder:

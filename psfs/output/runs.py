@@ -204,7 +204,14 @@ class Run:
         return VoxelGrid(np.array(grid["origin_m"]), grid["voxel_size_m"], (nx, ny, nz))
 
     def cloud(self, index: int) -> VoxelCloud:
-        return read_cloud(cloud_stem(self.out, index).with_suffix(".npz"))
+        """Return a frame's cloud. Raises InputError, also for one of another grid."""
+        path = cloud_stem(self.out, index).with_suffix(".npz")
+        cloud = read_cloud(path)
+        if grid_facts(cloud.grid) != grid_facts(self.grid):
+            raise InputError(
+                f"{path}: its grid is not that of {SUMMARY}; expected the clouds of one run"
+            )
+        return cloud
 
     def sequence(self) -> Sequence:
         """Open the sequence again. Raises as `reopened` does."""
