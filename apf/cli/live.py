@@ -176,6 +176,8 @@ def _check_ranges(args: argparse.Namespace) -> None:
         raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
     if args.budget is not None and not 0.1 <= args.budget <= 1000:
         raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
+    if not 0 <= args.empty <= 600:
+        raise InputError(f"--empty is {args.empty}; expected 0 to 600 s")
 
 
 def _replay(

@@ -68,6 +68,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     if args.opengl and args.round_ends:
         raise InputError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
+    if args.mesh is None and (args.weights or args.bind):
+        raise InputError("--weights and --bind say how a mesh moves; expected --mesh with them")
     given = [p for p in (args.body, args.mesh, args.weights, args.bind) if p is not None]
     inputs = [Path(args.folder), args.track, *given]
     with output_folder(args.output, args.parser.prog, inputs, (FILE,)) as out:

@@ -9,10 +9,11 @@ from pathlib import Path
 from apf.report.agreement import shown_rows
 from apf.report.judged import OVERLAY, judged, write_judged
 from apf.report.page import PAGE
-from apf.report.summary import read_summary, tracked_sequence, tracked_with
+from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tracked_with
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
+from psfs.cameras.calibration.common import naming
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
 
@@ -38,6 +39,8 @@ def run(args: argparse.Namespace) -> None:
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     last = int(track.frames.max())
+    with naming(folder / "track.npz"):
+        tracked_grid(track)  # before anything is written
     sequence, config = tracked_sequence(folder, summary, last), tracked_with(folder, summary)
     device = select_device(args.device)
     draw = not args.no_overlay and not (folder / OVERLAY).exists()

@@ -84,12 +84,14 @@ def _convention_of(path: Path, point: Any) -> str:
 
 
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
-    """Write points and events. Raises InputError for more frames than the format can count, and
+    """Write points and events. Raises InputError for no frame, more than the format can count, and
     where the file cannot be written."""
     import ezc3d  # takes a while to load
 
+    if not len(series.frames):
+        raise InputError(f"{path}: a C3D of no frame cannot be written; expected at least one")
     rate, rows = series.on_a_beat()
-    first = int(series.frames[0]) if len(rows) else 0
+    first = int(series.frames[0])
     if first + len(rows) > _MOST_FRAMES:
         raise InputError(
             f"{path}: a C3D counts frames up to {_MOST_FRAMES}, there are {len(rows)} from frame "

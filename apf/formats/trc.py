@@ -99,7 +99,8 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
     rate, camera_rate = f"{series.fps / max(step, 1.0):g}", f"{series.fps:g}"
     values = (rate, camera_rate, n, n_joints, "mm", camera_rate, start, n)
     names = ["_".join(name.split()) for name in series.joint_names]
-    points = (series.joints @ CONVENTIONS[convention]).reshape(n, -1) * 1000  # inverse: transpose
+    turned = series.joints @ CONVENTIONS[convention]  # the inverse is the transpose
+    points = 1000 * turned.reshape(n, 3 * n_joints)
     header = [
         ["PathFileType", "4", "(X/Y/Z)", path.name],
         _KEYS,

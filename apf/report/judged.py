@@ -12,7 +12,7 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
-from psfs.common.files import write_json
+from psfs.common.files import read_text, write_json
 from psfs.output.runs import device_facts, versions
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
@@ -57,11 +57,11 @@ def write_judged(
         "says": quality.lines(),
         "files": written,
     }
-    write_json(folder / SUMMARY, summary)
     if page:
         settings = folder / "settings.toml"
-        text = settings.read_text(encoding="utf-8") if settings.exists() else ""
+        text = read_text(settings, "settings") if settings.exists() else ""
         write_page(folder / PAGE, name, quality, summary, text, folder / OVERLAY)
+    write_json(folder / SUMMARY, summary)
     return written
 
 

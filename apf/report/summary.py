@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel, sideless
@@ -15,11 +16,11 @@ from apf.body.stature import stature
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import read_json
-from psfs.common.schema import Table, checked
+from psfs.common.schema import Positive, Table, Vector, checked
 from psfs.output.runs import SequenceFacts, reopened
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.grid import VoxelGrid, check_size
 
 SUMMARY = "summary.json"
 
@@ -73,10 +74,25 @@ def tracked_with(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConf
         raise InputError(f"{folder / SUMMARY}: {error}; run apf track again") from None
 
 
+class _Grid(Table):
+    """What a track's provenance says of its grid."""
+
+    origin: Vector
+    voxel_size: Positive
+    shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
+
+
 def tracked_grid(track: Track) -> VoxelGrid | None:
-    """Return the grid whose voxels a track was found in, None where it had none."""
-    grid = json.loads(track.provenance).get("grid")
-    if grid is None:
+    """Return the grid whose voxels a track was found in, None where it had none. Raises
+    InputError."""
+    stated = json.loads(track.provenance).get("grid")
+    if stated is None:
         return None
-    nx, ny, nz = grid["shape"]
-    return VoxelGrid(np.array(grid["origin"]), float(grid["voxel_size"]), (nx, ny, nz))
+    try:
+        found = checked(_Grid, stated)
+        nx, ny, nz = found.shape
+        grid = VoxelGrid(np.array(found.origin), found.voxel_size, (nx, ny, nz))
+        check_size(grid)
+    except InputError as error:
+        raise InputError(f"the track's grid: {error}") from None
+    return grid

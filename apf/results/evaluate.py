@@ -197,6 +197,9 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     data = read_npz(path, _TRUTH, what)
     joints, fps = data["joints"].astype(np.float64), data["fps"]
     names = tuple(str(name) for name in data["joint_names"])
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}: joint_names holds {twice} twice; expected names that differ")
     if fps.size != 1:
         raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
     frames = data.get("frames", np.arange(len(joints)))

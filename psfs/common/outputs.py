@@ -315,6 +315,8 @@ def output_folder(
     with _lock:
         outer = _OPEN.get(real)
     if outer is not None:  # a command within a command
+        if not outer.begun:
+            outer.check(expected)
         yield outer
         return
     output = OutputFolder(folder, command, addition, replaces)

@@ -30,6 +30,8 @@ def opened_track(args: argparse.Namespace) -> Track:
     """Return the track at `args.track`, with the body of `--body` where that is given. Raises
     InputError, also where the track holds no body and needs one."""
     track = Track.open(args.track)
+    if not len(track):
+        raise InputError(f"{args.track}: holds no tracked frame; expected at least one")
     try:
         if args.body is not None:
             track = replace(track, body=load_body(args.body))
