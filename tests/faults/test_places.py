@@ -1,0 +1,195 @@
+"""Files in the place of folders and the other way round, files of the user in the way, tracks and
+clouds that belong to something else, flags that go with nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from helpers import tracks
+from helpers.faults import changed_npz, refused, run
+
+BOX = ["--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
+INFO = ["psfs", "info", "walk", "--no-pictures"]
+TRACK = ["apf", "track", "seq", "-o", "new", *BOX, "--init", "pose.txt", "--particles", "40"]
+REPORT = ["apf", "report", "full", "--no-overlay"]
+BATCH = ["apf", "batch", "takes.toml", "-o", "new", "--workers", "1"]
+SYNTH = ["apf", "synth", "-o", "new", "--frames", "2", "--cameras", "2", "--size", "64x48"]
+LIVE = ["apf", "live", "walk", "-o", "new", "--init", "pose.txt", "--captures", "a", "b", "c"]
+
+
+@pytest.fixture(scope="module")
+def larger(original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The stock, and full/: what `apf track` made of seq/."""
+    folder = Path(shutil.copytree(original, tmp_path_factory.mktemp("places") / "stock"))
+    words = [str(folder / w) if w in ("seq", "pose.txt") else w for w in TRACK]
+    words[4] = str(folder / "full")
+    done = run([*words, "--layers", "2", "--no-overlay", "--no-report"])
+    assert done.code == 0, done
+    return folder
+
+
+@pytest.fixture
+def stock(larger: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, which is the folder one is in."""
+    folder = Path(shutil.copytree(larger, tmp_path / "stock"))
+    for summary in folder.rglob("summary.json"):  # which name the sequence in full
+        summary.write_text(summary.read_text().replace(str(larger), str(folder)))
+    monkeypatch.chdir(folder)
+    return folder
+
+
+Change = Callable[[Path], Any]
+
+
+def file(name: str, content: bytes | str = "mine") -> Change:
+    """Put a file in the place of whatever is there."""
+
+    def change(stock: Path) -> None:
+        path = stock / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            shutil.rmtree(path)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+    return change
+
+
+def folder(name: str) -> Change:
+    """Put a folder in the place of whatever is there."""
+
+    def change(stock: Path) -> None:
+        (stock / name).unlink(missing_ok=True)
+        (stock / name).mkdir(parents=True)
+
+    return change
+
+
+def pipe(name: str) -> Change:
+    return lambda stock: ((stock / name).unlink(), os.mkfifo(stock / name))
+
+
+def takes(text: str) -> Change:
+    return file("takes.toml", text)
+
+
+def grid(**values: Any) -> Change:
+    right = {"origin": [0.0, 0.0, 0.0], "voxel_size": 0.1, "shape": [5, 5, 5]}
+    text = json.dumps({"grid": {**right, **values}})
+    return lambda stock: changed_npz(stock / "full/track.npz", provenance=np.array(text))
+
+
+def arrays(name: str, **values: Any) -> Change:
+    return lambda stock: changed_npz(stock / name, **values)
+
+
+def frames(number: int) -> Change:
+    return lambda stock: tracks.walker(number).save(stock / "track/track.npz")
+
+
+def summary(out: str, *place: str, **values: Any) -> Change:
+    def change(stock: Path) -> None:
+        path = stock / out / "summary.json"
+        document = table = json.loads(path.read_text())
+        for step in place:
+            table = table[step]
+        table.update(values)
+        path.write_text(json.dumps(document))
+
+    return change
+
+
+def true_mask(stock: Path) -> None:
+    (stock / "seq/truth_masks").mkdir()
+    cv2.imwrite(str(stock / "seq/truth_masks/c3_000001.png"), np.zeros((9, 9), np.uint8))
+
+
+#: Words, what is done to the stock before, and what the line says.
+FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
+    "a folder as a calibration": (INFO, folder("walk/calibration.toml"), "calibration.toml"),
+    "a folder as settings": (INFO, folder("walk/sequence.toml"), "sequence.toml"),
+    "a file as videos/": (INFO, file("walk/videos"), "walk"),
+    "a pipe as a calibration": (INFO, pipe("walk/calibration.toml"), "calibration.toml"),
+    "a pipe as a mask": (["psfs", "info", "seq"], pipe("seq/masks/c3/0001.png"), "0001.png"),
+    "a camera shifted twice": ([*INFO, "--sync", "cam01=1,cam01=2"], None, "each camera once"),
+    "settings of another command": ([*INFO, "--config", "c.toml"], file("c.toml", "debris = 1"),
+                                    "debris"),
+    "a picture as settings": ([*INFO, "--config", "seq/masks/c3/0000.png"], None, "0000.png"),
+    "a sheet over the calibration": ([*INFO[:3], "--masks", "walk/calibration.toml"], None,
+                                     "calibration.toml"),
+    "a log in a folder's place": ([*INFO, "--log-file", "seq"], None, "seq"),
+    "converted into itself": (["psfs", "convert", "walk", "-o", "walk/videos"], None, "videos"),
+    "converted over a video": (["psfs", "convert", "walk", "-o", "new"],
+                               file("new/videos/cam01.mp4"), "new/videos/cam01.mp4"),
+    "a file as clouds/": (["psfs", "reconstruct", "seq", "-o", "new", *BOX], file("new/clouds"),
+                          "new/clouds"),
+    "a folder as a manifest": (["psfs", "reconstruct", "seq", "-o", "new", *BOX],
+                               folder("new/manifest.txt"), "manifest.txt"),
+    "a cloud elsewhere": (["psfs", "check", "out", "-q"],
+                          arrays("out/clouds/frame_000001.npz", origin=np.full(3, 5.0)),
+                          "frame_000001.npz"),
+    "a summary of another grid": (["psfs", "check", "out", "-q"],
+                                  summary("out", "grid", origin_m=[1.0, 0.0, 0.0]), "frame_00000"),
+    "a true mask of another size": (["psfs", "silhouettes", "seq", "-o", "new", "-q"], true_mask,
+                                    "c3_000001.png"),
+    "a mesh over a cloud": (["psfs", "mesh", "out", "-o", "out/clouds/frame_000001.ply"], None,
+                            "frame_000001.ply"),
+    "a file as parts/": ([*TRACK, "--layers", "2"], file("new/parts"), "new/parts"),
+    "a report of the user": ([*TRACK, "--layers", "2"], file("new/report.html"), "report.html"),
+    "a cloud as a first pose": ([*TRACK, "--init", "out/clouds/frame_000001.npz"], None,
+                                "frame_000001.npz"),
+    "a track as keypoints": ([*TRACK, "--keypoints", "track/track.npz"], None, "track.npz"),
+    "names twice in a truth": (["apf", "evaluate", "track", "--truth", "truth.npz"],
+                               arrays("truth.npz", joint_names=np.array(["pelvis"] * 15)),
+                               "truth.npz"),
+    "a list as a grid": (REPORT, arrays("full/track.npz", provenance=np.array('{"grid": [1]}')),
+                         "full/track.npz"),
+    "a grid of two axes": (REPORT, grid(shape=[5, 5]), "full/track.npz"),
+    "a grid at NaN": (REPORT, grid(origin=[0.0, 0.0, float("nan")]), "full/track.npz"),
+    "a huge grid": (REPORT, grid(shape=[99999, 99999, 99999]), "full/track.npz"),
+    "numbers as warnings": (REPORT, summary("full", warnings=[1, 2]), "summary.json"),
+    "a report without a sequence": (REPORT, summary("full", "sequence", absolute="/no/where",
+                                                    relative="nowhere"), "/no/where"),
+    "an empty track smoothed": (["apf", "smooth", "track", "-o", "new"], frames(0), "no tracked"),
+    "an empty track exported": (["apf", "export", "track", "-o", "new"], frames(0), "no tracked"),
+    "frames beyond a C3D": (["apf", "export", "track", "-o", "new", "--to", "c3d"],
+                            arrays("track/track.npz", frames=np.arange(6) + 10**8), "65535"),
+    "weights without a mesh": (["apf", "render", "walk", "track", "-o", "new", "--weights",
+                                "truth.npz"], None, "--mesh"),
+    "a run and a track exchanged": (["apf", "view", "track", "out"], None, "out"),
+    "a negative time of emptiness": ([*LIVE, "--empty", "-3"], None, "--empty"),
+    "a year of emptiness": ([*LIVE, "--empty", "3e7"], None, "--empty"),
+    "a truth in synth's way": (SYNTH, file("new/truth.npz"), "new/truth.npz"),
+    "a file as background/": (SYNTH, file("new/background"), "new/background"),
+    "an empty list of takes": (BATCH, takes(""), "takes.toml"),
+    "a number as a take": (BATCH, takes("[[take]]\nfolder = 3"), "takes.toml"),
+    "a flag that is none": (BATCH, takes("[[take]]\nfolder = 'walk'\nfrob = 3"), "takes.toml"),
+    "a take outside": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = '../x'"), "'../x'"),
+    "a take named logs": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = 'logs'"), "logs"),
+    "a deep list of takes": (BATCH, takes("a = " + "[" * 5000), "takes.toml"),
+    "a demo in a file": (["apf", "demo", "-o", "pose.txt"], None, "pose.txt"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults(stock: Path, fault: str) -> None:
+    words, change, said = FAULTS[fault]
+    if change is not None:
+        change(stock)
+    refused(words, stock, said)
+
+
+def test_hidden_files_are_no_pictures(stock: Path) -> None:
+    """macOS leaves such files beside all others on foreign disks."""
+    for name in ("._0001.png", ".DS_Store"):
+        (stock / "seq/masks/c3" / name).write_bytes(b"no picture")
+    (stock / "walk/videos/._cam01.mp4").write_bytes(b"no video")
+    for take in ("seq", "walk"):
+        assert run(["psfs", "info", take, "--no-pictures"]).code == 0
