@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import runpy
 import shutil
 import signal
 import subprocess
@@ -173,19 +174,26 @@ def test_an_interrupt_keeps_finished_runs(folder: Path, tmp_path: Path) -> None:
     assert 1 <= len(runs) < 20 and (out / "suite.md").is_file()
 
 
-def test_folders_with_truth(folder: Path, tmp_path: Path) -> None:
+def test_folders_with_truth(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    main = runpy.run_path(str(SCRIPT), run_name="accuracy.py")["main"]
+
+    def refused(suite_folder: Path, *flags: str) -> str:
+        monkeypatch.setattr("sys.argv", command(suite_folder, tmp_path / "out", *flags)[1:])
+        assert main() == 2
+        return capsys.readouterr().err
+
     assert suite_folders(folder) == suite_folders(folder / "walk") == [folder / "walk"]
     with pytest.raises(InputError, match=r"no sequence with truth\.npz"):
         suite_folders(tmp_path)
-    failed = run(tmp_path, tmp_path / "out")
-    assert failed.returncode == 2 and "no sequence with" in failed.stderr
+    assert "no sequence with" in refused(tmp_path)
     for flags, message in (
         (("--processes", "0"), "--processes 0"),
         (("--thesis",), "expected it alone"),
         (("--seeds", "0"), "--seeds 0"),
     ):
-        failed = run(folder, tmp_path / "out", *flags)
-        assert failed.returncode == 2 and message in failed.stderr
+        assert message in refused(folder, *flags)
     assert not (tmp_path / "out").exists()
 
 
