@@ -11,7 +11,8 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
 from apf.filters.method import Method
-from apf.initialisation.from_joints import check_pose, fit_to_joints, read_pose
+from apf.formats.pose import check_pose, read_pose
+from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.keypoints import Keypoints
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints

@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 
 from apf.body import load_body
-from apf.initialisation.from_joints import write_pose
+from apf.formats.pose import write_pose
 
 _SIZE = (64, 48)
 _CAMERAS = 4

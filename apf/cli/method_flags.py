@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any
 
+from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
 from apf.filters.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weights
 from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
 from apf.filters.sir import SirConfig
@@ -76,6 +77,7 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
 METHOD_FLAGS = (
     *("method", "objective", "likelihood", *_SETTINGS, *_WEIGHTS),
     *(name for _, flags in _PARTS.values() for name in flags),
+    *SHAPE_FLAGS,
 )
 
 
@@ -118,6 +120,7 @@ def add_method_flags(
                 type=type(defaults[name]),
                 help=f"{what} (default: {_default(name, defaults[name])})",
             )
+    add_shape_flags(parser)
 
 
 def _default(name: str, value: object) -> str:
@@ -144,10 +147,15 @@ def chosen_method(args: argparse.Namespace) -> Method:
         raise InputError(
             f"--renderer is the image objectives'; expected none with --objective {base.objective}"
         )
+    shape = shape_settings(args)
+    if not images and shape:
+        raise InputError(
+            f"--shape is the image objectives'; expected none with --objective {base.objective}"
+        )
     terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
     method = replace(base, filter=base.filter.changed(**settings))
-    looks = given({**_WEIGHTS, **_PARTS["image"][1]})
+    looks = given({**_WEIGHTS, **_PARTS["image"][1]}) | shape
     image = replace(method.image, **looks) if images else method.image
     proximity = replace(method.features.proximity, **given(_PARTS["proximity"][1]))
     features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))

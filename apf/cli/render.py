@@ -11,9 +11,10 @@ import numpy as np
 
 from apf.backend import pictures_for
 from apf.body import BodyModel, load_body
-from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
+from apf.body.mesh import BodyMesh
+from apf.cli.shape_flags import add_shape_flags, shape_settings
+from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
-from apf.initialisation.from_joints import read_pose
 from apf.scene import Scene
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
@@ -40,27 +41,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
     )
-    group = parser.add_argument_group("shape", "how the body looks; trapezoids by default")
-    group.add_argument(
-        "--vertices",
-        type=int,
-        choices=(4, *FRUSTUM_VERTICES),
-        default=4,
-        help="per part: 4 for trapezoids, 8 for square frusta, more for elliptic ones",
-    )
-    group.add_argument(
-        "--round-ends", action="store_true", help="trapezoids with the cones' round ends"
-    )
-    group.add_argument("--mesh", type=Path, metavar="FILE", help="a mesh, metres, for trimesh")
-    group.add_argument(
-        "--weights",
-        type=Path,
-        metavar="NPZ",
-        help="how the bones move it: weights, vertices x bones (default: the nearest cone's)",
-    )
-    group.add_argument(
-        "--bind", type=Path, metavar="P", help="pose that the mesh shows (default: the body's rest)"
-    )
+    add_shape_flags(parser)
     parser.add_argument("--opengl", action="store_true", help="render by OpenGL instead of OpenCL")
     add_device_flag(parser)
 
@@ -68,15 +49,15 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     if args.opengl and args.round_ends:
         raise InputError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
-    if args.mesh is None and (args.weights or args.bind):
-        raise InputError("--weights and --bind say how a mesh moves; expected --mesh with them")
-    given = [p for p in (args.body, args.mesh, args.weights, args.bind) if p is not None]
+    look = ObjectiveConfig(**shape_settings(args))
+    files = (args.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
+    given = [Path(path) for path in files if path]
     inputs = [Path(args.folder), args.track, *given]
     with output_folder(args.output, args.parser.prog, inputs, (FILE,)) as out:
-        _render(args, out)
+        _render(args, out, look)
 
 
-def _render(args: argparse.Namespace, out: OutputFolder) -> None:
+def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) -> None:
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
     out.keep_off(sequence.inputs)
@@ -91,11 +72,11 @@ def _render(args: argparse.Namespace, out: OutputFolder) -> None:
         raise InputError(
             f"{args.track}: has none of the frames {chosen.start} to {chosen.stop - 1}"
         )
-    mesh = _shape(args, body)
+    mesh = look.mesh(body)
     with progress_bar() as bar:
         for row in bar.track(rows, description="rendering"):
             frame = sequence.read(int(track.frames[row]))
-            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh, args.round_ends)
+            drawn = _drawn(device, body, sequence.rig, track.poses[row], mesh, look.round_ends)
             for view, camera in enumerate(sequence.rig):
                 width, height = camera.size
                 parts, edges = np.moveaxis(drawn[view, :height, :width], -1, 0)
@@ -110,13 +91,6 @@ def _render(args: argparse.Namespace, out: OutputFolder) -> None:
                     write_picture(args.output / kind / name, picture)
     write_settings(args.output, args)
     stdout.print(f"{len(rows)} frames x {len(sequence.rig)} cameras drawn: {args.output}")
-
-
-def _shape(args: argparse.Namespace, body: BodyModel) -> BodyMesh | None:
-    if args.mesh is not None:
-        pose = body.rest_pose if args.bind is None else read_pose(args.bind, body)
-        return load_mesh(args.mesh, body, pose, args.weights)
-    return cone_mesh(body, args.vertices) if args.vertices > 4 else None
 
 
 def _drawn(

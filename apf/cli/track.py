@@ -20,7 +20,7 @@ from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport
 from apf.filters.method import Method
-from apf.initialisation.from_joints import write_pose
+from apf.formats.pose import write_pose
 from apf.presets import PRESETS
 from apf.report.judged import FILES, judged, run_facts, write_judged
 from apf.report.page import PAGE
@@ -224,6 +224,8 @@ def _tracked(
     """The take in `args.folder`, its files written but for those of `finish_take`, and the cameras
     left out."""
     template, own_shape = template_of(args.body)
+    if method.uses_images:
+        method.image.mesh(template)  # that its files are what they should be
     config = _config(args)
     sequence, left_out = open_sequence(args), list[Suspect]()
     out.keep_off(sequence.inputs)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh
+from apf.body.mesh import FRUSTUM_VERTICES, BodyMesh, cone_mesh, load_mesh
 from apf.body.model import BodyModel
+from apf.formats.pose import read_pose
 from cl import InputError
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import listed
@@ -160,6 +162,12 @@ class ObjectiveConfig:
     vertices_per_part: int = 4
     """Shape model, table 6.5: 4 draws cones as trapezoids, more as frusta. Trapezoids track
     best and fastest there."""
+    mesh_file: str = ""
+    """A mesh of the person instead, metres, for trimesh, in the rest pose of the body."""
+    mesh_weights: str = ""
+    """npz of how the bones move it, see `load_mesh`; by default the nearest cone's bone does."""
+    mesh_pose: str = ""
+    """Text file of the pose that the mesh shows, if it is not the rest pose."""
     round_ends: bool = False
     """Whether trapezoids have the round ends of the voxels' likelihood; Rymut's have none."""
     renderer: str = "opencl"
@@ -217,5 +225,9 @@ class ObjectiveConfig:
         return np.array(labels, np.int32) - 1
 
     def mesh(self, body: BodyModel) -> BodyMesh | None:
-        """Return the shape of `body`; None stands for the flat model."""
+        """Return the shape of `body`; None stands for the flat model. Raises InputError where the
+        mesh's files are not what they should be."""
+        if self.mesh_file:
+            pose = read_pose(Path(self.mesh_pose), body) if self.mesh_pose else body.rest_pose
+            return load_mesh(self.mesh_file, body, pose, self.mesh_weights or None)
         return cone_mesh(body, self.vertices_per_part) if self.vertices_per_part > 4 else None

@@ -1,9 +1,8 @@
-"""The first pose: read from a file, or fitted to 3-D joints."""
+"""The first pose, fitted to 3-D joints."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,52 +11,16 @@ from scipy.optimize import least_squares
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.toml import TALLEST
+from apf.formats.pose import FARTHEST
 from apf.initialisation.config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import read_numbers, written_whole
 
 #: Of the differences that give derivatives, rad, m or log of a scale: about the root of float64's
 #: resolution.
 _STEP = 1e-7
-#: m from the origin that a person may be, and rad of an angle.
-FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
 #: m that the joints of a person to start from span at least.
 LEAST_EXTENT = 0.1
-
-
-def read_pose(path: Path, body: BodyModel) -> np.ndarray:
-    """The first pose (D,) m, rad of a text file with one value per degree of freedom.
-
-    Raises InputError naming the file if it is missing, not numbers, or of another body.
-    """
-    values = read_numbers(path)
-    if not values.size or values.size % body.n_dof or not np.isfinite(values).all():
-        raise InputError(
-            f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
-            f"one per degree of freedom of {body.name}"
-        )
-    pose = values[: body.n_dof]  # of several frames, the first
-    check_pose(pose, body, path)
-    return pose
-
-
-def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
-    """Raise InputError that names `where` for a `pose` (D,) far from any room."""
-    limits = np.full(body.n_dof, FARTHEST)
-    limits[body.angles] = _MOST_TURNS
-    wrong = np.flatnonzero(~(np.abs(pose) <= limits))
-    if wrong.size:
-        name, value = body.dof_names[wrong[0]], pose[wrong[0]]
-        raise InputError(
-            f"{where}: {name} is {value:g}; expected rad and m, up to {limits[wrong[0]]:g}"
-        )
-
-
-def write_pose(path: Path, pose: np.ndarray) -> None:
-    """Write `pose` (D,) as a text file that `read_pose` reads back."""
-    with written_whole(path) as temporary:
-        np.savetxt(temporary, pose, fmt="%.9g")
 
 
 def fit_to_joints(

@@ -352,5 +352,5 @@ MESHES: dict[str, tuple[str, bytes]] = {
 def test_meshes(stock: Path, fault: str) -> None:
     name, content = MESHES[fault]
     (stock / name).write_bytes(content)
-    words = ["apf", "render", "walk", "track", "-o", "new", "--mesh", str(stock / name)]
+    words = ["apf", "render", "walk", "track", "-o", "new", "--shape", str(stock / name)]
     refused([*words_in(stock, words), "--device", "numpy"], stock, name)

@@ -56,7 +56,7 @@ COMMANDS: dict[str, tuple[list[str], dict[str, tuple[str, ...]]]] = {
         {"--cutoff": ("0", "-1", "1e-300"), "--lag": ("-1", "1.5")},
     ),
     "export": (["apf", "export", "track", "-o", "new"], {"--cutoff": ("0", "-1", "1e-300")}),
-    "render": (["apf", "render", "seq", "track", "-o", "new"], {"--vertices": ("3", "-8", "9")}),
+    "render": (["apf", "render", "seq", "track", "-o", "new"], {"--shape": ("3", "-8", "9")}),
     "synth": (
         ["apf", "synth", "-o", "new"],
         {
@@ -186,8 +186,8 @@ TAKERS = [
     ["apf", "export", "{}", "-o", "new"],
     ["apf", "export", "track", "-o", "new", "--body", "{}"],
     ["apf", "render", "seq", "{}", "-o", "new"],
-    ["apf", "render", "seq", "track", "-o", "new", "--mesh", "{}"],
-    ["apf", "render", "seq", "track", "-o", "new", "--bind", "{}", "--mesh", "truth.trc"],
+    ["apf", "render", "seq", "track", "-o", "new", "--shape", "{}"],
+    ["apf", "render", "seq", "track", "-o", "new", "--shape-pose", "{}", "--shape", "truth.trc"],
 ]
 
 

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from apf.body import load_body, save_body
+from apf.formats.pose import read_pose
 from apf.formats.trc import read_trc
-from apf.initialisation.from_joints import read_pose
 from apf.results.evaluate import load_truth
 from apf.tracking.track import Track
 from cl import InputError

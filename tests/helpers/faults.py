@@ -17,7 +17,7 @@ import apf.cli
 import psfs.cli
 from apf.body import save_body
 from apf.formats import write_trc
-from apf.initialisation.from_joints import write_pose
+from apf.formats.pose import write_pose
 from helpers import footage, scenes, tracks
 
 #: What may stand in a file of tables for something else.

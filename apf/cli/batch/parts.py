@@ -21,8 +21,8 @@ from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
 from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, logged_to
 from apf.cluster.workers import worker_device
+from apf.formats.pose import read_pose, write_pose
 from apf.initialisation import start_of
-from apf.initialisation.from_joints import read_pose, write_pose
 from apf.tracking.batch import Take
 from apf.tracking.track import Track
 from cl import InputError

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body import BodyModel, save_body
-from apf.initialisation.from_joints import write_pose
+from apf.formats.pose import write_pose
 from apf.tracking.track import PARTS, Track, part_name
 
 

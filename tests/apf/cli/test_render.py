@@ -49,7 +49,7 @@ def test_pictures_show_what_is_counted(recorded: Path, tmp_path: Path) -> None:
     assert np.abs(untouched - footage.grey(3, 1)).max() <= footage.LOSS
 
 
-@pytest.mark.parametrize("shape", [["--vertices", "18"], ["--device", "numpy"], ["--round-ends"]])
+@pytest.mark.parametrize("shape", [["--shape", "18"], ["--device", "numpy"], ["--round-ends"]])
 def test_other_shapes_and_the_twin(recorded: Path, tmp_path: Path, shape: list[str]) -> None:
     assert render(recorded, "-o", str(tmp_path), "--frames", "3:4", *shape) == 0
     assert cv2.imread(str(tmp_path / "silhouettes" / "cam02_000003.png"), 0).any()
@@ -61,7 +61,7 @@ def test_bad_input_is_one_line(
     (tmp_path / "no.ply").write_text("nothing")
     for more, message in (
         (["--frames", "0:2"], "has none of the frames 0 to 1"),
-        (["--mesh", str(tmp_path / "no.ply")], "no.ply: not a mesh"),
+        (["--shape", str(tmp_path / "no.ply")], "no.ply: not a mesh"),
         (["--opengl", "--round-ends"], "OpenGL draws no round ends"),
         (["--body", str(tmp_path / "no.toml")], "no body model"),
     ):

@@ -189,3 +189,30 @@ def complains(folder: Path, out: Path, capfd: pytest.CaptureFixture[str], *more:
     lines = capfd.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and re.match("apf( track)?: error: ", lines[0]), lines
     assert not out.exists()
+
+
+def test_a_body_of_frusta_and_a_mesh_of_the_person(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((0.3, 0.5, 1.7)).subdivide().subdivide()
+    box.vertices[:, 2] += 0.85
+    box.export(tmp_path / "box.ply")
+    few = ["--method", "pso", "--objective", "sp", "--frames", "0:2", "--no-overlay", "--no-report"]
+    assert track(walk, tmp_path / "mesh", *few, "--shape", f"{tmp_path}/box.ply") == 0
+    again = ["--config", str(tmp_path / "mesh" / "settings.toml"), "-o", str(tmp_path / "again")]
+    assert main(["track", str(walk), *again, "--shape", "18"]) == 0  # a flag beats the file
+    mesh, frusta = (Track.open(tmp_path / name) for name in ("mesh", "again"))
+    assert not np.array_equal(mesh.poses, frusta.poses)
+    looks = [json.loads(found.provenance)["image"] for found in (mesh, frusta)]
+    assert [look["mesh_file"] for look in looks] == [str(tmp_path / "box.ply"), ""]
+    assert [look["vertices_per_part"] for look in looks] == [4, 18]
+    capsys.readouterr()
+    for flags, message in (
+        (["--shape", "5"], "5 vertices per part; expected 4, 8"),
+        (["--shape", "no.ply"], "no.ply: no such file; expected a mesh"),
+        (["--shape-pose", "rest.txt"], "--shape-pose is of a mesh; expected --shape FILE"),
+        (["--shape", "8", "--objective", "voxel"], "--shape is the image objectives'"),
+    ):
+        assert track(walk, tmp_path / "bad", *few, *flags) == 2
+        assert message in capsys.readouterr().err

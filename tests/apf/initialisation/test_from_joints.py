@@ -11,7 +11,8 @@ from helpers import bodies
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.initialisation.from_joints import fit_to_joints, read_pose
+from apf.formats.pose import read_pose
+from apf.initialisation.from_joints import fit_to_joints
 from apf.results.joint_names import EVALUATED_JOINTS
 from cl import InputError
 

@@ -16,7 +16,7 @@ from apf.body.kinematics import posed_joints
 from apf.cli import main
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.from_joints import read_pose, write_pose
+from apf.formats.pose import read_pose, write_pose
 from apf.live.config import SizeConfig
 from apf.live.session import Live, Observed, translation
 from apf.live.sources import ACQUISITION, Replay, Shot
