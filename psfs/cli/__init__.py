@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from psfs.cli import check, convert, devices, info, mesh, reconstruct, silhouettes, view
+from psfs.cli import calibrate, check, convert, devices, info, mesh, reconstruct, silhouettes, view
 from psfs.cli.program import run_program
 
-COMMANDS = (info, convert, reconstruct, silhouettes, check, mesh, view, devices)
+COMMANDS = (info, calibrate, convert, reconstruct, silhouettes, check, mesh, view, devices)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -1,0 +1,294 @@
+"""Bundle adjustment: cameras and poses of the target that fit all sightings best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import block_diag, coo_matrix, csr_matrix
+from threadpoolctl import threadpool_limits
+
+from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.scene import Scene, rigid
+from psfs.calibration.targets.target import Sighting, Target, by_view
+from psfs.cameras.camera import Camera
+
+#: Parameters of a pose (Rodrigues vector, translation), and of a lens (log fx, log fy, cx, cy, k1,
+#: k2, p1, p2).
+_POSE, _LENS = 6, 8
+#: Where the derivatives by the pose and the lens stand in those of cv2.projectPoints.
+_OF_POSE, _OF_LENS = slice(0, _POSE), slice(_POSE, _POSE + _LENS)
+#: Of the steps' linear systems, and the steps.
+_EXACT, _MOST_STEPS = 1e-6, 60
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What is estimated. lenses: cameras whose intrinsics are, too. held: cameras that stay where
+    they are. poses: whether those of the target are."""
+
+    lenses: tuple[int, ...] = ()
+    held: tuple[int, ...] = ()
+    poses: bool = True
+
+
+def adjusted(
+    scene: Scene,
+    target: Target,
+    sightings: Sequence[Sighting],
+    freedom: Freedom,
+    config: CalibrationConfig,
+) -> Scene:
+    """Return the scene that minimises the robust sum of squared reprojection errors, px, with weak
+    priors on the lenses. Poses that are free are of the sightings' frames only.
+
+    scipy.optimize.least_squares, soft L1, with the sparse Jacobian that cv2.projectPoints gives.
+    """
+    problem = _Problem(scene, target, sightings, freedom, config)
+    if not problem.size:
+        return scene
+    # The robust loss reaches its noise level in a second run: from afar, the plain size of the
+    # errors would make outliers of good points.
+    x = problem.start
+    with threadpool_limits(1, "blas"):  # the vectors are too short for more
+        for noise in problem.noises():
+            apart = problem.decorrelation(x)
+            x = x + apart @ _solved(problem, x, apart, noise)
+    return problem.scene(x)
+
+
+def _solved(problem: _Problem, x: np.ndarray, apart: csr_matrix, noise: float) -> np.ndarray:
+    """Return y whose x + apart y fits best."""
+    solution: np.ndarray = least_squares(
+        lambda y: problem.residuals(x + apart @ y),
+        np.zeros(problem.size),
+        lambda y: problem.jacobian(x + apart @ y) @ apart,
+        loss="soft_l1", f_scale=noise, ftol=1e-6, xtol=1e-8, gtol=1e-8, max_nfev=_MOST_STEPS,
+        tr_solver="lsmr", tr_options={"atol": _EXACT, "btol": _EXACT, "maxiter": 1000},
+    ).x  # fmt: skip
+    return solution
+
+
+class _Problem:
+    """The residuals of a vector of parameters, and their derivatives."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        target: Target,
+        sightings: Sequence[Sighting],
+        freedom: Freedom,
+        config: CalibrationConfig,
+    ) -> None:
+        self.target, self.freedom, self.config = target, freedom, config
+        frames = sorted({sighting.frame for sighting in sightings})
+        self.all_poses = scene.poses
+        self.first = Scene(scene.cameras, {frame: scene.poses[frame] for frame in frames})
+        # The turn of a wand about itself, its X axis, is seen by nobody.
+        self.axes = [0, 1, 2] if target.planar else [1, 2]
+        self.of_pose = len(self.axes) + 3
+        self.frames = {frame: row for row, frame in enumerate(frames)}
+        views = len(scene.cameras)
+        self._columns(len(frames))
+        self.views = [self._view(of) for of in by_view(sightings, views)]
+        self.start = self._packed(self.first)
+        self._known: tuple[bytes, np.ndarray, list] | None = None
+
+    def _columns(self, frames: int) -> None:
+        """Say where each camera's place and lens, and each pose, stand in the parameters."""
+        self.places: dict[int, int] = {}
+        self.lenses: dict[int, int] = {}
+        self.blocks: list[int] = []
+        at = 0
+        for view in range(len(self.first.cameras)):
+            before = at
+            if view not in self.freedom.held:
+                self.places[view] = at
+                at += _POSE
+            if view in self.freedom.lenses:
+                self.lenses[view] = at
+                at += _LENS
+            self.blocks += [at - before] if at > before else []
+        self.poses = at
+        if self.freedom.poses:
+            self.blocks += [self.of_pose] * frames
+        self.size = sum(self.blocks)
+
+    def decorrelation(self, x: np.ndarray) -> csr_matrix:
+        """Return the matrix A, square, of a block for each camera and each pose, with which the
+        Jacobian J A has orthonormal columns inside every block: iterative solvers then need few
+        iterations (block Jacobi)."""
+        normal = self.jacobian(x)
+        normal = (normal.T @ normal).tocsr()
+        found, at = [], 0
+        for width in self.blocks:
+            block = normal[at : at + width][:, at : at + width].toarray()
+            scale = 1 / np.sqrt(np.maximum(np.diag(block), 1e-9))
+            values, vectors = np.linalg.eigh(block * np.outer(scale, scale))
+            found.append(scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-8)))
+            at += width
+        return block_diag(found, format="csr")
+
+    def _view(self, sightings: Sequence[Sighting]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return rows of the frames (N,), the target's points (N, 3), and pixels (N, 2)."""
+        if not sightings:
+            return np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2))
+        rows = [np.full(len(s.ids), self.frames[s.frame]) for s in sightings]
+        points = [self.target.at(s.frame)[s.ids] for s in sightings]
+        pixels = [s.pixels for s in sightings]
+        return np.concatenate(rows), np.concatenate(points), np.concatenate(pixels)
+
+    def noises(self) -> list[float]:
+        """Return the robust loss's noise levels, px, of the runs: first what the start has."""
+        sizes = np.abs(self.residuals(self.start))
+        level = float(np.median(sizes)) if sizes.size else 0.0
+        return [level, self.config.noise] if level > 2 * self.config.noise else [self.config.noise]
+
+    def _packed(self, scene: Scene) -> np.ndarray:
+        x = np.zeros(self.size)
+        for view, camera in enumerate(scene.cameras):
+            if view in self.places:
+                at = self.places[view]
+                x[at : at + _POSE] = np.r_[cv2.Rodrigues(camera.R)[0].ravel(), camera.t]
+            if view in self.lenses:
+                K, at = camera.K, self.lenses[view]
+                x[at : at + 4] = np.log(K[0, 0]), np.log(K[1, 1]), K[0, 2], K[1, 2]
+                x[at + 4 : at + _LENS] = camera.distortion[:4]
+        if self.freedom.poses:
+            shifts = [scene.poses[frame][:3, 3] for frame in self.frames]
+            x[self.poses :].reshape(-1, self.of_pose)[:, -3:] = shifts
+        return x
+
+    def scene(self, x: np.ndarray) -> Scene:
+        """Return the scene of the parameters `x`."""
+        cameras = tuple(self._camera(x, view) for view in range(len(self.first.cameras)))
+        if not self.freedom.poses:
+            return Scene(cameras, self.all_poses)
+        poses = {}
+        for (frame, first), turn in zip(self.first.poses.items(), self._vectors(x), strict=True):
+            R = first[:3, :3] @ cv2.Rodrigues(turn)[0]
+            poses[frame] = rigid(R, x[self.poses :].reshape(-1, self.of_pose)[len(poses), -3:])
+        return Scene(cameras, poses)
+
+    def _vectors(self, x: np.ndarray) -> np.ndarray:
+        """Return by how much the poses are turned from where they started, Rodrigues vectors (F, 3)
+        in the target's axes."""
+        vectors = np.zeros((len(self.frames), 3))
+        vectors[:, self.axes] = x[self.poses :].reshape(-1, self.of_pose)[:, :-3]
+        return vectors
+
+    def _camera(self, x: np.ndarray, view: int) -> Camera:
+        camera = self.first.cameras[view]
+        if view in self.places:
+            vector = x[self.places[view] :][:_POSE]
+            camera = replace(camera, R=cv2.Rodrigues(vector[:3])[0], t=vector[3:])
+        if view in self.lenses:
+            log_fx, log_fy, cx, cy, *lens = x[self.lenses[view] :][:_LENS]
+            fx, fy = np.exp([log_fx, log_fy])
+            K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+            camera = replace(camera, K=K, distortion=np.r_[lens, camera.distortion[4:]])
+        return camera
+
+    def _vector(self, x: np.ndarray, view: int) -> np.ndarray:
+        """Return a camera's rotation as a Rodrigues vector (3,): that of the parameters, of those
+        that mean the same."""
+        if view in self.places:
+            return x[self.places[view] :][:3]
+        vector: np.ndarray = cv2.Rodrigues(self.first.cameras[view].R)[0]
+        return vector.ravel()
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Return the errors in x and y of all points, px, then the priors' in their sigmas."""
+        return self._evaluated(x)[0].copy()  # least_squares scales it in place
+
+    def jacobian(self, x: np.ndarray) -> csr_matrix:
+        """Return their derivatives, sparse."""
+        residuals, entries = self._evaluated(x)
+        rows, columns, values = (np.concatenate(of) for of in zip(*entries, strict=True))
+        height = len(residuals)
+        return coo_matrix((values, (rows, columns)), shape=(height, self.size)).tocsr()
+
+    def _evaluated(self, x: np.ndarray) -> tuple[np.ndarray, list]:
+        key = x.tobytes()
+        if self._known is None or self._known[0] != key:
+            scene = self.scene(x)
+            turns = self._turns(x, scene)
+            errors: list[np.ndarray] = []
+            entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+            height = 0
+            for view, camera in enumerate(scene.cameras):
+                if len(self.views[view][0]):
+                    residuals, found = self._of_view(
+                        view, camera, self._vector(x, view), turns, height
+                    )
+                    errors.append(residuals)
+                    entries += found
+                    height += len(residuals)
+            for view in self.lenses:
+                residuals, found = self._priors(view, scene.cameras[view], height)
+                errors.append(residuals)
+                entries += found
+                height += len(residuals)
+            self._known = key, np.concatenate(errors), entries
+        return self._known[1:]
+
+    def _turns(self, x: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return rotations (F, 3, 3) and translations (F, 3) of the poses, and the derivatives
+        (F, T, 3, 3) of the rotations by the turns."""
+        poses = np.stack([scene.poses[frame] for frame in self.frames])
+        slopes = np.zeros((len(poses), 3, 3, 3))
+        if self.freedom.poses:
+            first = np.stack(list(self.first.poses.values()))[:, None, :3, :3]
+            by_vector = [cv2.Rodrigues(v)[1].reshape(3, 3, 3) for v in self._vectors(x)]
+            slopes = (first @ np.stack(by_vector))[:, self.axes]
+        return poses[:, :3, :3], poses[:, :3, 3], slopes
+
+    def _of_view(
+        self, view: int, camera: Camera, vector: np.ndarray, turns: tuple, height: int
+    ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+        """Return a camera's residuals (2 N,), and entries of the Jacobian: rows from `height` on,
+        columns, values."""
+        frames, points, pixels = self.views[view]
+        R, t, slopes = turns
+        world = np.einsum("nij,nj->ni", R[frames], points) + t[frames]
+        seen, slope = cv2.projectPoints(world, vector, camera.t, camera.K, camera.distortion)
+        rows = height + np.arange(2 * len(points))
+        entries = []
+        slope[:, _OF_LENS][:, :2] *= camera.K[0, 0], camera.K[1, 1]  # by the logarithms
+        for columns, part in ((self.places, _OF_POSE), (self.lenses, _OF_LENS)):
+            if view in columns:
+                entries.append(_entries(rows, columns[view], slope[:, part]))
+        if self.freedom.poses:
+            # x_cam = R x + t: the derivative by t is that by x_cam.
+            by_point = slope[:, 3:6].reshape(-1, 2, 3) @ camera.R
+            by_turn = np.einsum("nwij,nj->niw", slopes[frames], points)
+            by_pose = np.concatenate([by_point @ by_turn, by_point], -1).reshape(-1, self.of_pose)
+            first = np.repeat(self.poses + self.of_pose * frames, 2)
+            entries.append(_entries(rows, first, by_pose))
+        return (seen.reshape(-1, 2) - pixels).ravel(), entries
+
+    def _priors(
+        self, view: int, camera: Camera, height: int
+    ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+        """Return the residuals (7,) of a lens: aspect, principal point, distortion."""
+        config, (width, tall), K = self.config, camera.size, camera.K
+        centre = config.centre_sigma * width
+        scales = np.r_[centre, centre, [config.lens_sigma] * 2, [config.tangential_sigma] * 2]
+        off = np.r_[K[0, 2] - (width - 1) / 2, K[1, 2] - (tall - 1) / 2, camera.distortion[:4]]
+        residuals = np.r_[np.log(K[0, 0] / K[1, 1]) / config.aspect_sigma, off / scales]
+        slope = np.zeros((7, _LENS))
+        slope[0, :2] = 1 / config.aspect_sigma, -1 / config.aspect_sigma
+        slope[1:, 2:] = np.diag(1 / scales)
+        return residuals, [_entries(height + np.arange(7), self.lenses[view], slope)]
+
+
+def _entries(
+    rows: np.ndarray, first: int | np.ndarray, block: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, columns and values of a block (N, K) whose row k begins at column first[k]."""
+    n, k = block.shape
+    columns = np.broadcast_to(first, n)[:, None] + np.arange(k)
+    return np.repeat(rows, k), columns.ravel(), block.ravel()

@@ -1,0 +1,85 @@
+"""Intrinsics that are given: a calibration file, or pictures of the board for each camera alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cl import InputError, MissingFileError
+from psfs.calibration.start.lenses import camera_from_boards
+from psfs.calibration.targets.detection import Finder
+from psfs.calibration.targets.target import Sighting
+from psfs.cameras.calibration import find_calibration, read_calibration
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cameras.names import contains_name, matched
+from psfs.footage.media import media_in, open_media
+
+#: Pictures of a camera that are looked at, and of which the board must be in.
+_MOST, _FEWEST = 120, 5
+
+
+def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:
+    """Return the cameras of the `rig` with the intrinsics that `path` holds: a calibration in any
+    format that is read, or a folder with a video or pictures of the board per camera. Raises
+    InputError naming the camera that it does not fit."""
+    if not path.exists():
+        raise MissingFileError(f"{path}: no such file or folder; expected intrinsics")
+    if path.is_dir() and find_calibration(path) is None:
+        return [_from_pictures(path, camera, finder) for camera in rig]
+    found = path if path.is_file() else find_calibration(path)
+    assert found is not None
+    sizes = {camera.name: camera.size for camera in rig}
+
+    def sizes_of(names: Sequence[str]) -> list[tuple[int, int]]:
+        pairs, _ = matched(rig.names, list(names), str(path), rig.names)
+        by_file = {of: sizes[name] for name, of in pairs.items()}
+        return [by_file.get(name, rig[0].size) for name in names]
+
+    read = read_calibration(found, sizes=sizes_of)
+    pairs, _ = matched(rig.names, read.names, str(path), rig.names)
+    cameras = []
+    for name in rig.names:
+        camera = read[read.names.index(pairs[name])]
+        if camera.size != sizes[name]:
+            raise InputError(
+                f"{path}: camera {name} is calibrated for {camera.size[0]} x {camera.size[1]} "
+                f"pixels; its pictures have {sizes[name][0]} x {sizes[name][1]}"
+            )
+        cameras.append(replace(camera, name=name, R=np.eye(3), t=np.zeros(3)))
+    return cameras
+
+
+def _from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:
+    """Return the camera by the pictures of the board that the folder has of it."""
+    if finder is None or not finder.target.planar:
+        raise InputError(
+            f"{folder}: holds no calibration; expected one, since pictures of a board are of use "
+            "with --board only"
+        )
+    media = media_in(folder)
+    names = [name for name in media if contains_name(name, camera.name)]
+    if len(names) != 1:
+        raise InputError(
+            f"{folder}: {len(names)} videos or folders of pictures are named after {camera.name}; "
+            f"expected one (found {', '.join(media) or 'none'})"
+        )
+    pictures = open_media(camera.name, media[names[0]])
+    if pictures.size != camera.size:
+        raise InputError(
+            f"{pictures.where}: {pictures.size[0]} x {pictures.size[1]} pixels; expected "
+            f"{camera.size[0]} x {camera.size[1]} as in the other pictures of {camera.name}"
+        )
+    sightings = []
+    for frame, picture in enumerate(pictures.frames(pictures.spread(_MOST))):
+        seen = finder(0, picture)
+        if seen is not None:
+            sightings.append(Sighting(frame, 0, *seen))
+    if len(sightings) < _FEWEST:
+        raise InputError(
+            f"{pictures.where}: the {finder.target.name} is found in {len(sightings)} pictures; "
+            f"expected {_FEWEST} or more"
+        )
+    return camera_from_boards(camera.name, camera.size, finder.target, sightings)

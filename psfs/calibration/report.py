@@ -1,0 +1,163 @@
+"""How good a calibration is, camera by camera, and what to do where it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from psfs.calibration.calibrator import Calibrated
+from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.scene import all_errors, rms
+from psfs.calibration.targets.target import by_view
+from psfs.cameras.camera import Camera
+
+#: Cells of a picture, across and down, for the coverage.
+CELLS = (8, 6)
+#: px, reprojection errors that are good, and that are not to be used.
+_GOOD, _BAD = 1.0, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a camera saw. frames: with the target; shared: the most with another camera. pixels:
+    (N, 2) of its points, errors (N,) px of them. cells: (6, 8) bool, where they lie; coverage:
+    share of these. dropped: sightings taken for false. faults: what is wrong and what to do."""
+
+    camera: Camera
+    frames: int
+    shared: int
+    pixels: np.ndarray
+    errors: np.ndarray
+    cells: np.ndarray
+    dropped: int
+    faults: tuple[str, ...]
+
+    @property
+    def coverage(self) -> float:
+        return float(self.cells.mean())
+
+    def figures(self) -> dict[str, float]:
+        """Return mean, median, 95 % and root mean square of the errors, px."""
+        errors = self.errors
+        return {
+            "mean": float(errors.mean()),
+            "median": float(np.median(errors)),
+            "p95": float(np.percentile(errors, 95)),
+            "rms": rms(errors),
+        }
+
+
+def views_of(result: Calibrated, lenses_known: bool, config: CalibrationConfig) -> list[View]:
+    """Return what every camera saw, with what is wrong of it."""
+    found = []
+    own = by_view(result.sightings, len(result.scene.cameras))
+    for view, camera in enumerate(result.scene.cameras):
+        sightings = own[view]
+        pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
+        errors = all_errors(result.scene, result.target, sightings)
+        cells = np.zeros(CELLS[::-1], bool)
+        at = (pixels / camera.size * CELLS).astype(int).clip(0, np.array(CELLS) - 1)
+        cells[at[:, 1], at[:, 0]] = True
+        shared = int(np.delete(result.shared[view], view).max(initial=0))
+        faults = _faults(
+            result, view, len(sightings), shared, float(cells.mean()), lenses_known, config
+        )
+        dropped = result.dropped[camera.name]
+        found.append(View(camera, len(sightings), shared, pixels, errors, cells, dropped, faults))
+    return found
+
+
+def _faults(
+    result: Calibrated,
+    view: int,
+    frames: int,
+    shared: int,
+    coverage: float,
+    lenses_known: bool,
+    config: CalibrationConfig,
+) -> tuple[str, ...]:
+    """Return in words what is wrong with a camera, and what to do."""
+    name, what = result.scene.cameras[view].name, result.target.name
+    faults = []
+    if name in result.disagreeing:
+        faults.append(
+            f"disagrees with the other cameras, which were calibrated without it: "
+            f"{result.disagreeing[name]}"
+        )
+    if name in result.misfits:
+        faults.append(
+            f"{result.misfits[name]}; calibrate without --intrinsics, or with those of these "
+            "pictures' size and zoom"
+        )
+    if frames < config.few_frames:
+        faults.append(
+            f"sees too little: the {what} in {frames} frames, expected {config.few_frames} or "
+            "more; wave it longer where this camera looks"
+        )
+    elif result.target.known is None and shared < config.few_frames:
+        faults.append(
+            f"sees too little together with others: {shared} frames, expected "
+            f"{config.few_frames} or more; hold the {what} where two cameras see it at once"
+        )
+    if not lenses_known and coverage < config.coverage:
+        faults.append(
+            f"sees the {what} in {100 * coverage:.0f} % of its picture, expected "
+            f"{100 * config.coverage:.0f} or more: bring it nearer and into the corners, or give "
+            "--intrinsics"
+        )
+    return tuple(faults)
+
+
+def verdict(views: list[View]) -> str:
+    """Return in a line how far the calibration can be trusted."""
+    errors = np.concatenate([view.errors for view in views])
+    level = rms(errors)
+    found = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
+    wrong = sum(bool(view.faults) for view in views)
+    if level > _BAD:
+        return f"not to be used: {found}"
+    if level > _GOOD or wrong:
+        count = f"; {wrong} of {len(views)} cameras to look at" if wrong else ""
+        return f"to be used with care: {found}{count}"
+    return f"good: {found}"
+
+
+def summary(
+    result: Calibrated, views: list[View], what: Mapping[str, Any], warnings: list[str]
+) -> dict[str, Any]:
+    """Return the content of `calibration.json`; `what` was done, by whom."""
+    names = [view.camera.name for view in views]
+    return {
+        "verdict": verdict(views),
+        **what,
+        "target": {
+            "name": result.target.name,
+            "points": len(result.target.points),
+            "frames": len({s.frame for s in result.sightings}),
+        },
+        "warnings": warnings,
+        "cameras": {view.camera.name: _plain(view) for view in views},
+        "shared_frames": {
+            name: {other: int(n) for other, n in zip(names, row, strict=True) if other != name}
+            for name, row in zip(names, result.shared, strict=True)
+        },
+    }
+
+
+def _plain(view: View) -> dict[str, Any]:
+    camera = view.camera
+    return {
+        "frames": view.frames,
+        "points": len(view.errors),
+        "left_out_as_false": view.dropped,
+        "reprojection_px": {key: round(value, 4) for key, value in view.figures().items()},
+        "coverage": round(view.coverage, 3),
+        "position_m": camera.centre.round(5).tolist(),
+        "focal_px": [round(camera.K[0, 0], 3), round(camera.K[1, 1], 3)],
+        "centre_px": camera.K[:2, 2].round(3).tolist(),
+        "distortion": camera.distortion.round(6).tolist(),
+        "faults": list(view.faults),
+    }

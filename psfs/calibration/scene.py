@@ -1,0 +1,79 @@
+"""Cameras and where the target was: what a calibration estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from psfs.calibration.targets.target import Sighting, Target
+from psfs.cameras.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """cameras: in the order of the views. poses: (4, 4) target to world of every frame."""
+
+    cameras: tuple[Camera, ...]
+    poses: dict[int, np.ndarray]
+
+    def points(self, target: Target, frame: int) -> np.ndarray:
+        """Return the target's points (P, 3) m in the world."""
+        return moved(self.poses[frame], target.at(frame))
+
+    def turned(self, world: np.ndarray) -> Scene:
+        """Return the scene in another world, x' = world x, (4, 4)."""
+        inverse = np.linalg.inv(world)
+        cameras = tuple(placed(camera, pose_of(camera) @ inverse) for camera in self.cameras)
+        return Scene(cameras, {frame: world @ pose for frame, pose in self.poses.items()})
+
+
+def moved(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the points (N, 3) after a rigid motion (4, 4)."""
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return (4, 4) of a rotation (3, 3), or its Rodrigues vector, and a translation."""
+    pose = np.eye(4)
+    pose[:3, :3] = R if np.size(R) == 9 else cv2.Rodrigues(np.asarray(R, float))[0]
+    pose[:3, 3] = np.ravel(t)
+    return pose
+
+
+def pose_of(camera: Camera) -> np.ndarray:
+    """Return the motion (4, 4) from the world to the camera."""
+    return rigid(camera.R, camera.t)
+
+
+def placed(camera: Camera, pose: np.ndarray) -> Camera:
+    """Return the camera at `pose`, world to camera (4, 4)."""
+    left, _, right = np.linalg.svd(pose[:3, :3])  # products of rotations drift
+    return replace(camera, R=left @ right, t=pose[:3, 3])
+
+
+def normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Return where the rays of pixels (N, 2) meet the plane of depth 1, undistorted."""
+    pixels = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
+    plane: np.ndarray = cv2.undistortPoints(pixels, camera.K, camera.distortion)
+    return plane.reshape(-1, 2)
+
+
+def errors(scene: Scene, target: Target, sighting: Sighting) -> np.ndarray:
+    """Return the reprojection errors (N,) px of a sighting."""
+    points = scene.points(target, sighting.frame)[sighting.ids]
+    pixels, _ = scene.cameras[sighting.view].project(points)
+    return np.linalg.norm(pixels - sighting.pixels, axis=-1)
+
+
+def all_errors(scene: Scene, target: Target, sightings: Sequence[Sighting]) -> np.ndarray:
+    """Return the errors (M,) px of all points of the sightings, one after the other."""
+    found = [errors(scene, target, sighting) for sighting in sightings]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square, NaN of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")

@@ -1,0 +1,117 @@
+"""The start of a calibration from a board, whose pose is known from each picture of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from psfs.calibration.scene import Scene, errors, moved, placed, rigid
+from psfs.calibration.start.placing import chained
+from psfs.calibration.targets.target import Sighting, Target, by_frame
+from psfs.cameras.camera import Camera
+
+#: Frames of a pair of cameras from which its relative pose is proposed.
+_PROPOSALS = 24
+
+
+def board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray:
+    """Return the board's pose (4, 4), board to camera: the better of the two that a plane allows
+    (cv2.SOLVEPNP_IPPE), refined."""
+    points = np.ascontiguousarray(target.points[sighting.ids])
+    pixels = np.ascontiguousarray(sighting.pixels)
+    known = points, pixels, camera.K, camera.distortion
+    _, turns, shifts, _ = cv2.solvePnPGeneric(*known, flags=cv2.SOLVEPNP_IPPE)
+    turn, shift = cv2.solvePnPRefineLM(*known, turns[0], shifts[0])
+    return rigid(turn, shift)
+
+
+def board_scene(
+    cameras: Sequence[Camera],
+    target: Target,
+    sightings: Sequence[Sighting],
+    pairs: Sequence[tuple[int, int]],
+) -> tuple[Scene, list[Sighting]]:
+    """Return cameras, placed along the `pairs`, and the board's poses; and the sightings with
+    their points in the order that fits."""
+    seen = {(s.frame, s.view): s for s in sightings}
+    poses = {key: board_pose(cameras[s.view], target, s) for key, s in seen.items()}
+    relative = {pair: _relative(pair, cameras, target, seen, poses) for pair in pairs}
+    places = chained(pairs, relative)
+    rig = tuple(placed(camera, places[view]) for view, camera in enumerate(cameras))
+    found: dict[int, np.ndarray] = {}
+    ordered: list[Sighting] = []
+    for frame, here in by_frame(sightings).items():
+        proposed = [np.linalg.inv(places[s.view]) @ poses[frame, s.view] for s in here]
+        found[frame], fitting = best_pose(rig, target, here, proposed)
+        ordered += fitting
+    return Scene(rig, found), ordered
+
+
+def best_pose(
+    rig: Sequence[Camera],
+    target: Target,
+    sightings: Sequence[Sighting],
+    proposed: Sequence[np.ndarray],
+) -> tuple[np.ndarray, list[Sighting]]:
+    """Return the one of the proposed poses (4, 4) that fits a frame's sightings best, and these
+    with their points in the order that fits it."""
+    best: tuple[float, np.ndarray, list[Sighting]] | None = None
+    for pose in proposed:
+        scene = Scene(tuple(rig), {sightings[0].frame: pose})
+        fitting, cost = [], 0.0
+        for sighting in sightings:
+            choices = [sighting.ordered(order) for order in target.orders]
+            off = [float(np.median(errors(scene, target, choice))) for choice in choices]
+            fitting.append(choices[int(np.argmin(off))])
+            cost += min(min(off), 100.0)  # one camera that is far off does not decide
+        if best is None or cost < best[0]:
+            best = cost, pose, fitting
+    assert best is not None
+    return best[1], best[2]
+
+
+def _relative(
+    pair: tuple[int, int],
+    cameras: Sequence[Camera],
+    target: Target,
+    seen: Mapping[tuple[int, int], Sighting],
+    poses: Mapping[tuple[int, int], np.ndarray],
+) -> np.ndarray:
+    """Return the motion (4, 4) from the first camera of a pair to the second: of those that single
+    frames propose, the one with the least median error in all of them."""
+    a, b = pair
+    frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
+    picked = np.unique(np.linspace(0, len(frames) - 1, _PROPOSALS).round().astype(int))
+    proposals = []
+    for frame in (frames[k] for k in picked):
+        for order in target.orders:
+            pose = poses[frame, b] @ np.linalg.inv(_symmetry(target, order))
+            proposals.append(pose @ np.linalg.inv(poses[frame, a]))
+    camera = replace(cameras[b], R=np.eye(3), t=np.zeros(3))
+
+    def cost(motion: np.ndarray) -> float:
+        off = []
+        for frame in frames:
+            board = motion @ poses[frame, a]
+            least = np.inf
+            for order in target.orders:
+                points = moved(board, target.points[order[seen[frame, b].ids]])
+                pixels, _ = camera.project(points)
+                away = np.linalg.norm(pixels - seen[frame, b].pixels, axis=-1)
+                least = min(least, float(np.median(away)))
+            off.append(least)
+        return float(np.median(off))
+
+    return min(proposals, key=cost)
+
+
+def _symmetry(target: Target, order: np.ndarray) -> np.ndarray:
+    """Return the motion (4, 4) that takes each of the target's points k to point order[k]."""
+    before, after = target.points, target.points[order]
+    U, _, Vt = np.linalg.svd((before - before.mean(0)).T @ (after - after.mean(0)))
+    flip = np.diag([1, 1, np.linalg.det(Vt.T @ U.T)])
+    R = Vt.T @ flip @ U.T
+    return rigid(R, after.mean(0) - R @ before.mean(0))
