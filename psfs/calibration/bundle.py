@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +23,9 @@ _POSE, _LENS = 6, 8
 #: Where the derivatives by the pose and the lens stand in those of cv2.projectPoints.
 _OF_POSE, _OF_LENS = slice(0, _POSE), slice(_POSE, _POSE + _LENS)
 #: Of the steps' linear systems, and the steps.
-_EXACT, _MOST_STEPS = 1e-6, 60
+_EXACT, _MOST_STEPS = 1e-6, 25
+#: Times that the parameters are decorrelated anew, unless so few steps were needed.
+_ROUNDS, _NEAR = 12, 8
 
 
 @dataclass(frozen=True)
@@ -55,21 +58,24 @@ def adjusted(
     x = problem.start
     with threadpool_limits(1, "blas"):  # the vectors are too short for more
         for noise in problem.noises():
-            apart = problem.decorrelation(x)
-            x = x + apart @ _solved(problem, x, apart, noise)
+            for _ in range(_ROUNDS):
+                apart = problem.decorrelation(x)
+                solution = _solved(problem, x, apart, noise)
+                x = x + apart @ solution.x
+                if solution.status > 0 and solution.nfev <= _NEAR:
+                    break
     return problem.scene(x)
 
 
-def _solved(problem: _Problem, x: np.ndarray, apart: csr_matrix, noise: float) -> np.ndarray:
-    """Return y whose x + apart y fits best."""
-    solution: np.ndarray = least_squares(
+def _solved(problem: _Problem, x: np.ndarray, apart: csr_matrix, noise: float) -> Any:
+    """Return the solution y whose x + apart y fits best, or that is on the way there."""
+    return least_squares(
         lambda y: problem.residuals(x + apart @ y),
         np.zeros(problem.size),
         lambda y: problem.jacobian(x + apart @ y) @ apart,
         loss="soft_l1", f_scale=noise, ftol=1e-6, xtol=1e-8, gtol=1e-8, max_nfev=_MOST_STEPS,
         tr_solver="lsmr", tr_options={"atol": _EXACT, "btol": _EXACT, "maxiter": 1000},
-    ).x  # fmt: skip
-    return solution
+    )  # fmt: skip
 
 
 class _Problem:
@@ -125,7 +131,7 @@ class _Problem:
         normal = (normal.T @ normal).tocsr()
         found, at = [], 0
         for width in self.blocks:
-            block = normal[at : at + width][:, at : at + width].toarray()
+            block = normal[at : at + width].tocsc()[:, at : at + width].toarray()
             scale = 1 / np.sqrt(np.maximum(np.diag(block), 1e-9))
             values, vectors = np.linalg.eigh(block * np.outer(scale, scale))
             found.append(scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-8)))
@@ -167,7 +173,7 @@ class _Problem:
         cameras = tuple(self._camera(x, view) for view in range(len(self.first.cameras)))
         if not self.freedom.poses:
             return Scene(cameras, self.all_poses)
-        poses = {}
+        poses: dict[int, np.ndarray] = {}
         for (frame, first), turn in zip(self.first.poses.items(), self._vectors(x), strict=True):
             R = first[:3, :3] @ cv2.Rodrigues(turn)[0]
             poses[frame] = rigid(R, x[self.poses :].reshape(-1, self.of_pose)[len(poses), -3:])

@@ -16,6 +16,8 @@ from psfs.cameras.camera import Camera
 
 #: Cameras among which one can be told from the others, and frames in which it is tested.
 _FEWEST, _MOST_FRAMES = 3, 80
+#: Sightings of a camera by which reasons are tried.
+_MOST_OWN = 50
 #: Intrinsics of a camera, and the F of theirs beyond which given ones do not fit.
 _PARAMETERS, _CERTAIN = 8, 6.0
 #: Share of its errors that a reason must leave at most; frames by which a camera may be late.
@@ -97,6 +99,8 @@ def reason(
     would mend most of it. every: its sightings in all frames."""
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
+    picked = np.unique(np.linspace(0, len(every) - 1, _MOST_OWN).round().astype(int))
+    every = [every[k] for k in picked]
     guesses = [
         _moved(scene, target, every, config),
         _late(scene, target, every, config),
@@ -128,7 +132,7 @@ def _moved(
     scene: Scene, target: Target, sightings: list[Sighting], config: CalibrationConfig
 ) -> tuple[float, str]:
     best = np.inf, ""
-    for share in np.linspace(0.1, 0.9, 17):
+    for share in np.linspace(0.1, 0.9, 9):
         at = round(share * len(sightings))
         parts = sightings[:at], sightings[at:]
         if min(len(part) for part in parts) < 3:

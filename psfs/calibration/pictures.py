@@ -25,6 +25,10 @@ _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
+#: Of a figure, in shares of its size.
+_MARGINS: Any = {
+    "left": 0.05, "right": 0.98, "bottom": 0.1, "top": 0.9, "wspace": 0.15, "hspace": 0.3
+}  # fmt: skip
 #: px beyond which errors are drawn in the last colour, at least.
 _TOP = 1.0
 _WRAP = 62  # characters of a line of text
@@ -35,7 +39,7 @@ def write_view(path: Path, view: View, picture: np.ndarray | None) -> None:
     without any hatched; the errors' histogram; the figures, and what is wrong in red."""
 
     def draw(figure: Figure) -> None:
-        grid = figure.add_gridspec(2, 2, width_ratios=[1.5, 1], height_ratios=[1, 1.25])
+        grid = figure.add_gridspec(2, 2, width_ratios=[1.5, 1], height_ratios=[1, 1.25], **_MARGINS)
         _coverage(figure, figure.add_subplot(grid[:, 0]), view, picture)
         _histogram(figure.add_subplot(grid[0, 1]), view)
         _text(figure.add_subplot(grid[1, 1]), view)
@@ -50,7 +54,10 @@ def write_rig(path: Path, result: Calibrated, views: list[View]) -> None:
         points = [result.scene.points(result.target, frame) for frame in result.scene.poses]
         cloud = np.concatenate(points)
         for axes, (a, b), title in zip(
-            figure.subplots(1, 2), ((0, 1), (0, 2)), ("from above", "from the side"), strict=True
+            figure.subplots(1, 2, gridspec_kw=_MARGINS),
+            ((0, 1), (0, 2)),
+            ("from above", "from the side"),
+            strict=True,
         ):
             axes.plot(cloud[:, a], cloud[:, b], ".", ms=2, color="#8FA7C4", alpha=0.5)
             for view in views:
@@ -64,6 +71,7 @@ def write_rig(path: Path, result: Calibrated, views: list[View]) -> None:
                 axes.annotate(view.camera.name, centre[[a, b]], (5, 5), textcoords="offset points")
             axes.plot([0, 0.5], [0, 0], color="#C0392B", lw=2)
             axes.plot([0, 0], [0, 0.5], color="#27AE60" if b == 1 else "#2962B3", lw=2)
+            axes.margins(0.12)
             axes.set(aspect="equal", title=title, xlabel="X, m", ylabel=f"{'XYZ'[b]}, m")
             axes.grid(color="#EEEEEE")
         figure.suptitle(f"{len(views)} cameras; {result.target.name}; axes of 0.5 m at the origin")
@@ -77,7 +85,7 @@ def _write(path: Path, size: tuple[float, float], draw: Any) -> None:
     from matplotlib.figure import Figure
 
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(figsize=size)  # a layout engine would draw everything thrice
         FigureCanvasAgg(figure)
         draw(figure)
         with written_whole(path) as temporary:
@@ -94,7 +102,7 @@ def _coverage(figure: Figure, axes: Axes, view: View, picture: np.ndarray | None
     step = width / CELLS[0], height / CELLS[1]
     for row, column in zip(*np.nonzero(~view.cells), strict=True):
         corner = column * step[0] - 0.5, row * step[1] - 0.5
-        axes.add_patch(Rectangle(corner, *step, fill=False, hatch="///", ec="#B0B0B0", lw=0))
+        axes.add_patch(Rectangle(corner, *step, fill=False, hatch="///", ec="#707070", lw=0))
     order = np.argsort(view.errors)
     drawn = axes.scatter(
         view.pixels[order, 0], view.pixels[order, 1], c=view.errors[order], s=7, cmap="viridis_r",

@@ -95,7 +95,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("target", "one of --board, --wand and --c3d")
-    kind = group.add_mutually_exclusive_group(required=True)
+    kind = group.add_mutually_exclusive_group()
     kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
     kind.add_argument(
         "--wand", type=_lengths, metavar="M|M,M",
@@ -178,6 +178,8 @@ def _calibrate(args: argparse.Namespace) -> None:
 def _board_of(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | None:
     """Return what finds the board, None for a wand. Raises InputError for flags that do not go
     together."""
+    if args.board is None and args.wand is None and args.c3d is None:
+        raise InputError("no target is stated; expected --board, --wand or --c3d")
     sizes = (args.squares, args.square)
     if args.board is None:
         if any(value is not None for value in (*sizes, args.marker)):

@@ -15,6 +15,8 @@ from psfs.cameras.camera import Camera
 
 #: Frames of a pair of cameras from which its relative pose is proposed.
 _PROPOSALS = 24
+#: px of error per picture with which a pose is taken without looking for a better one.
+_FITS = 1.0
 
 
 def board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray:
@@ -69,6 +71,8 @@ def best_pose(
             cost += min(min(off), 100.0)  # one camera that is far off does not decide
         if best is None or cost < best[0]:
             best = cost, pose, fitting
+        if cost < _FITS * len(sightings):
+            break
     assert best is not None
     return best[1], best[2]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -61,5 +62,6 @@ def _calibrated(
         flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_PRINCIPAL_POINT
     points = [target.points[s.ids].astype(np.float32) for s in sightings]
     pixels = [s.pixels.astype(np.float32)[:, None] for s in sightings]
-    found = cv2.calibrateCameraExtended(points, pixels, size, None, None, flags=flags)
+    nothing: Any = None
+    found = cv2.calibrateCameraExtended(points, pixels, size, nothing, nothing, flags=flags)
     return found[1], found[2].ravel(), found[-1].ravel()

@@ -32,13 +32,18 @@ def check_linked(counts: np.ndarray, fewest: int, names: Sequence[str], what: st
     groups, group = connected_components(csr_matrix(shared >= fewest), directed=False)
     if groups == 1:
         return
-    members = [[names[v] for v in np.flatnonzero(group == g)] for g in range(groups)]
+    members = [[names[int(v)] for v in np.flatnonzero(group == g)] for g in range(groups)]
     members.sort(key=len, reverse=True)
     parts = " | ".join(" ".join(of) for of in members)
     between = max(
         int(shared[np.ix_(group == a, group == b)].max()) for a, b in combinations(range(groups), 2)
     )
-    ask = f"expected {fewest} or more: hold the {what} where cameras of both see it at once"
+    ask = f"expected {fewest} or more: hold the {what} where such cameras see it at once"
+    if len(members[0]) == 1:
+        raise InputError(
+            f"too few common views: two cameras see the {what} together in {between} frames at "
+            f"most; {ask}"
+        )
     if len(members) == 2 and len(members[1]) == 1:
         raise InputError(
             f"too few common views: {members[1][0]} sees the {what} together with another camera "

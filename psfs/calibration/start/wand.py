@@ -113,7 +113,7 @@ def _relation(
     )
     if E is None or E.shape != (3, 3):
         return None
-    agreeing = np.asarray(inliers, bool).reshape(len(frames), len(orders), -1).all(axis=-1)
+    agreeing = np.all(inliers.reshape(len(frames), len(orders), -1), axis=-1, keepdims=True)[..., 0]
     best = [(row, int(agreeing[row].argmax())) for row in range(len(frames)) if agreeing[row].any()]
     if len(best) < 5:
         return None

@@ -12,10 +12,15 @@ from psfs.calibration.targets.target import Target, check_squares, chessboard
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_range
 
-#: Families of markers by the names that --dictionary takes. Smaller ones are parts of these.
+#: Families of markers by the names that --dictionary takes, smallest sets first. A set is the
+#: beginning of those after it; the fewer markers to tell apart, the more and the sooner are found.
 DICTIONARIES = {
-    name: getattr(cv2.aruco, f"DICT_{name}")
-    for name in ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11")
+    **{
+        family: [getattr(cv2.aruco, f"DICT_{family}_{count}") for count in (50, 100, 250, 1000)]
+        for family in ("4X4", "5X5", "6X6", "7X7")
+    },
+    "ARUCO_ORIGINAL": [cv2.aruco.DICT_ARUCO_ORIGINAL],
+    "APRILTAG_36h11": [cv2.aruco.DICT_APRILTAG_36h11],
 }
 #: Corners of a ChArUco board that tell its pose, and rows and columns that they must cover.
 _CORNERS, _LINES = 6, 2
@@ -122,16 +127,26 @@ class CharucoFinder:
         """Return what the picture shows instead, if that is markers of another board."""
         grey = grey_of(picture)
         best: tuple[int, str] | None = None
-        for name, number in DICTIONARIES.items():
-            dictionary = cv2.aruco.getPredefinedDictionary(number)
+        for name in DICTIONARIES:
+            dictionary = _dictionary(name, 250)
             _, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(grey)
             if ids is not None and len(ids) > 3 and (best is None or len(ids) > best[0]):
-                best = len(ids), f"{len(ids)} markers of {name} with numbers up to {ids.max()}"
+                best = len(ids), f"{len(ids)} {name} markers with numbers up to {ids.max()}"
         return best[1] if best else None
 
 
 def _charuco(squares: tuple[int, int], square: float, marker: float, name: str, old: bool) -> Any:
-    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[name])
+    dictionary = _dictionary(name, squares[0] * squares[1] // 2)
     board = cv2.aruco.CharucoBoard(squares, square, marker, dictionary)
     board.setLegacyPattern(old)
     return board
+
+
+def _dictionary(name: str, markers: int) -> Any:
+    """Return the smallest set of a family that has so many markers, its largest if none has."""
+    found: Any = None
+    for number in DICTIONARIES[name]:
+        found = cv2.aruco.getPredefinedDictionary(number)
+        if len(found.bytesList) >= markers:
+            break
+    return found

@@ -1,0 +1,142 @@
+"""`psfs calibrate` on rendered boards and wands: from pictures to calibration.toml."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import ezc3d
+import numpy as np
+import pytest
+from helpers import calibration as made
+
+from psfs.cameras.calibration import read_calibration
+from psfs.cameras.calibration.toml_tables import write_toml_tables
+from psfs.cameras.camera import Camera, CameraRig
+from psfs.cli import main
+
+#: All around a wand; side by side for a board, which has one face.
+CAMERAS, ARC = made.ring(), made.ring(step=28)
+SQUARES, SQUARE, WAND = (6, 4), 0.2, 0.5
+BOARD_FLAGS = ("--squares", "6x4", "--square", "0.2")
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ChArUco board: frame 0 on the floor, then towards the cameras in turn; lens.toml."""
+    folder = tmp_path_factory.mktemp("calibrate") / "boards"
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.15, dictionary)
+    picture = board.generateImage((60 * SQUARES[0], 60 * SQUARES[1]))
+    rng = np.random.default_rng(1)
+    poses = [made.flat(0.0, -0.2, 0.9)]
+    poses += [made.facing(rng, ARC[k % 6].centre) for k in range(30)]
+    made.film(folder, ARC, poses, made.board_picture(picture, SQUARE, SQUARES))
+    return with_lenses(folder, ARC)
+
+
+@pytest.fixture(scope="module")
+def wands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wand of two markers, and where they were: wand.c3d, 2 frames per picture;
+    lens.toml."""
+    folder = tmp_path_factory.mktemp("calibrate") / "wands"
+    points, rng = np.array([[0, 0, 0], [WAND, 0, 0]]), np.random.default_rng(2)
+    poses = [made.flat(0.0), made.flat(1.5, 0.4), *(made.anyhow(rng) for _ in range(70))]
+    made.film(folder, CAMERAS, poses, made.wand_picture(points))
+    places = np.stack([points @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
+    places = np.repeat(1000 * places, 2, axis=0)
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["near", "far"]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["data"]["points"] = np.concatenate(
+        [places.transpose(2, 1, 0), np.ones((1, 2, len(places)))]
+    )
+    file.write(str(folder / "wand.c3d"))
+    return with_lenses(folder, CAMERAS)
+
+
+def with_lenses(folder: Path, cameras: list[Camera]) -> Path:
+    write_toml_tables(folder / "lens.toml", CameraRig(tuple(made.unplaced(cameras))))
+    return folder
+
+
+def calibrate(folder: Path, out: Path, *flags: str) -> int:
+    return main(["calibrate", str(folder), "-o", str(out), *flags])
+
+
+def test_board_with_known_lenses(boards: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    lenses = ("--intrinsics", str(boards / "lens.toml"))
+    assert calibrate(boards, out, "--board", "charuco", *BOARD_FLAGS, "--floor", "0", *lenses) == 0
+    found = list(read_calibration(out / "calibration.toml"))
+    away, scale = made.differences(found, ARC)
+    assert away.max() < 5 and abs(scale) < 0.002
+    # The first inner corner is above the origin, X along the board's upper edge, Z up.
+    first = np.array([-0.2 + SQUARE, 0.9 - SQUARE, 0])
+    for camera, true in zip(found, ARC, strict=True):
+        np.testing.assert_allclose(camera.centre, true.centre - first, atol=0.04)
+    report = json.loads((out / "calibration.json").read_text())
+    assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
+    assert report["warnings"] == [] and "coverage" in report["cameras"]["cam01"]
+    for name in ("rig.png", *(f"cameras/{camera.name}.png" for camera in ARC)):
+        assert cv2.imread(str(out / name)).shape[1] > 1000
+
+
+def test_wand(wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lenses = ("--intrinsics", str(wands / "lens.toml"))
+    assert calibrate(wands, tmp_path, "--wand", "0.5", *lenses) == 0
+    found = list(read_calibration(tmp_path / "calibration.toml"))
+    away, scale = made.differences(found, CAMERAS)
+    assert away.max() < 5 and abs(scale) < 0.002
+    report = json.loads((tmp_path / "calibration.json").read_text())
+    assert all(of["reprojection_px"]["rms"] < 0.5 for of in report["cameras"].values())
+    printed = capsys.readouterr().out
+    assert "no --floor is stated" in printed and "cam06" in printed
+    assert min(camera.centre[2] for camera in found) > 1  # Z is up
+
+
+def test_measured_markers_give_cameras_in_their_frame(wands: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(f'c3d = "{wands / "wand.c3d"}"\ncameras = "cam01,cam02,cam03"\n')
+    assert calibrate(wands, tmp_path / "out", "--config", str(settings)) == 0
+    found = read_calibration(tmp_path / "out" / "calibration.toml")
+    for camera, true in zip(found, CAMERAS[:3], strict=True):
+        np.testing.assert_allclose(camera.centre, true.centre, atol=0.02)
+        assert abs(camera.K[0, 0] / true.K[0, 0] - 1) < 0.01
+
+
+def test_what_cannot_be_is_one_line(
+    boards: Path, wands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = ("--frames", "1:3", "--cameras", "cam01,cam02")
+
+    def line(folder: Path, *flags: str) -> str:
+        assert calibrate(folder, tmp_path / "out", *flags) == 2
+        error = capsys.readouterr().err.strip().splitlines()
+        assert not (tmp_path / "out").exists()
+        return error[-1]
+
+    charuco, chess = ("--board", "charuco"), ("--board", "chessboard")
+    assert "no ChArUco board of 6x4 squares in 2 frames of 2 cameras" in line(
+        wands, *charuco, *BOARD_FLAGS, *short
+    )
+    wrong = line(boards, *charuco, "--squares", "12x9", "--square", "0.1", *short)
+    assert "4X4 markers with numbers up to 11" in wrong
+    assert "looks alike from four sides" in line(
+        boards, *chess, "--squares", "6x6", "--square", "0.2"
+    )
+    assert "--board needs --squares" in line(boards, *chess)
+    assert "expected --board" in line(wands, "--wand", "0.5", "--squares", "6x4")
+    assert "only bright spots" in line(boards, "--wand", "0.5", "--frames", "0:1")
+    assert "together in 6 frames at most; expected 10" in line(
+        wands, "--wand", "0.5", "--frames", "2:8"
+    )
+    assert "no marker middle" in line(
+        wands, "--c3d", str(wands / "wand.c3d"), "--markers", "near,middle"
+    )
+    assert "wand (m) is 500" in line(wands, "--wand", "500")
+    assert "no such file" in line(
+        wands, "--wand", "0.5", "--intrinsics", str(tmp_path / "none.toml")
+    )
