@@ -14,6 +14,11 @@ from cl.errors import failing_as_device
 if TYPE_CHECKING:
     from cl.device import Device
 
+#: Bytes, and cores, from which on all cores of a CPU fill: two are no faster than the command.
+_LARGE, _MANY = 1_000_000, 4
+#: Bytes of a pack of fill.cl, and packs of a work-group.
+_PACK_BYTES, _FILL_GROUP = 16, 1024
+
 
 class Array:
     """A C-ordered array in device memory: a buffer that knows its shape and type.
@@ -27,6 +32,7 @@ class Array:
         self.buffer = buffer
         self.shape = shape
         self.dtype = np.dtype(dtype)
+        self._filler: Any = None  # the launch that fills it, once there was one
 
     @property
     def size(self) -> int:
@@ -78,8 +84,29 @@ class Array:
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""
         pattern = np.array(value, self.dtype)
+        large = self.nbytes >= _LARGE and self.dtype.itemsize <= 4
+        cores = 0 if self.device.is_gpu else self.device.info.compute_units
+        done = self._fill_by_kernel(pattern) if large and cores >= _MANY else 0
+        if done == self.nbytes:
+            return
         with failing_as_device(self.device.name, "a fill"):
             event = pyopencl.enqueue_fill_buffer(
-                self.device.queue, self.buffer, pattern, 0, self.nbytes
+                self.device.queue, self.buffer, pattern, done, self.nbytes - done
             )
         self.device.record("fill", event)
+
+    def _fill_by_kernel(self, pattern: np.ndarray) -> int:
+        """Enqueue the fill by all cores of a CPU; return how many bytes, a multiple of 16."""
+        n = self.nbytes // _PACK_BYTES
+        word = np.tile(pattern, 4 // self.dtype.itemsize).view(np.uint32)[0]
+        if self._filler is None:
+            kernel = self.device.kernel("common/fill", "fill_words")
+            # Not `self`, which would keep itself alive.
+            words = Array(self.device, self.buffer, (4 * n,), np.dtype(np.uint32))
+            self._filler = self.device.launch(
+                kernel, (n,), (_FILL_GROUP,), n=n, word=word, words=words
+            )
+            self._filler.name = "fill"
+        self._filler.set(word=word)
+        self._filler()
+        return n * _PACK_BYTES

@@ -15,6 +15,8 @@ from cl.workgroups import pack_defines
 
 #: Work-items that anneal all particles of a run: as many as a work-group can have everywhere.
 _LARGEST_GROUP = 1024
+#: Particles that a CPU's work-group diffuses: PoCL by itself makes one group of all, for one core.
+_CHILDREN = 8
 #: Bits to which the exponent's logarithm is found: more than single precision tells apart.
 _BITS = 18
 #: The exponent's logarithm to base 2 lies between -20 and 20: errors in float need no larger range.
@@ -103,10 +105,11 @@ class ParticleSet:
     def diffuse(self, layer: int, source: int) -> Launch:
         """Return what draws the parents of set `source` and spreads them by the layer's noise into
         the other (Song et al. eq. 11)."""
+        n_packs = -(-self.n_dof // self._pack)
         launch = self.device.launch(
             self._kernel("diffuse"),
-            (-(-self.n_dof // self._pack), self.config.n_particles, self.n_runs),
-            None,
+            (n_packs, self.config.n_particles, self.n_runs),
+            None if self.device.is_gpu else (n_packs, _CHILDREN, 1),
             n=self.config.n_particles,
             layer=layer,
             noise=self.config.layer_noise[layer],
