@@ -154,11 +154,6 @@ class ObjectiveConfig:
     """w2 of the same equations. Set by hand."""
     balance: float = 0.5
     """beta of eq. (4.41): share of the image's silhouette against the model's. Set by hand."""
-    labels: tuple[int, ...] = ()
-    """Segment of each of the shape's parts (the body's cones), from 1 on, for silhouettes segmented
-    alike (eq. 4.43); none for plain ones."""
-    label_weights: tuple[float, ...] = ()
-    """Of the segments, divided by their sum; none for equal ones (eq. 4.43)."""
     vertices_per_part: int = 4
     """Shape model, table 6.5: 4 draws cones as trapezoids, more as frusta. Trapezoids track
     best and fastest there."""
@@ -191,38 +186,6 @@ class ObjectiveConfig:
             raise InputError(
                 f"{self.vertices_per_part} vertices per part; expected {listed(map(str, known))}"
             )
-        self._check_labels()
-
-    def _check_labels(self) -> None:
-        known = set(range(1, self.n_labels + 1))
-        if self.labels and set(self.labels) != known:
-            raise InputError(f"the labels are {self.labels}; expected all of 1 to {self.n_labels}")
-        weights = self.label_weights
-        if weights and (
-            len(weights) != self.n_labels or not min(weights) >= 0 or not 0 < sum(weights) < np.inf
-        ):
-            raise InputError(
-                f"the labels' weights are {weights}; expected {self.n_labels} numbers from 0"
-            )
-
-    @property
-    def n_labels(self) -> int:
-        """Number of segments, 1 for plain silhouettes."""
-        return max(self.labels, default=1)
-
-    @property
-    def shares(self) -> np.ndarray:
-        """(n_labels,) weights of the labels with sum 1."""
-        weights = np.array(self.label_weights or (1.0,) * self.n_labels)
-        return weights / weights.sum()
-
-    def part_labels(self, n_parts: int) -> np.ndarray:
-        """Return (P,) int32 the label of each part, from 0. Raises InputError for another number of
-        parts."""
-        labels = self.labels or (1,) * n_parts
-        if len(labels) != n_parts:
-            raise InputError(f"{len(labels)} labels for {n_parts} parts; expected one for each")
-        return np.array(labels, np.int32) - 1
 
     def mesh(self, body: BodyModel) -> BodyMesh | None:
         """Return the shape of `body`; None stands for the flat model. Raises InputError where the

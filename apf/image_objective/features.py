@@ -32,12 +32,10 @@ class Features:
 
     maps: (V, H, W, 2) uint8, silhouette 0 or 255 and edge proximity 0..255, both 0 outside the
     region. roi: (V, 4) int32 x0, y0, x1, y1, the ends excluded, all 0 for a view without
-    silhouette. labels: None, there are no segments. The silhouette is where foreground is likelier
+    silhouette. The silhouette is where foreground is likelier
     than background; `background` None takes the frames' masks. A call overwrites both and only
     enqueues work. Twin: reference/image_objective/features.py.
     """
-
-    labels: Array | None = None
 
     def __init__(
         self,

@@ -11,7 +11,7 @@ from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
 from apf.image_objective.renderer import renderer_for, silhouette_shape
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
-from cl import Array, InputError, Launch
+from cl import Array, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 
@@ -31,10 +31,6 @@ class FeatureMaps(Protocol[A]):
     def roi(self) -> A:
         """(V, 4) int32 first column and row and, excluded, the last; what lies outside counts
         nowhere."""
-
-    @property
-    def labels(self) -> A | None:
-        """(V, H, W) uint8 segments, 0 where none is; None of features without segments."""
 
 
 class ImageObjective(Likelihood):
@@ -58,30 +54,25 @@ class ImageObjective(Likelihood):
         self.device, self.rig = device, rig
         self.config = config = config or ObjectiveConfig()
         self.n_hypotheses = n_hypotheses
-        shape, n_labels = (len(rig), rig.height, rig.width), config.n_labels
-        bits = silhouette_shape(rig, n_labels)
-        self._silhouettes = device.empty(bits, np.uint32, "the silhouettes")
+        shape = (len(rig), rig.height, rig.width)
+        self._silhouettes = device.empty(silhouette_shape(rig), np.uint32, "the silhouettes")
         self._proximity = device.empty(shape, np.uint8, "the edge proximity")
         self._roi = device.empty((len(rig), 4), np.int32, "the regions of interest")
-        self._areas = device.empty((len(rig), n_labels), np.int32, "the silhouettes' areas")
-        self._shares = device.to_device(config.shares.astype(np.float32), "the labels' weights")
+        self._areas = device.empty((len(rig),), np.int32, "the silhouettes' areas")
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
         mesh = mesh or config.mesh(body)
-        labels = config.part_labels(mesh.n_parts if mesh else len(body.cones))
-        self._renderer = renderer_for(scene, n_hypotheses, labels, mesh, config.round_ends, rows)
-        self._observed: tuple[Array | None, ...] = ()
+        self._renderer = renderer_for(scene, n_hypotheses, mesh, config.round_ends, rows)
+        self._observed: tuple[Array, ...] = ()
         self._preparation: list[Launch] = []
 
     @property
     def counts(self) -> Array:
-        """(V, N, 2 + 2 L) int32 pixels of the poses that were scored last, see `Renderer`."""
+        """(V, N, 4) int32 pixels of the poses that were scored last, see `Renderer`."""
         return self._renderer.counts
 
     def observe(self, observation: FeatureMaps[Array]) -> None:
-        """Enqueue the preparation of a frame's features. Raises InputError where segments are
-        missing that the config has labels for."""
-        labels = segments(observation) if self.config.labels else None
-        arrays = (observation.maps, observation.roi, labels)
+        """Enqueue the preparation of a frame's features."""
+        arrays = (observation.maps, observation.roi)
         if not self._observed or any(
             new is not old for new, old in zip(arrays, self._observed, strict=True)
         ):
@@ -101,7 +92,6 @@ class ImageObjective(Likelihood):
             n_particles=n,
             n_views=len(self.rig),
             weights=weights,
-            label_weights=self._shares,
             areas=self._areas,
             counts=self._renderer.counts,
             errors=self.errors,
@@ -109,9 +99,9 @@ class ImageObjective(Likelihood):
         arrays = (self._roi, self._silhouettes, self._proximity)
         return [*self._renderer.launcher(poses, *arrays), score]
 
-    def _prepare(self, maps: Array, roi: Array, labels: Array | None) -> list[Launch]:
+    def _prepare(self, maps: Array, roi: Array) -> list[Launch]:
         """Return the launches that pack a frame's features and count their pixels."""
-        views, n_labels, words, pitch = self._silhouettes.shape
+        views, words, pitch = self._silhouettes.shape
         return [
             self.device.launch(
                 self._kernel("pack_maps"),
@@ -120,7 +110,6 @@ class ImageObjective(Likelihood):
                 height=self.rig.height,
                 pitch=pitch,
                 maps=maps,
-                parts=labels,
                 roi=roi,
                 regions=self._roi,
                 silhouettes=self._silhouettes,
@@ -128,7 +117,7 @@ class ImageObjective(Likelihood):
             ),
             self.device.launch(
                 self._kernel("silhouette_areas"),
-                (views * n_labels * _GROUP,),
+                (views * _GROUP,),
                 (_GROUP,),
                 n_words=words * pitch,
                 silhouettes=self._silhouettes,
@@ -141,14 +130,6 @@ class ImageObjective(Likelihood):
             "image/objective",
             name,
             WIDTH=self.rig.width,
-            N_LABELS=self.config.n_labels,
             KIND=OBJECTIVE_KINDS.index(self.config.kind),
             GROUP=_GROUP,
         )
-
-
-def segments(observation: FeatureMaps[A]) -> A:
-    """Return the segments of an observation. Raises InputError if it has none."""
-    if observation.labels is None:
-        raise InputError("features without segments for an objective with labels; expected some")
-    return observation.labels

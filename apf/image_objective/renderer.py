@@ -29,24 +29,21 @@ _GPU_BYTES, _CPU_BYTES = 16384, 65536
 class Renderer:
     """Draws posed bodies as the cameras see them and counts their pixels.
 
-    The cones of the scene's body are what is drawn, or what that moves with. labels: (P,) int32
-    segment of each part that is drawn, from 0, for counts by segment. counts: device array
-    (V, N, 2 + 2 L) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the
-    edge proximity there, then per segment the model's pixels and their overlap with the silhouette
-    (eq. 4.36-4.40). rows: of a picture that a work-group counts at a time on a GPU.
+    The cones of the scene's body are what is drawn, or what that moves with. counts: device array
+    (V, N, 4) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the edge
+    proximity there, the model's pixels and their overlap with the silhouette (eq. 4.36-4.40). rows:
+    of a picture that a work-group counts at a time on a GPU.
     """
 
     rows: int = _ROWS
 
-    def __init__(self, scene: Scene, n: int, labels: np.ndarray) -> None:
+    def __init__(self, scene: Scene, n: int, n_parts: int) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.rig, self.n_hypotheses = device, rig, n
-        self.n_parts, self.n_labels = len(labels), int(labels.max()) + 1
+        self.n_parts = n_parts
         self._kinematics = Kinematics(device, body, n)
         self._cameras = device.to_device(rig.packed(), "the cameras")
-        self._labels = device.to_device(labels.astype(np.int32), "the labels")
-        shape = (len(rig), n, 2 + 2 * self.n_labels)
-        self.counts = device.empty(shape, np.int32, "the counted pixels")
+        self.counts = device.empty((len(rig), n, 4), np.int32, "the counted pixels")
 
     def launcher(
         self,
@@ -68,7 +65,6 @@ class Renderer:
             stage,
             "count_pixels",
             N_PARTS=self.n_parts,
-            N_LABELS=self.n_labels,
             WIDTH=self.rig.width,
             GROUP=rows,
             PACK=pack,
@@ -85,7 +81,6 @@ class Renderer:
             height=self.rig.height,
             pitch=silhouettes.shape[-1],
             roi=roi,
-            labels=self._labels,
             silhouettes=silhouettes,
             proximity=proximity,
             counts=self.counts,
@@ -113,10 +108,9 @@ class FlatRenderer(Renderer):
         self,
         scene: Scene,
         n: int,
-        labels: np.ndarray,
         round_ends: bool = False,
     ) -> None:
-        super().__init__(scene, n, labels)
+        super().__init__(scene, n, len(scene.body.cones))
         device, body, rig = self.device, scene.body, scene.rig
         self.round_ends = round_ends
         edged, free = cone_edges(body)
@@ -157,10 +151,9 @@ class MeshRenderer(Renderer):
         self,
         scene: Scene,
         n: int,
-        labels: np.ndarray,
         mesh: BodyMesh,
     ) -> None:
-        super().__init__(replace(scene, body=with_frames(scene.body)), n, labels)
+        super().__init__(replace(scene, body=with_frames(scene.body)), n, mesh.n_parts)
         device, rig = self.device, scene.rig
         self.mesh = mesh
         self._edged = device.to_device(mesh.edged.astype(np.int32), "the parts with edges")
@@ -248,7 +241,6 @@ def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
 def renderer_for(
     scene: Scene,
     n: int,
-    labels: np.ndarray | None = None,
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
     rows: int | None = None,
@@ -260,13 +252,7 @@ def renderer_for(
     """
     if scene.rig.width > _WIDEST:
         raise InputError(f"pictures {scene.rig.width} px wide; expected at most {_WIDEST}")
-    n_parts = len(scene.body.cones) if mesh is None else mesh.n_parts
-    labels = np.zeros(n_parts, np.int32) if labels is None else labels
-    renderer = (
-        FlatRenderer(scene, n, labels, round_ends)
-        if mesh is None
-        else MeshRenderer(scene, n, labels, mesh)
-    )
+    renderer = FlatRenderer(scene, n, round_ends) if mesh is None else MeshRenderer(scene, n, mesh)
     renderer.rows = rows or _ROWS
     return renderer
 
@@ -286,7 +272,7 @@ def draw_hypotheses(
     n, shape = len(poses), (len(rig), rig.height, rig.width)
     renderer = renderer_for(scene, n, mesh=mesh, round_ends=round_ends)
     pictures = device.zeros((n, *shape, 2), np.uint8, "the pictures")
-    silhouettes = device.zeros(silhouette_shape(rig, 1), np.uint32, "the silhouettes")
+    silhouettes = device.zeros(silhouette_shape(rig), np.uint32, "the silhouettes")
     proximity = device.zeros(shape, np.uint8, "the edge proximity")
     roi = device.to_device(whole_pictures(rig), "the regions of interest")
     on_device = device.to_device(np.asarray(poses, np.float32), "the poses")
@@ -295,9 +281,9 @@ def draw_hypotheses(
     return pictures.get()
 
 
-def silhouette_shape(rig: CameraRig, n_labels: int) -> tuple[int, int, int, int]:
-    """Return (V, L, words of a row, rows) of silhouettes as bits, with spare rows for vectors."""
-    return len(rig), n_labels, -(-rig.width // 32), rig.height + _PACK - 1
+def silhouette_shape(rig: CameraRig) -> tuple[int, int, int]:
+    """Return (V, words of a row, rows) of silhouettes as bits, with spare rows for vectors."""
+    return len(rig), -(-rig.width // 32), rig.height + _PACK - 1
 
 
 def whole_pictures(rig: CameraRig) -> np.ndarray:

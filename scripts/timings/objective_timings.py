@@ -24,7 +24,7 @@ from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.opengl import OpenGLObjective, OpenGLRenderer
 from apf.likelihood.base import Likelihood
-from apf.reference.image_objective.objective import count_pixels, objective_values
+from apf.reference.image_objective.objective import count_pixels, image_areas, objective_values
 from apf.reference.image_objective.render import Picture, draw_cones
 from apf.scene import Scene
 from cl import Array, Device
@@ -135,10 +135,8 @@ def numpy_twin(observed: Observed, n: int) -> dict[str, Any]:
 
 def evaluate(observed: Observed, pictures: list[list[Picture]]) -> np.ndarray:
     """(N,) objective of pictures by view and hypothesis, by NumPy."""
-    segments = (observed.maps[..., 0] > 127).astype(np.uint8)
-    labels = np.zeros(len(observed.body.cones), int)
-    counts = count_pixels(pictures, observed.maps, observed.roi, segments, labels)
-    areas = segments.sum((1, 2))[:, None].astype(float)
+    counts = count_pixels(pictures, observed.maps, observed.roi)
+    areas = image_areas(observed.maps, observed.roi)
     return objective_values(counts, areas, ObjectiveConfig())
 
 

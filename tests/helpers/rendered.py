@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
-from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.renderer import draw_hypotheses, whole_pictures
 from apf.reference.image_objective import render
@@ -26,14 +25,12 @@ class Maps:
 
     maps: Any
     roi: Any
-    labels: Any = None
 
     def on(self, device: Device) -> Maps:
-        arrays = (self.maps, self.roi, self.labels)
-        return Maps(*(None if a is None else device.to_device(a) for a in arrays))
+        return Maps(device.to_device(self.maps), device.to_device(self.roi))
 
 
-def random_maps(rig: CameraRig, n_labels: int = 1, seed: int = 0) -> Maps:
+def random_maps(rig: CameraRig, seed: int = 0) -> Maps:
     """Blobs for silhouettes, smooth edge proximity, regions that cut some of both off."""
     random = np.random.default_rng(seed)
     shape = (len(rig), rig.height, rig.width)
@@ -43,9 +40,7 @@ def random_maps(rig: CameraRig, n_labels: int = 1, seed: int = 0) -> Maps:
     roi = whole_pictures(rig)
     roi[0] += [3, 5, -40, -11]
     roi[-1] += [33, 0, -1, -2]
-    segments = ndimage.gaussian_filter(random.normal(size=(n_labels + 1, *shape)), (0, 0, 4, 4))
-    maps = np.rint(np.stack([blobs, nearness], -1)).astype(np.uint8)
-    return Maps(maps, roi, segments.argmax(0).astype(np.uint8))
+    return Maps(np.rint(np.stack([blobs, nearness], -1)).astype(np.uint8), roi)
 
 
 def scattered_poses(body: BodyModel, n: int) -> np.ndarray:
@@ -94,30 +89,22 @@ def check_counts(
     body: BodyModel,
     rig: CameraRig,
     poses: np.ndarray,
-    n_labels: int = 1,
     mesh: BodyMesh | None = None,
 ) -> None:
     """What is counted is what is drawn, to the pixel."""
-    n_parts = len(body.cones) if mesh is None else mesh.n_parts
-    labels = tuple(1 + i % n_labels for i in range(n_parts)) if n_labels > 1 else ()
-    observed = random_maps(rig, n_labels)
-    config = ObjectiveConfig(labels=labels)
-    objective = ImageObjective(Scene(device, rig, None, body), len(poses), config, mesh)
+    observed = random_maps(rig)
+    objective = ImageObjective(Scene(device, rig, None, body), len(poses), mesh=mesh)
     objective.observe(observed.on(device))
     errors_of(device, objective, poses)
     counts = objective.counts.get()
     pictures = draw_hypotheses(Scene(device, rig, None, body), poses, mesh)
-    label_of = np.array([0, *(labels or [1] * n_parts)])
     for v, (x0, y0, x1, y1) in enumerate(observed.roi):
         parts, edges = np.moveaxis(pictures[:, v, y0:y1, x0:x1], -1, 0)
-        maps, segments = observed.maps[v, y0:y1, x0:x1], observed.labels[v, y0:y1, x0:x1]
+        maps, model = observed.maps[v, y0:y1, x0:x1], parts > 0
         near_edge = (edges > 0) * maps[..., 1].astype(int)
         assert (counts[v, :, 0] == (edges > 0).sum((1, 2))).all()
         assert (counts[v, :, 1] == near_edge.sum((1, 2))).all()
-        for label in range(1, n_labels + 1):
-            model = label_of[parts] == label
-            image = segments == label if labels else maps[..., 0] > 127
-            assert (counts[v, :, 2 * label] == model.sum((1, 2))).all()
-            assert (counts[v, :, 2 * label + 1] == (model & image).sum((1, 2))).all()
+        assert (counts[v, :, 2] == model.sum((1, 2))).all()
+        assert (counts[v, :, 3] == (model & (maps[..., 0] > 127)).sum((1, 2))).all()
     assert counts[..., 1].max() > 0
     assert counts[..., 3].max() > 0

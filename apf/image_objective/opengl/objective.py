@@ -7,8 +7,8 @@ import numpy as np
 from apf.body.mesh import BodyMesh
 from apf.body.posing import Kinematics
 from apf.image_objective.config import OBJECTIVE_KINDS, ObjectiveConfig
-from apf.image_objective.objective import FeatureMaps, segments
-from apf.image_objective.opengl.context import Compute, buffer_of
+from apf.image_objective.objective import FeatureMaps
+from apf.image_objective.opengl.context import Compute
 from apf.image_objective.opengl.renderer import OpenGLRenderer
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
@@ -45,41 +45,29 @@ class OpenGLObjective(Likelihood):
         self.renderer = OpenGLRenderer(body, rig, n_hypotheses, mesh)
         self.kinematics = Kinematics(device, self.renderer.shape.body, n_hypotheses)
         self.errors = device.empty((n_hypotheses,), np.float32, "the errors")
-        context, n_labels = self.renderer.context, config.n_labels
-        n_counts = 2 + 2 * n_labels
+        context = self.renderer.context
         size = (rig.width, rig.height, len(rig))
         with self.renderer:
             self._maps = context.texture_array(size, 2, dtype="u1")
-            self._counts = self.renderer.shape.reserve(n_counts)
-            self._labels = buffer_of(context, config.part_labels(self.renderer.shape.n_parts))
-            self._shares = buffer_of(context, config.shares.astype(np.float32))
-            self._areas = context.buffer(reserve=4 * len(rig) * n_labels)
+            self._counts = self.renderer.shape.reserve(4)
+            self._areas = context.buffer(reserve=4 * len(rig))
             self._errors = context.buffer(reserve=4 * n_hypotheses)
-            self._count = Compute(
-                context, "count_pixels.comp", GROUP_X=group[0], GROUP_Y=group[1], N_COUNTS=n_counts
-            )
+            self._count = Compute(context, "count_pixels.comp", GROUP_X=group[0], GROUP_Y=group[1])
             kind = OBJECTIVE_KINDS.index(config.kind)
-            self._score = Compute(context, "score_counts.comp", KIND=kind, N_LABELS=n_labels)
+            self._score = Compute(context, "score_counts.comp", KIND=kind)
 
     @property
     def counts(self) -> np.ndarray:
-        """(V, N, 2 + 2 L) int32 pixels of the poses that were scored last, see `Renderer`."""
+        """(V, N, 4) int32 pixels of the poses that were scored last, see `Renderer`."""
         with self.renderer:
             counts = np.frombuffer(self._counts.read(), np.int32)
         return counts.reshape(len(self.rig), self.n_hypotheses, -1)
 
     def observe(self, observation: FeatureMaps[Array]) -> None:
-        """Take a frame's features over to OpenGL. Raises InputError where segments are missing
-        that the config has labels for."""
+        """Take a frame's features over to OpenGL."""
         maps, regions = observation.maps.get(), observation.roi.get()
-        if self.config.labels:
-            maps = np.stack([segments(observation).get(), maps[..., 1]], -1)
-        numbers = maps[..., 0] if self.config.labels else maps[..., 0] > 127
-        n_labels = self.config.n_labels
-        areas = np.zeros((len(self.rig), n_labels), np.int32)
-        for view, (x0, y0, x1, y1) in enumerate(regions):
-            found = np.bincount(numbers[view, y0:y1, x0:x1].ravel(), minlength=n_labels + 1)
-            areas[view] = found[1 : n_labels + 1]
+        inside = [maps[view, y0:y1, x0:x1, 0] for view, (x0, y0, x1, y1) in enumerate(regions)]
+        areas = np.array([np.count_nonzero(region > 127) for region in inside], np.int32)
         with self.renderer:
             self.renderer.look_at(regions)
             self._maps.write(np.ascontiguousarray(maps).tobytes())
@@ -118,7 +106,7 @@ class OpenGLObjective(Likelihood):
         renderer = self.renderer
         renderer.drawn.use(0)
         self._maps.use(1)
-        buffers = {0: renderer.regions, 1: self._labels, 2: self._counts}
+        buffers = {0: renderer.regions, 1: self._counts}
         self._count((count,), buffers, **renderer.tiles(first))
 
     def score(self) -> None:
@@ -126,7 +114,7 @@ class OpenGLObjective(Likelihood):
         config, n = self.config, self.n_hypotheses
         self._score(
             (-(-n // _SCORED),),
-            {0: self._counts, 1: self._areas, 2: self._shares, 3: self._errors},
+            {0: self._counts, 1: self._areas, 2: self._errors},
             n_particles=n,
             n_views=len(self.rig),
             weights=(config.balance, config.silhouette_weight, config.edge_weight),

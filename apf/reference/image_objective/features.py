@@ -75,8 +75,6 @@ def sobel_edges(image: np.ndarray, config: FeatureConfig) -> np.ndarray:
 class NumpyFeatures:
     """Same signature and results as `Features`; `maps` and `roi` are NumPy arrays."""
 
-    labels: np.ndarray | None = None
-
     def __init__(
         self,
         device: NumpyDevice,

@@ -8,57 +8,50 @@ import numpy as np
 
 from apf.body.mesh import BodyMesh
 from apf.image_objective.config import ObjectiveConfig
-from apf.image_objective.objective import FeatureMaps, segments
+from apf.image_objective.objective import FeatureMaps
 from apf.reference.image_objective.render import Picture, draw_hypotheses
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
 
 
 def count_pixels(
-    pictures: Sequence[Sequence[Picture]],
-    maps: np.ndarray,
-    roi: np.ndarray,
-    segments: np.ndarray,
-    labels: np.ndarray,
+    pictures: Sequence[Sequence[Picture]], maps: np.ndarray, roi: np.ndarray
 ) -> np.ndarray:
-    """Return (V, N, 2 + 2 L) of pictures by view and hypothesis, each the parts and edges (h, w).
+    """Return (V, N, 4) of pictures by view and hypothesis, each the parts and edges (h, w).
 
-    Edge pixels, the sum of the edge proximity 0..255 there, then per label area and overlap (Rymut
-    2016 eq. 4.30-4.34, 4.37-4.40), within `roi`.
-
-    segments: (V, H, W) label of each pixel of the silhouettes, from 1. labels: (P,) from 0.
+    Edge pixels, the sum of the edge proximity 0..255 there, area and overlap (Rymut 2016 eq.
+    4.36-4.40), within `roi`.
     """
-    n_labels = int(labels.max()) + 1
-    counts = np.zeros((len(pictures), len(pictures[0]), 2 + 2 * n_labels))
-    segment_of = np.concatenate([[0], labels + 1])
+    counts = np.zeros((len(pictures), len(pictures[0]), 4))
     for v, (x0, y0, x1, y1) in enumerate(roi):
         region = np.s_[y0:y1, x0:x1]
-        near_edge, image = maps[v, ..., 1][region].astype(np.float64), segments[v][region]
+        image, near_edge = maps[v, ..., 0][region] > 127, maps[v, ..., 1][region].astype(float)
         for i, (parts, edges) in enumerate(pictures[v]):
-            model, edge = segment_of[parts[region]], edges[region]
-            counts[v, i, :2] = edge.sum(), near_edge[edge].sum()
-            for label in range(1, n_labels + 1):
-                area = model == label
-                counts[v, i, 2 * label] = area.sum()
-                counts[v, i, 2 * label + 1] = (area & (image == label)).sum()
+            model, edge = parts[region] > 0, edges[region]
+            sums = edge.sum(), near_edge[edge].sum(), model.sum(), (model & image).sum()
+            counts[v, i] = sums
     return counts
 
 
-def objective_values(counts: np.ndarray, areas: np.ndarray, config: ObjectiveConfig) -> np.ndarray:
-    """Return (N,) f in [0, 1], Rymut 2016 eq. (4.41)-(4.50).
+def image_areas(maps: np.ndarray, roi: np.ndarray) -> np.ndarray:
+    """Return (V,) the pixels of the silhouette in the region of interest, eq. (4.29)."""
+    regions = [maps[v, y0:y1, x0:x1, 0] for v, (x0, y0, x1, y1) in enumerate(roi)]
+    return np.array([(region > 127).sum() for region in regions], float)
 
-    Of `counts` (V, N, 2 + 2 L) and the image's areas (V, L). A ratio with nothing to divide by is
-    0.
+
+def objective_values(counts: np.ndarray, areas: np.ndarray, config: ObjectiveConfig) -> np.ndarray:
+    """Return (N,) f in [0, 1], Rymut 2016 eq. (4.41)-(4.50), but for (4.43).
+
+    Of `counts` (V, N, 4) and the image's areas (V,). A ratio with nothing to divide by is 0.
     """
     w1, w2 = config.silhouette_weight, config.edge_weight
     if config.kind in ("ws", "sp"):
         counts, areas = counts.sum(0, keepdims=True), areas.sum(0, keepdims=True)
     f2 = _ratio(counts[..., 1] / 255, counts[..., 0])
-    model, overlap = counts[..., 2::2], counts[..., 3::2]
+    model, overlap = counts[..., 2], counts[..., 3]
     image = np.broadcast_to(areas[:, None], overlap.shape)
     share = config.balance
-    by_label = share * _ratio(overlap, image) + (1 - share) * _ratio(overlap, model)
-    f1 = by_label @ config.shares
+    f1 = share * _ratio(overlap, image) + (1 - share) * _ratio(overlap, model)
     if config.kind in ("ws", "aows"):
         return np.mean(w1 * f1 + w2 * f2, axis=0)
     if config.kind == "posp":
@@ -82,30 +75,13 @@ class NumpyImageObjective(NumpyLikelihood):
     ) -> None:
         self.body, self.rig, self.config = scene.body, scene.rig, config or ObjectiveConfig()
         self.mesh = mesh or self.config.mesh(self.body)
-        n_parts = self.mesh.n_parts if self.mesh else len(self.body.cones)
-        self._labels = self.config.part_labels(n_parts)
 
     def observe(self, observation: FeatureMaps[np.ndarray]) -> None:
-        """Take the features of a frame. Raises InputError where segments are missing that the
-        config has labels for."""
+        """Take the features of a frame."""
         self._maps, self._roi = observation.maps, observation.roi
-        if self.config.labels:
-            self._segments = segments(observation)
-        else:
-            self._segments = (self._maps[..., 0] > 127).astype(np.uint8)
 
     def __call__(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D): 1 - f, 0 for a perfect match."""
         pictures = draw_hypotheses(self.body, self.rig, poses, self.mesh, self.config.round_ends)
-        counts = count_pixels(pictures, self._maps, self._roi, self._segments, self._labels)
-        return 1 - objective_values(counts, self._image_areas(), self.config)
-
-    def _image_areas(self) -> np.ndarray:
-        """Return (V, L) the pixels of each segment in the region of interest, eq. (4.29)."""
-        areas = np.zeros((len(self.rig), self.config.n_labels))
-        for v, (x0, y0, x1, y1) in enumerate(self._roi):
-            numbers = np.bincount(
-                self._segments[v, y0:y1, x0:x1].ravel(), minlength=self.config.n_labels + 1
-            )
-            areas[v] = numbers[1 : self.config.n_labels + 1]
-        return areas
+        counts = count_pixels(pictures, self._maps, self._roi)
+        return 1 - objective_values(counts, image_areas(self._maps, self._roi), self.config)

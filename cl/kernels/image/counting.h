@@ -1,28 +1,26 @@
 // Counting the pixels of spans, PACK rows and 32 columns at a time; shared by render.cl and
-// render_mesh.cl. Defines: N_PARTS, N_LABELS, GROUP, PACK, and WIDTH of the pictures.
+// render_mesh.cl. Defines: N_PARTS, GROUP, PACK, and WIDTH of the pictures.
 //
 // What is counted, counts (V, N, N_COUNTS): visible edge pixels, the sum of `proximity` (V, height,
-// WIDTH) there, then per label the model's pixels and those of them in the silhouette of that label
-// (Rymut 2016 eq. 4.36-4.40, 4.30-4.34), all within the region of interest roi (V, 4) = first
-// column and row, ends excluded. labels: (N_PARTS,), 0 to N_LABELS - 1. silhouettes: bits (V,
-// N_LABELS, WORDS, pitch), the word of a row beside those of its neighbours.
+// WIDTH) there, the model's pixels and those of them in the silhouette (Rymut 2016 eq. 4.36-4.40),
+// all within the region of interest roi (V, 4) = first column and row, ends excluded. silhouettes:
+// bits (V, WORDS, pitch), the word of a row beside those of its neighbours.
 // With DRAW also pictures (N, V, height, WIDTH) uchar2: number of the part seen, from 1, and 255 on
 // an edge; without, there need be none.
-#if !defined(GROUP) || !defined(N_LABELS) || !defined(WIDTH)
-#error "image/counting.h needs GROUP, N_LABELS and WIDTH"
+#if !defined(GROUP) || !defined(WIDTH)
+#error "image/counting.h needs GROUP and WIDTH"
 #endif
 #include "image/spans.h"
 
 #define WORDS ((WIDTH + 31) / 32)
-#define N_COUNTS (2 + 2 * N_LABELS)
+#define N_COUNTS 4
 
 // What the counting kernels have in common: what is compared, and where in it one picture is.
-#define PICTURE {height, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, labels, \
+#define PICTURE {height, pitch, get_group_id(0), get_group_id(1), get_num_groups(1), roi, \
                  silhouettes, proximity, counts, pictures}
 typedef struct {
     int height, pitch, particle, view, n_views;
     __global const int4 *roi;
-    __global const int *labels;
     __global const uint *silhouettes;
     __global const uchar *proximity;
     __global int *counts;
@@ -39,7 +37,7 @@ typedef struct {
 } Rows;
 
 typedef struct {
-    vint edges, area[N_LABELS], overlap[N_LABELS];
+    vint edges, area, overlap;
     int near_edge;
 } Counts;
 
@@ -47,9 +45,8 @@ inline vint popcounts(vuint bits) { return TO_INT(popcount(bits)); }
 
 inline void no_counts(Counts *counts)
 {
-    counts->edges = 0;
+    counts->edges = counts->area = counts->overlap = 0;
     counts->near_edge = 0;
-    for (int l = 0; l < N_LABELS; ++l) counts->area[l] = counts->overlap[l] = 0;
 }
 
 // Put the spans of part `number` behind those that are nearer, unless there is none.
@@ -84,13 +81,6 @@ inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts
             const vuint seen = span_bits(rows->spans[2 * i * GROUP + lane], word) & ~covered;
             covered |= seen;
             edges |= seen & ~span_bits(rows->spans[(2 * i + 1) * GROUP + lane], word);
-#if N_LABELS > 1
-            const int label = picture->labels[rows->numbers[i * GROUP + lane]];
-            const size_t at = ((size_t)view * N_LABELS + label) * WORDS + word;
-            const vuint image = LOAD_ROWS(picture->silhouettes + at * picture->pitch + row);
-            counts->area[label] += popcounts(seen);
-            counts->overlap[label] += popcounts(seen & image);
-#endif
 #ifdef DRAW
             uint shown[PACK], rims[PACK];
             STORE_PACK(seen, shown);
@@ -104,12 +94,10 @@ inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts
                             rows->numbers[i * GROUP + lane] + 1, rims[l] >> k & 1 ? 255 : 0);
 #endif
         }
-#if N_LABELS == 1
         const size_t at = (size_t)view * WORDS + word;
         const vuint image = LOAD_ROWS(picture->silhouettes + at * picture->pitch + row);
-        counts->area[0] += popcounts(covered);
-        counts->overlap[0] += popcounts(covered & image);
-#endif
+        counts->area += popcounts(covered);
+        counts->overlap += popcounts(covered & image);
         counts->edges += popcounts(edges);
         uint rims[PACK];
         STORE_PACK(edges, rims);
@@ -138,10 +126,8 @@ inline void write_counts(const Picture *picture, int n_particles, const Counts *
     barrier(CLK_LOCAL_MEM_FENCE);
     atomic_add(&totals[0], lane_sum(counts->edges));
     atomic_add(&totals[1], counts->near_edge);
-    for (int l = 0; l < N_LABELS; ++l) {
-        atomic_add(&totals[2 + 2 * l], lane_sum(counts->area[l]));
-        atomic_add(&totals[3 + 2 * l], lane_sum(counts->overlap[l]));
-    }
+    atomic_add(&totals[2], lane_sum(counts->area));
+    atomic_add(&totals[3], lane_sum(counts->overlap));
     barrier(CLK_LOCAL_MEM_FENCE);
     const size_t at = (size_t)picture->view * n_particles + picture->particle;
     for (int i = lane; i < N_COUNTS; i += GROUP) picture->counts[at * N_COUNTS + i] = totals[i];

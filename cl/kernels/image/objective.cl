@@ -1,47 +1,36 @@
 // From counted pixels to the objective functions of Rymut 2016, 4.6; twin:
-// reference/image_objective/objective.py. Defines: N_LABELS, WIDTH of the pictures, GROUP, and
+// reference/image_objective/objective.py. Defines: WIDTH of the pictures, GROUP, and
 // KIND, one of 0 WS, 1 SP, 2 AoWS, 3 AoSP, 4 PoSP.
-#if !defined(GROUP) || !defined(KIND) || !defined(N_LABELS) || !defined(WIDTH)
-#error "image/objective.cl needs GROUP, KIND, N_LABELS and WIDTH"
+#if !defined(GROUP) || !defined(KIND) || !defined(WIDTH)
+#error "image/objective.cl needs GROUP, KIND and WIDTH"
 #endif
 #define WORDS ((WIDTH + 31) / 32)
-#define N_COUNTS (2 + 2 * N_LABELS)
+#define N_COUNTS 4
 
 // Of feature maps (V, height, WIDTH) uchar2 (silhouette, edge proximity) what is compared with
-// rendered parts: silhouettes (V, N_LABELS, WORDS, pitch) as bits and the proximity alone, within
-// the regions of interest roi (V, 4), ends excluded, which are copied to regions. parts: (V,
-// height, WIDTH) the label of each pixel, from 1; with a single label the silhouette's own channel
-// is taken.
+// rendered parts: silhouettes (V, WORDS, pitch) as bits and the proximity alone, within the regions
+// of interest roi (V, 4), ends excluded, which are copied to regions.
 __kernel void pack_maps(int height, int pitch, __global const uchar2 *maps,
-                        __global const uchar *parts, __global const int4 *roi,
-                        __global int4 *regions, __global uint *silhouettes,
-                        __global uchar *proximity)
+                        __global const int4 *roi, __global int4 *regions,
+                        __global uint *silhouettes, __global uchar *proximity)
 {
     const int row = get_global_id(0), word = get_global_id(1), view = get_global_id(2);
     if (word >= WORDS || row >= pitch) return;
     const int4 region = roi[view];
     if (word == 0 && row == 0) regions[view] = region;
     const size_t at = ((size_t)view * height + row) * WIDTH;
-    uint bits[N_LABELS];
-    for (int l = 0; l < N_LABELS; ++l) bits[l] = 0;
+    uint bits = 0;
     const int first = max(32 * word, region.x), last = min(32 * word + 32, region.z);
     if (row >= region.y && row < region.w)
         for (int x = first; x < last; ++x) {
             const uchar2 value = maps[at + x];
             proximity[at + x] = value.y;
-#if N_LABELS == 1
-            bits[0] |= (uint)(value.x > 127) << (x - 32 * word);
-#else
-            const int part = parts[at + x];
-            for (int l = 0; l < N_LABELS; ++l)
-                bits[l] |= (uint)(part == l + 1) << (x - 32 * word);
-#endif
+            bits |= (uint)(value.x > 127) << (x - 32 * word);
         }
-    for (int l = 0; l < N_LABELS; ++l)
-        silhouettes[(((size_t)view * N_LABELS + l) * WORDS + word) * pitch + row] = bits[l];
+    silhouettes[((size_t)view * WORDS + word) * pitch + row] = bits;
 }
 
-// areas (V * N_LABELS,): set bits of each silhouette (V * N_LABELS, n_words). Eq. (4.29), (4.36).
+// areas (V,): set bits of each silhouette (V, n_words). Eq. (4.29), (4.36).
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void silhouette_areas(int n_words, __global const uint *silhouettes, __global int *areas)
 {
@@ -70,10 +59,10 @@ inline float joined(float f1, float f2, float4 weights)
 }
 
 // errors (N,): 1 - f, from counts (V, N, N_COUNTS) of count_pixels and the silhouettes' areas
-// (V, N_LABELS). weights: b, w1, w2. label_weights: (N_LABELS,), their sum is 1, eq. (4.43).
+// (V,). weights: b, w1, w2.
 __kernel void score_counts(int n_particles, int n_views, float4 weights,
-                           __global const float *label_weights, __global const int *areas,
-                           __global const int *counts, __global float *errors)
+                           __global const int *areas, __global const int *counts,
+                           __global float *errors)
 {
     const int particle = get_global_id(0);
     if (particle >= n_particles) return;
@@ -84,24 +73,17 @@ __kernel void score_counts(int n_particles, int n_views, float4 weights,
 #endif
     float f = KIND == 4 ? 1.0f : 0.0f;
     for (int i = 0; i < n_parts; ++i) {
-        float edge = 0.0f, near_edge = 0.0f, f1 = 0.0f;
+        float edge = 0.0f, near_edge = 0.0f, image = 0.0f, model = 0.0f, overlap = 0.0f;
         for (int v = i; v < i + n_together; ++v) {
             __global const int *count = counts + ((size_t)v * n_particles + particle) * N_COUNTS;
             edge += count[0];
             near_edge += count[1] / 255.0f;
+            image += areas[v];
+            model += count[2];
+            overlap += count[3];
         }
-        for (int l = 0; l < N_LABELS; ++l) {
-            float image = 0.0f, model = 0.0f, overlap = 0.0f;
-            for (int v = i; v < i + n_together; ++v) {
-                __global const int *count =
-                    counts + ((size_t)v * n_particles + particle) * N_COUNTS + 2 + 2 * l;
-                image += areas[v * N_LABELS + l];
-                model += count[0];
-                overlap += count[1];
-            }
-            f1 += label_weights[l] * (weights.x * ratio(overlap, image) +
-                                      (1.0f - weights.x) * ratio(overlap, model));
-        }
+        const float f1 =
+            weights.x * ratio(overlap, image) + (1.0f - weights.x) * ratio(overlap, model);
         const float value = joined(f1, ratio(near_edge, edge), weights);
 #if KIND == 4
         f *= value;

@@ -78,9 +78,9 @@ inline void rows_of(__local const Part *part, vint rows, float2 limits, int bott
 // Counts the parts (V, N, N_PARTS), see counting.h.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void count_pixels(int n_particles, __global const Part *all_parts, int height, int pitch,
-                  __global const int4 *roi, __global const int *labels,
-                  __global const uint *silhouettes, __global const uchar *proximity,
-                  __global int *counts, __global uchar2 *pictures)
+                  __global const int4 *roi, __global const uint *silhouettes,
+                  __global const uchar *proximity, __global int *counts,
+                  __global uchar2 *pictures)
 {
     const Picture picture = PICTURE;
     const int lane = get_local_id(0);

@@ -73,9 +73,9 @@ __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void count_pixels(int n_particles, __global const float2 *all_pixels,
                   __global const int4 *lines, __global const int *owners,
                   __global const int *edged, int height, int pitch,
-                  __global const int4 *roi, __global const int *labels,
-                  __global const uint *silhouettes, __global const uchar *proximity,
-                  __global int *counts, __global uchar2 *pictures)
+                  __global const int4 *roi, __global const uint *silhouettes,
+                  __global const uchar *proximity, __global int *counts,
+                  __global uchar2 *pictures)
 {
     const Picture picture = PICTURE;
     const int lane = get_local_id(0);

@@ -132,31 +132,26 @@ def test_a_gpus_work_groups_draw_the_same(device: Device, monkeypatch: pytest.Mo
     rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 6))
 
 
-@pytest.mark.parametrize("n_labels", [1, 3])
-def test_counts_are_those_of_the_pictures(device: Device, n_labels: int) -> None:
+def test_counts_are_those_of_the_pictures(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(3, (161, 123))
-    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7), n_labels)
+    rendered.check_counts(device, body, rig, rendered.scattered_poses(body, 7))
 
 
 @pytest.mark.parity(
     "image/objective.pack_maps", "image/objective.silhouette_areas", "image/objective.score_counts"
 )
-@pytest.mark.parametrize(
-    ("kind", "n_labels"), [*((kind, 1) for kind in OBJECTIVE_KINDS), ("ws", 4), ("posp", 4)]
-)
-def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> None:
-    body, rig = load_body("song31"), scenes.ring(3 if n_labels == 1 else 1, (161, 123))
-    labels = tuple(1 + i % n_labels for i in range(len(body.cones))) if n_labels > 1 else ()
-    weights = (1.0, 2.0, 0.5, 0.0) if labels else ()
-    config = ObjectiveConfig(kind, 0.7, 0.3, 0.4, labels, weights)
-    observed = rendered.random_maps(rig, n_labels)
+@pytest.mark.parametrize("kind", OBJECTIVE_KINDS)
+def test_errors_equal_the_twins(device: Device, kind: str) -> None:
+    body, rig = load_body("song31"), scenes.ring(3, (161, 123))
+    config = ObjectiveConfig(kind, 0.7, 0.3, 0.4)
+    observed = rendered.random_maps(rig)
     poses = rendered.scattered_poses(body, 9)
     objective = ImageObjective(Scene(device, rig, None, body), 9, config)
     twin = NumpyImageObjective(Scene(NumpyDevice(), rig, None, body), 9, config)
     twin.observe(observed)
     expected = twin(poses)
     for _ in range(2):  # what is left of a frame does not reach the next
-        objective.observe(rendered.random_maps(rig, n_labels, seed=1).on(device))
+        objective.observe(rendered.random_maps(rig, seed=1).on(device))
         objective.observe(observed.on(device))
         np.testing.assert_allclose(
             rendered.errors_of(device, objective, poses), expected, atol=2e-3
@@ -166,7 +161,7 @@ def test_errors_equal_the_twins(device: Device, kind: str, n_labels: int) -> Non
 
 def test_nothing_seen_is_the_worst() -> None:
     """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
-    counts, areas = np.zeros((2, 1, 4)), np.zeros((2, 1))
+    counts, areas = np.zeros((2, 1, 4)), np.zeros(2)
     for kind in OBJECTIVE_KINDS:
         config = ObjectiveConfig(kind)
         assert objective_values(counts, areas, config) == 0
@@ -176,7 +171,7 @@ def test_nothing_seen_is_the_worst() -> None:
 def test_the_five_functions_by_hand() -> None:
     """Two cameras: f1 = 0.5 and 1, f2 = 0.25 and 1."""
     counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
-    areas = np.array([[10], [6]], float)
+    areas = np.array([10, 6], float)
     values = {
         kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0]
         for kind in OBJECTIVE_KINDS
@@ -197,18 +192,11 @@ def test_the_five_functions_by_hand() -> None:
         ({"edge_weight": -1.0}, "expected numbers from 0"),
         ({"balance": 1.5}, "expected a number from 0 to 1"),
         ({"vertices_per_part": 6}, "6 vertices per part; expected"),
-        ({"labels": (1, 3)}, "expected all of 1 to 3"),
-        ({"labels": (1, 2), "label_weights": (1.0,)}, "expected 2 numbers"),
     ],
 )
 def test_wrong_settings_are_named(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         ObjectiveConfig(**settings)
-
-
-def test_labels_are_one_per_part() -> None:
-    with pytest.raises(InputError, match="2 labels for 13 parts"):
-        ObjectiveConfig(labels=(1, 2)).part_labels(13)
 
 
 @pytest.fixture(scope="module")

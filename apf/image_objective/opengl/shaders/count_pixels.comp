@@ -2,10 +2,10 @@
 // work-group per tile takes GROUP_X x GROUP_Y pixels at a time.
 layout(local_size_x = GROUP_X, local_size_y = GROUP_Y) in;
 layout(binding = 0) uniform sampler2D drawn;                               // part / 255, edge
-layout(binding = 1) uniform usampler2DArray maps;                          // segment, proximity
+layout(binding = 1) uniform usampler2DArray maps;                          // silhouette, proximity
 layout(std430, binding = 0) readonly buffer Regions { ivec4 regions[]; };  // (V,), ends excluded
-layout(std430, binding = 1) readonly buffer Labels { int labels[]; };      // (P,), from 0
-layout(std430, binding = 2) writeonly buffer Counts { int counts[]; };     // (V, N, N_COUNTS)
+layout(std430, binding = 1) writeonly buffer Counts { int counts[]; };     // (V, N, N_COUNTS)
+const int N_COUNTS = 4;
 uniform int first, n_particles, columns;
 uniform ivec2 tile;
 shared int totals[N_COUNTS];
@@ -30,16 +30,9 @@ void main()
                 mine[0] += 1;
                 mine[1] += int(seen.y);
             }
-            const int part = int(round(pixel.x * 255.0)) - 1;
-            if (part < 0) continue;
-#if N_COUNTS == 4
+            if (pixel.x == 0.0) continue;
             mine[2] += 1;
             mine[3] += int(seen.x > 127u);
-#else
-            const int label = labels[part];
-            mine[2 + 2 * label] += 1;
-            mine[3 + 2 * label] += int(seen.x == uint(label + 1));
-#endif
         }
     for (int i = 0; i < N_COUNTS; ++i) atomicAdd(totals[i], mine[i]);
     barrier();
