@@ -139,11 +139,10 @@ class _Fitting:
             search.template, self.clouds, found.shape, poses, search.task.height,
             config=search.config.shape, free=None if search.free else (),
         )  # fmt: skip
-        tried = [self._near(found.shape, poses), self._near(*fitted)]
-        return min(tried, key=lambda fit: fit.cost)
+        return self._near(*fitted)
 
     def _near(self, shape: np.ndarray, poses: np.ndarray) -> Fit:
-        """Poses near these, and what they cost: hulls, that shapes are fitted to, are too thick."""
+        """Poses near these, and what they cost."""
         search, found = self.search, []
         for pose, voxels, cloud in zip(poses, self.fitted, self.clouds, strict=True):
             self._progress()
