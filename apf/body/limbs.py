@@ -8,6 +8,17 @@ import numpy as np
 
 from apf.body.model import BodyModel
 
+#: The joints at the ends of a person's limbs and head.
+LIMB_ENDS = {
+    "left arm": "l_wrist",
+    "right arm": "r_wrist",
+    "left leg": "l_ankle",
+    "right leg": "r_ankle",
+    "head": "head_top",
+}
+#: Words in the names of a limb's angles.
+_ANGLES = {"arm": {"shoulder", "arm", "elbow"}, "leg": {"hip", "knee", "ankle"}}
+
 
 def trunk_bones(body: BodyModel) -> list[int]:
     """Return the bones beyond which the body branches."""
@@ -44,6 +55,48 @@ def limb_masks(body: BodyModel) -> np.ndarray:
     """Return (L, D) bool: the degrees of freedom of each of the `limb_chains`."""
     masks = [_dof_mask(body, chain) for chain in limb_chains(body)]
     return np.array(masks, bool).reshape(-1, body.n_dof)
+
+
+def limb_names(body: BodyModel) -> tuple[str, ...]:
+    """Return the names (L,) of the `limb_chains`, as people say them: left arm."""
+    ends = {joint.bone: joint.name for joint in body.joints if joint.name in LIMB_ENDS.values()}
+    names = {end: name for name, end in LIMB_ENDS.items()}
+    found = []
+    for chain in limb_chains(body):
+        end = next((ends[bone] for bone in chain if bone in ends), None)
+        found.append(names[end] if end else body.bones[chain[-1]].name)
+    return tuple(found)
+
+
+def limb_bones(body: BodyModel) -> np.ndarray:
+    """Return (L, B) bool: the bones of each of the `limb_chains`."""
+    bones = np.zeros((len(limb_chains(body)), len(body.bones)), bool)
+    for limb, chain in enumerate(limb_chains(body)):
+        bones[limb, list(chain)] = True
+    return bones
+
+
+def limb_joints(body: BodyModel) -> np.ndarray:
+    """Return (L, J) bool: the joints that each of the `limb_chains` moves. The joint by which it
+    hangs, as a hip, is moved by what it hangs from."""
+    joints = limb_bones(body)[:, [joint.bone for joint in body.joints]]
+    for limb, chain in enumerate(limb_chains(body)):
+        for number, joint in enumerate(body.joints):
+            if joint.bone == chain[0] and not np.any(joint.position):
+                joints[limb, number] = False
+    return joints
+
+
+def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
+    """Return (L, N) bool: which of the angles with these `names`, such as l_knee_flexion or
+    knee_angle_l, are of each of the `limb_chains`."""
+    tokens = [set(name.split("_")) for name in names]
+    found = np.zeros((len(limb_chains(body)), len(tokens)), bool)
+    for limb, name in enumerate(limb_names(body)):
+        side, _, kind = name.partition(" ")
+        if kind in _ANGLES:
+            found[limb] = [side[0] in of and bool(_ANGLES[kind] & of) for of in tokens]
+    return found
 
 
 def swinging_bones(body: BodyModel) -> list[int]:

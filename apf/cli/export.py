@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import add_smoothing_flags, opened_track
 from apf.formats.trc import CONVENTIONS
 from apf.tracking.export import EXPORTS, OF_POINTS, Export, export
@@ -69,6 +70,14 @@ def print_export(written: Export, gait_wanted: bool) -> None:
         stdout.print(
             f"the person was lost in frames {lost}: missing values there, in BVH and GLB the pose "
             "before",
+            soft_wrap=True,
+        )
+    if track.body is not None and track.lost_limbs.any():
+        columns = zip(limb_names(track.body), track.lost_limbs.T, strict=True)
+        limbs = [f"{n} in {spans(track.frames[c].tolist())}" for n, c in columns if c.any()]
+        stdout.print(
+            f"limbs were lost, by frames: {'; '.join(limbs)}: missing values there, in BVH and GLB "
+            "bridged",
             soft_wrap=True,
         )
     if written.gait is not None:

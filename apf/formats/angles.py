@@ -10,6 +10,7 @@ import numpy as np
 from apf.body.anatomy import anatomical_frames
 from apf.body.angles import WORLD, relative, zxy
 from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import TO_Y_UP
@@ -43,10 +44,11 @@ def write_angle_csv(
 
 def write_mot(path: str | Path, motion: BodyMotion) -> None:
     """Write OpenSim's coordinates: degrees, metres, Y up, (X, Y, Z) = world (x, z, -y); the names
-    are those of Rajagopal et al. 2016, whose knees bend to positive angles. Lost frames are NaN.
-    Raises InputError where the file cannot be written."""
+    are those of Rajagopal et al. 2016, whose knees bend to positive angles. Lost frames and
+    limbs are NaN. Raises InputError where the file cannot be written."""
     table = coordinates(motion.body, motion.poses)
-    columns = np.stack([np.where(motion.lost, np.nan, values) for values in table.values()], -1)
+    gone = motion.lost[:, None] | (motion.lost_limbs @ limb_angles(motion.body, table))
+    columns = np.where(gone, np.nan, np.stack(list(table.values()), -1))
     header = [
         "Coordinates",
         "version=1",

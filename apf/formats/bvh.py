@@ -2,7 +2,7 @@
 
 Written: centimetres and degrees, Y up; every joint's rotation as Zrotation Xrotation Yrotation,
 whose matrices are multiplied from left to right. A file has neither times nor gaps: frames that are
-lost or were left out hold the pose before them.
+lost or were left out hold the pose before them, lost limbs are bridged.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """GLB, binary glTF 2.0: the body's cones as a skinned mesh that its skeleton moves.
 
 Written: metres, Y up, (X, Y, Z) = world (x, z, -y), as the surfaces of `psfs mesh`; rotations as
-quaternions. Blender and browsers play it. Lost frames hold the pose before them; the animation's
-`extras` name them.
+quaternions. Blender and browsers play it. Lost frames hold the pose before them, lost limbs are
+bridged; the animation's `extras` name both.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from apf.body.limbs import limb_names
 from apf.body.mesh import BodyMesh, rounded_mesh
 from apf.body.model import side_of
 from apf.formats.bvh import slides
@@ -148,7 +149,13 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
     points = motion.points
     times = file.add((points.times - points.times[0]).astype(np.float32), "SCALAR")
     lost = [int(frame) for frame in points.frames[motion.lost]]
-    animation = gltf.Animation(name="motion", extras={"lost_frames": lost, "note": points.note})
+    limbs = {
+        name: [int(frame) for frame in points.frames[column]]
+        for name, column in zip(limb_names(motion.body), motion.lost_limbs.T, strict=True)
+        if column.any()
+    }
+    extras = {"lost_frames": lost, "lost_limbs": limbs, "note": points.note}
+    animation = gltf.Animation(name="motion", extras=extras)
     for index, node in enumerate(skeleton.nodes):
         if node.bone is None:
             continue

@@ -14,11 +14,13 @@ from apf.formats.trc import JointSeries
 class BodyMotion:
     """The motion of `body`.
 
-    poses: (F, D) rad and m; in lost frames what the tracker held. lost: (F,) bool. points: joints
+    poses: (F, D) rad and m; in lost frames what the tracker held, lost limbs bridged from the poses
+    before to those after. lost: (F,) bool. lost_limbs: (F, L) bool, of `limb_names`. points: joints
     and virtual markers over the same frames, NaN where lost.
     """
 
     body: BodyModel
     poses: np.ndarray
     lost: np.ndarray
+    lost_limbs: np.ndarray
     points: JointSeries

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from apf.body.limbs import limb_chains
+from apf.body.limbs import LIMB_ENDS, limb_chains
 from apf.body.model import BodyModel, side_of, sideless
-from apf.results.evaluate import LIMB_ENDS
 
 
 @dataclass(frozen=True)

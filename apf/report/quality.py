@@ -8,12 +8,13 @@ by 0.65, right ones by 0.87 and more.
 from __future__ import annotations
 
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from apf.body.limbs import limb_names
 from apf.report.agreement import Agreement, shown_rows
 from apf.report.parts import parts_of, plain_name
 from apf.tracking.track import Track, spans
@@ -79,6 +80,26 @@ class Quality:
             found["voxels away from the body"] = self.rows[unexplained]
         return {what: rows for what, rows in found.items() if rows.size}
 
+    @cached_property
+    def lost_limbs(self) -> np.ndarray:
+        """(F, L) bool, the limbs of `limb_names` that are doubtful, in frames that were not judged
+        as in the nearest one that was."""
+        names, frames = limb_names(self.track.its_body), np.arange(len(self.track))
+        found = np.zeros((len(self.track), len(names)), bool)
+        if not len(frames):
+            return found
+        step = int(self.rows[1] - self.rows[0]) if len(self.rows) > 1 else 1
+        nearest = self.rows[np.minimum((frames + step // 2) // step, len(self.rows) - 1)]
+        for limb, name in enumerate(names):
+            found[:, limb] = np.isin(nearest, self.doubtful.get(name, ())) & ~self.track.lost
+        return found
+
+    @property
+    def marked(self) -> Quality:
+        """The same of the track with its `lost_limbs`."""
+        flags = {**self.track.diagnostics, "lost_limbs": self.lost_limbs}
+        return Quality(replace(self.track, diagnostics=flags), self.agreement)
+
     @property
     def verdict(self) -> str:
         """good, doubtful or bad."""
@@ -132,6 +153,10 @@ class Quality:
             if np.isfinite(track.confidence).any()
             else None,
             "lost_frames": spans(track.frames[track.lost].tolist()),
+            "lost_limbs": {
+                name: spans(track.frames[column].tolist())
+                for name, column in zip(limb_names(track.its_body), self.lost_limbs.T, strict=True)
+            },
             "found_again_in_frames": spans(track.restarts.tolist()),
             "parts": {
                 part: {"mean_confidence": _plain(values.mean()), "least": _plain(values.min())}

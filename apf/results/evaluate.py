@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from apf.body.limbs import LIMB_ENDS, limb_names
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
 from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
@@ -25,13 +26,6 @@ LOST_JOINT = 0.150
 #: in the last frame.
 LOST_LIMB = 0.200
 LOST_FRAMES = 10
-LIMB_ENDS = {
-    "left arm": "l_wrist",
-    "right arm": "r_wrist",
-    "left leg": "l_ankle",
-    "right leg": "r_ankle",
-    "head": "head_top",
-}
 
 
 #: What an npz of true joints holds; m, NaN where missing.
@@ -54,7 +48,8 @@ class Evaluation:
     that the track states, NaN where it states none. lost: (F,) frames that the track says to have
     lost the person in; they count as all others. unmatched_track, unmatched_truth: names not
     compared. n_ignored: joint-frames without truth. warnings: what the reader of the figures should
-    know.
+    know. said_lost: share of the frames in which the track says of a limb that it is lost, by name;
+    they count as all others.
     """
 
     joint_names: tuple[str, ...]
@@ -68,6 +63,7 @@ class Evaluation:
     unmatched_truth: tuple[str, ...]
     n_ignored: int
     warnings: tuple[str, ...]
+    said_lost: dict[str, float] = field(default_factory=dict)
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -155,6 +151,7 @@ class Evaluation:
             "rest_mm": _millimetres(rest.mean()),
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
+            "limbs_said_to_be_lost": {n: round(share, 5) for n, share in self.said_lost.items()},
             "inside_95": _mean_share(self.inside),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
@@ -278,6 +275,7 @@ def evaluation_of(
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=_warnings(track, truth, len(frames)),
+        said_lost=_said_lost(track, rows[compared]),
     )
 
 
@@ -290,6 +288,16 @@ def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
             if name in columns:
                 found[:, j] = track.covariance[:, columns[name]]
     return found
+
+
+def _said_lost(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
+    """The share of rows in which the track says that a limb is lost, by limb; those never lost are
+    left out."""
+    if not isinstance(track, Track) or track.body is None:
+        return {}
+    shares = track.lost_limbs[rows].mean(axis=0)
+    found = dict(zip(limb_names(track.body), shares.tolist(), strict=True))
+    return {name: share for name, share in found.items() if share}
 
 
 def _lost(track: Track | JointSeries) -> np.ndarray:

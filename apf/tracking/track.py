@@ -13,6 +13,7 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_points
+from apf.body.limbs import limb_angles, limb_bones, limb_chains, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
 from apf.body.toml import body_from_text, body_text
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
@@ -48,6 +49,7 @@ _DIAGNOSTICS = {
     "deviation": Values(("F", "D"), finite=False, low=0, high=np.inf),
     "covariance": Values(("F", "J", 3, 3), finite=False),
     "standing": Values(("F", 2), "bool"),
+    "lost_limbs": Values(("F", "L"), "bool"),
 }
 
 
@@ -72,7 +74,7 @@ class Track:
     particles, rad or m; misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and
     covariance (F, J, 3, 3) as below; restart (F,) 0 where the person was tracked, 1 and 2 where he
     was found again around the last good pose and by a search everywhere; standing (F, 2) as below,
-    of smoothed tracks.
+    of smoothed tracks; lost_limbs (F, L) as below, of judged ones.
     """
 
     body_name: str
@@ -167,6 +169,16 @@ class Track:
         return self._diagnostic("standing", np.zeros((len(self), 2), bool)).astype(bool)
 
     @property
+    def lost_limbs(self) -> np.ndarray:
+        """(F, L) bool, which of the body's limbs (`apf.body.limbs.limb_names`) are not to be
+        believed: known where the track was judged, as `apf track` and `apf report` do."""
+        n_limbs = len(limb_chains(self.body)) if self.body is not None else 0
+        found = self._diagnostic("lost_limbs", np.zeros((len(self), n_limbs), bool))
+        if found.shape[1:] != (n_limbs,):
+            raise InputError(f"lost_limbs are {found.shape[1:]}; the body has {n_limbs} limbs")
+        return found.astype(bool)
+
+    @property
     def its_body(self) -> BodyModel:
         """The body that was tracked. Raises InputError where the track does not hold it."""
         if self.body is None:
@@ -189,22 +201,30 @@ class Track:
 
     @property
     def angles(self) -> dict[str, np.ndarray]:
-        """Angles (F,) of the joints, degrees, by clinical name (`l_knee_flexion`), NaN where lost;
-        see `apf.body.angles`. Ankles of a body whose feet do not bend are known only of smoothed
-        tracks, where a foot stands flat. Raises InputError where the track does not hold its body.
+        """Angles (F,) of the joints, degrees, by clinical name (`l_knee_flexion`), NaN where the
+        person or the limb is lost; see `apf.body.angles`. Ankles of a body whose feet do not bend
+        are known only of smoothed tracks, where a foot stands flat. Raises InputError where the
+        track does not hold its body.
         """
         angles = joint_angles(self.its_body, self.poses)
         if self.standing.any() and (ankles := feet(self.its_body)):
             level = flat(self.joints[:, ankles], self.standing)
             angles |= standing_ankles(self.its_body, self.poses, level)
-        return {name: np.where(self.lost, np.nan, values) for name, values in angles.items()}
+        gone = self.lost[:, None] | (self.lost_limbs @ limb_angles(self.its_body, angles))
+        return {
+            name: np.where(of, np.nan, values)
+            for of, (name, values) in zip(gone.T, angles.items(), strict=True)
+        }
 
     @property
     def points(self) -> JointSeries:
         """The joints and, of a track that holds its body, the virtual markers on heels, toes and
-        hands, NaN where lost: what files of points are written from. A marker may be as far away
-        as the joints on its bone."""
+        hands, NaN where the person or the limb is lost: what files of points are written from. A
+        marker may be as far away as the joints on its bone."""
         names, points = list(self.joint_names), self.joints
+        gone = np.zeros((len(self), len(names)), bool)
+        if self.body is not None:
+            gone = self.lost_limbs @ limb_joints(self.body)
         away = np.sqrt(np.einsum("fjaa->fj", self.covariance))
         if self.body is not None and (markers := virtual_markers(self.body)):
             names += [marker.name for marker in markers]
@@ -212,7 +232,9 @@ class Track:
             bones = np.array([joint.bone for joint in self.body.joints])
             beside = [away[:, bones == marker.bone].max(1) for marker in markers]
             away = np.column_stack([away, *beside])
-        points = np.where(self.lost[:, None, None], np.nan, points)
+            on_limbs = limb_bones(self.body)[:, [marker.bone for marker in markers]]
+            gone = np.column_stack([gone, self.lost_limbs @ on_limbs])
+        points = np.where((gone | self.lost[:, None])[..., None], np.nan, points)
         note = "smoothed" if self.smoothing is not None else "as tracked, not smoothed"
         note = f"psfs-apf, {self.body_name}, {note}"
         return JointSeries(tuple(names), points, self.fps, self.frames, away, note)
@@ -221,7 +243,9 @@ class Track:
     def motion(self) -> BodyMotion:
         """What files of a moving body are written from. Raises InputError where the track does not
         hold its body."""
-        return BodyMotion(self.its_body, self.poses, self.lost, self.points)
+        limbs = self.lost_limbs
+        poses = bridged(self.poses, self.times, limbs @ limb_masks(self.its_body))
+        return BodyMotion(self.its_body, poses, self.lost, limbs, self.points)
 
     def save(self, path: str | Path, axes: str = "y-up") -> None:
         """Write the track as it is; the ending of `path` says as what.
@@ -300,6 +324,16 @@ class Track:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from None
+
+
+def bridged(values: np.ndarray, times: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """Return values (F, N) at `times` (F,) with those `gone` (F, N) bool on the line from the last
+    before to the first after; as they are in columns that are gone throughout."""
+    out = np.array(values)
+    for column in np.flatnonzero(gone.any(0) & ~gone.all(0)):
+        lost = gone[:, column]
+        out[lost, column] = np.interp(times[lost], times[~lost], values[~lost, column])
+    return out
 
 
 def part_name(folder: Path, track: Track) -> Path:

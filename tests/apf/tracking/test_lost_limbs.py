@@ -1,0 +1,124 @@
+"""Limbs that a report does not believe: flagged in the track, missing or bridged in its files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pygltflib
+import pytest
+from helpers import bodies, tracks
+
+from apf.body.limbs import limb_angles, limb_joints, limb_names
+from apf.cli import main
+from apf.formats.angles import write_angle_csv
+from apf.formats.trc import read_trc
+from apf.report.quality import Quality
+from apf.results.evaluate import evaluate
+from apf.tracking.smoothing import smoothed
+from apf.tracking.track import Track
+from cl import InputError
+
+LOST = slice(10, 14)
+
+
+@pytest.fixture(scope="module")
+def track() -> Track:
+    """A walker whose left arm is lost in some frames."""
+    walker = tracks.walker()
+    names = limb_names(walker.its_body)
+    flags = np.zeros((len(walker), len(names)), bool)
+    flags[LOST, names.index("left arm")] = True
+    poses = walker.poses.copy()
+    poses[LOST, walker.dof_names.index("l_forearm.ry")] += 2.0
+    return replace(walker, poses=poses, diagnostics={**walker.diagnostics, "lost_limbs": flags})
+
+
+def test_limbs_by_their_names() -> None:
+    body = tracks.walker(1).its_body
+    names = limb_names(body)
+    assert set(names) == {"left arm", "right arm", "left leg", "right leg"}
+    moved = dict(zip(names, limb_joints(body), strict=True))
+    joints = np.array(body.joint_names)
+    assert joints[moved["left leg"]].tolist() == ["l_knee", "l_ankle"]  # not the hip
+    assert joints[moved["right arm"]].tolist() == ["r_shoulder", "r_elbow", "r_wrist"]
+    angles = ("l_knee_flexion", "knee_angle_l", "elbow_flex_r", "trunk_left_rotation")
+    of = dict(zip(names, limb_angles(body, angles).tolist(), strict=True))
+    assert of["left leg"] == [True, True, False, False] and of["right arm"][2]
+    assert limb_names(bodies.named("stick")) == ()
+
+
+def test_points_and_angles_are_missing_where_the_limb_is_lost(track: Track) -> None:
+    points, angles = track.points, track.angles
+    for name in ("l_elbow", "l_wrist", "l_hand"):
+        missing = np.isnan(points.joints[:, points.joint_names.index(name)]).any(1)
+        assert np.flatnonzero(missing).tolist() == [10, 11, 12, 13]
+    for name in ("r_wrist", "l_hip", "l_ankle", "head_top"):
+        assert np.isfinite(points.joints[:, points.joint_names.index(name)]).all()
+    assert np.isnan(angles["l_elbow_flexion"][LOST]).all()
+    assert np.isfinite(angles["r_elbow_flexion"]).all()
+    assert np.isfinite(angles["l_knee_flexion"]).all()
+    assert np.isfinite(track.joints).all()  # the raw ones stay
+
+
+def test_a_moving_body_bridges_it(track: Track) -> None:
+    elbow, hip = (track.dof_names.index(name) for name in ("l_forearm.ry", "l_thigh.ry"))
+    poses = track.motion.poses
+    ends = track.poses[[9, 14], elbow]
+    np.testing.assert_allclose(poses[LOST, elbow], np.interp([1, 2, 3, 4], [0, 5], ends))
+    np.testing.assert_array_equal(poses[:, hip], track.poses[:, hip])
+
+
+def test_every_file_says_it(track: Track, tmp_path: Path) -> None:
+    for ending in ("npz", "trc", "c3d", "mot", "glb"):
+        track.save(tmp_path / f"x.{ending}")
+    np.testing.assert_array_equal(Track.open(tmp_path / "x.npz").lost_limbs, track.lost_limbs)
+    wrist = track.points.joint_names.index("l_wrist")
+    assert np.isnan(read_trc(tmp_path / "x.trc").joints[LOST, wrist]).all()
+    c3d = ezc3d.c3d(str(tmp_path / "x.c3d"))
+    assert (c3d["data"]["meta_points"]["residuals"][0, wrist, LOST] == -1).all()
+    lines = (tmp_path / "x.mot").read_text().splitlines()
+    begin = lines.index("endheader") + 1
+    names, row = lines[begin].split("\t"), lines[begin + 11].split("\t")
+    assert row[names.index("elbow_flex_l")] == "nan" != row[names.index("elbow_flex_r")]
+    extras = pygltflib.GLTF2().load(str(tmp_path / "x.glb")).animations[0].extras
+    assert extras["lost_limbs"] == {"left arm": [10, 11, 12, 13]}
+    write_angle_csv(tmp_path / "x.csv", track.angles, track.points)
+    with (tmp_path / "x.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert not rows[11]["l_elbow_flexion_deg"] and rows[11]["r_elbow_flexion_deg"]
+
+
+def test_commands_keep_and_say_it(track: Track, tmp_path: Path, capsys) -> None:
+    track.save(tmp_path / "track.npz")
+    assert main(["export", str(tmp_path), "-o", str(tmp_path / "out"), "--to", "trc", "bvh"]) == 0
+    assert "left arm in 10-13" in " ".join(capsys.readouterr().out.split())
+    np.testing.assert_array_equal(smoothed(track).lost_limbs, track.lost_limbs)
+    found = evaluate(track, tracks.truth_of(track))
+    assert found.said_lost == {"left arm": pytest.approx(4 / 30)}
+    assert json.loads(json.dumps(found.summary()))["limbs_said_to_be_lost"] == {"left arm": 0.13333}
+
+
+def test_what_a_report_doubts_is_flagged() -> None:
+    """Here since its end is hardly known; frames between those judged are as the nearest."""
+    walker = tracks.walker(1000)
+    covariance = np.tile(0.01**2 * np.eye(3), (1000, 15, 1, 1))
+    covariance[300:401, walker.joint_names.index("r_ankle")] *= 900
+    quality = Quality(replace(walker, diagnostics={"covariance": covariance}), None)
+    marked = quality.marked.track
+    leg = limb_names(walker.its_body).index("right leg")
+    flagged = np.flatnonzero(marked.lost_limbs[:, leg])
+    assert abs(flagged[0] - 300) <= 5 and abs(flagged[-1] - 400) <= 5
+    assert len(flagged) == flagged[-1] - flagged[0] + 1 and marked.lost_limbs.sum() == len(flagged)
+    ranges = quality.facts()["lost_limbs"]
+    assert ranges["right leg"] == f"{flagged[0]}-{flagged[-1]}" and ranges["left leg"] == ""
+
+
+def test_flags_of_another_body(track: Track) -> None:
+    wrong = replace(track, diagnostics={"lost_limbs": np.zeros((len(track), 2), bool)})
+    with pytest.raises(InputError, match="the body has 4 limbs"):
+        _ = wrong.points
