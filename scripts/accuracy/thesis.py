@@ -30,7 +30,11 @@ TABLES: dict[str, dict[str, list[Any]]] = {
         "particles": [96, 304],
     },
     "6.8": {"particles": [100, 300, 500]},
+    "6.9": {"particles": [50, 100, 200, 300, 500, 800], "layers": [5, 10, 15, 20]},
 }
+#: Those that are figures of the thesis: error over particles, a curve for each number of
+#: iterations; their values are not printed there.
+FIGURES = {"6.9": "Thesis figures 6.9 and 6.19 to 6.21"}
 _NOTE = (
     "mm, mean ± standard deviation of the runs' means; lost: runs in which a limb's end was lost. "
     "The thesis's deviations are those within its sequences."
@@ -58,7 +62,8 @@ def write_thesis(path: Path, results: Results) -> None:
     about = f"{frames} frames; {_made_on(results)}. {_NOTE}"
     parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], about]
     for number in TABLES:
-        parts += [f"## Thesis table {number}", _theirs(number).markdown()]
+        parts.append(f"## {FIGURES.get(number, f'Thesis table {number}')}")
+        parts += [] if number in FIGURES else [_theirs(number).markdown()]
         parts.append(_ours(number, results).markdown())
     with written_whole(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n")

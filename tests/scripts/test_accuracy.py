@@ -159,7 +159,7 @@ def test_seeds_are_tracked_at_once_where_possible() -> None:
 
 def test_tables_of_the_thesis(tmp_path: Path) -> None:
     plan = thesis_plan(tmp_path / "walk", 4, list(TABLES))
-    assert [len(settings) for settings in plan.values()] == [45, 8, 16, 3]
+    assert [len(settings) for settings in plan.values()] == [45, 8, 16, 3, 24]
     chosen = thesis_plan(tmp_path / "walk", 4, ["6.4"])
     (settings,) = chosen.values()
     methods = [method_of(setting, 0) for setting in settings]
@@ -175,6 +175,7 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     assert "| particle filter (PF) | 96.0 ± 0.0 | 204.0 ± 0.0 | - | - |" in text
     assert "| PF | 112.4 ± 42.2 |" in text  # the thesis's own
     assert "| CUDA-OpenGL | 500 | 37.6 ± 7.6 |" in text
+    assert "## Thesis figures 6.9 and 6.19 to 6.21\n" in text
     assert "| PSO, 10 iterations | - |" in thesis_headline(results)
     assert "abacus" in thesis_headline(results)
     results.add(a_run(replace(BASE, sequence="run"), 0, 1.0))
