@@ -21,7 +21,10 @@ N_NORMALS = 4
 REACH, DIAGONAL_REACH = 3, 2
 #: Of the Sobel operator's result, per grey value and pixel.
 SOBEL_GAIN = 128
-_GROUP = 16, 4
+#: Pixels from the border that have no gradient, and no contour.
+MARGIN = 2
+OUTER_MARGIN = MARGIN + REACH
+_STRIP = 8
 
 
 def contrast_of(config: ContourConfig) -> int:
@@ -32,23 +35,25 @@ def contrast_of(config: ContourConfig) -> int:
 class Contours:
     """The contours of the pictures that `maps` (V, H, W, 2) are silhouettes of.
 
-    `contours` (V, H, W, 4) uint8 are those of the latest frame, along each normal; `known` tells
+    `contours` (V, 4, H, W) uint8 are those of the latest frame, along each normal; `known` tells
     whether it had pictures. Twin: reference/likelihood/contour.py.
     """
 
     def __init__(self, device: Device, rig: CameraRig, maps: Array, config: ContourConfig) -> None:
         self.device, self._rig, self._maps, self._config = device, rig, maps, config
-        shape = len(rig), rig.height, rig.width
-        self.contours = device.empty((*shape, N_NORMALS), np.uint8, "the pictures' contours")
-        self._gradients = device.empty((*shape, 2), np.int16, "the pictures' gradients")
+        views, *size = len(rig), rig.height, rig.width
+        # The borders stay 0.
+        self.contours = device.zeros((views, N_NORMALS, *size), np.uint8, "the pictures' contours")
+        self._gradients = device.zeros((views, 2, *size), np.int16, "the pictures' gradients")
         self.known = False
+        self._has_room = min(size) >= 2 * OUTER_MARGIN + _STRIP
         self._pictures: Array | None = None
         self._launches: list[Launch] = []
 
     def observe(self, pictures: Array | None) -> None:
         """Enqueue the contours of a frame's pictures (V, H, W, 3), whose maps are made."""
-        self.known = pictures is not None
-        if pictures is None:
+        self.known = pictures is not None and self._has_room
+        if pictures is None or not self._has_room:
             return
         if pictures is not self._pictures:
             self._pictures, self._launches = pictures, self._finding(pictures)
@@ -57,24 +62,27 @@ class Contours:
 
     def _finding(self, pictures: Array) -> list[Launch]:
         rig = self._rig
-        size = (
-            -(-rig.width // _GROUP[0]) * _GROUP[0], -(-rig.height // _GROUP[1]) * _GROUP[1],
-            len(rig),
-        )  # fmt: skip
-        shape = {"n_views": len(rig), "width": rig.width, "height": rig.height}
+        shape = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
             self.device.launch(
-                self._kernel("differentiate"), size, (*_GROUP, 1), **shape,
-                maps=self._maps, pictures=pictures, gradients=self._gradients,
+                self._kernel("differentiate"), self._size(MARGIN), None, **shape,
+                pictures=pictures, gradients=self._gradients,
             ),
             self.device.launch(
-                self._kernel("find_contours"), size, (*_GROUP, 1), **shape,
-                contrast=contrast_of(self._config), maps=self._maps,
-                gradients=self._gradients, contours=self.contours,
+                self._kernel("find_contours"), self._size(OUTER_MARGIN), None, **shape,
+                contrast=contrast_of(self._config), gradients=self._gradients,
+                contours=self.contours,
             ),
         ]  # fmt: skip
 
+    def _size(self, margin: int) -> tuple[int, int, int]:
+        """Return the number of strips in a row, of rows and of cameras."""
+        rig = self._rig
+        return -(-(rig.width - 2 * margin) // _STRIP), rig.height - 2 * margin, len(rig)
+
     def _kernel(self, name: str) -> Any:
         return self.device.kernel(
-            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH
-        )
+            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH,
+            MARGIN=MARGIN, OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP,
+            **({} if self.device.is_gpu else {"ANYWHERE": 1}),
+        )  # fmt: skip

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from apf.body.cones import outlines
 from apf.body.model import BodyModel
-from apf.likelihood.contour import DIAGONAL_REACH, N_NORMALS, REACH
+from apf.likelihood.contour import DIAGONAL_REACH, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
 from apf.reference.likelihood.part_colour import hidden_by_trunk
 from psfs.cameras.camera import Camera
 
@@ -20,25 +20,26 @@ _STEEP = 2.41421356
 
 
 def gradients_of(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
-    """Return the derivatives (V, H, W, 2) int16 along x and y, by the Sobel operator of 5 x 5
-    pixels, of pictures (V, H, W, 3) uint8 BGR where maps (V, H, W, 2) are not 0."""
+    """Return the derivatives (V, 2, H, W) int16 along x and y, by the Sobel operator of 5 x 5
+    pixels, of pictures (V, H, W, 3) uint8 BGR where maps (V, H, W, 2) are not 0; 0 within MARGIN
+    pixels of the border."""
     grey = pictures.astype(np.int32) @ _GREY >> 8
     along = []
     for axis in (2, 1):
         other = 3 - axis
         smooth = ndimage.correlate1d(grey, _SMOOTH, other, mode="nearest")
         along.append(ndimage.correlate1d(smooth, _DERIVE, axis, mode="nearest"))
-    shown = maps.max(-1) > 0
-    return np.where(shown[..., None], np.stack(along, -1), 0).astype(np.int16)
+    return np.where(_shown(maps, MARGIN), np.stack(along, 1), 0).astype(np.int16)
 
 
 def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
-    """Return contours (V, H, W, 4) uint8: the largest derivative along each of the normals (1, 0),
-    (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond."""
-    _, height, width, _ = gradients.shape
-    x, y = gradients.astype(np.int32)[..., 0], gradients.astype(np.int32)[..., 1]
+    """Return contours (V, 4, H, W) uint8: the largest derivative along each of the normals (1, 0),
+    (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond; 0 within
+    OUTER_MARGIN pixels of the border."""
+    views, _, height, width = gradients.shape
+    x, y = np.moveaxis(gradients.astype(np.int32), 1, 0)
     slopes = np.abs(x), np.abs(x + y) * 181 >> 8, np.abs(y), np.abs(y - x) * 181 >> 8
-    found = np.zeros((*x.shape, N_NORMALS), np.int32)
+    found = np.zeros((views, N_NORMALS, height, width), np.int32)
     steps = ((1, 0), (1, 1), (0, 1), (-1, 1))
     for normal, (slope, (dx, dy)) in enumerate(zip(slopes, steps, strict=True)):
         reach = DIAGONAL_REACH if dx and dy else REACH
@@ -46,11 +47,18 @@ def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.nd
             columns = np.clip(np.arange(width) + step * dx, 0, width - 1)
             rows = np.clip(np.arange(height) + step * dy, 0, height - 1)
             moved = slope[:, rows[:, None], columns]
-            found[..., normal] = np.maximum(found[..., normal], moved)
-    shown = maps.max(-1) > 0
-    return np.where(shown[..., None], np.minimum(found, contrast) * 255 // contrast, 0).astype(
-        np.uint8
-    )
+            found[:, normal] = np.maximum(found[:, normal], moved)
+    scale = (255 << 16) // contrast + 1
+    values = np.minimum(found, contrast) * scale >> 16
+    return np.where(_shown(maps, OUTER_MARGIN), values, 0).astype(np.uint8)
+
+
+def _shown(maps: np.ndarray, margin: int) -> np.ndarray:
+    """(V, 1, H, W) whether maps (V, H, W, 2) show anything, this far from the border."""
+    shown = np.zeros((len(maps), 1, *maps.shape[1:3]), bool)
+    inner = slice(margin, -margin)
+    shown[:, 0, inner, inner] = maps[:, inner, inner].max(-1) > 0
+    return shown
 
 
 def contour_means(
@@ -61,7 +69,7 @@ def contour_means(
     row_parts: np.ndarray,
     rows: np.ndarray,
 ) -> np.ndarray:
-    """Return (N,) the mean, 0 to 1, of the contours (H, W, 4) that a camera sees along the outlines
+    """Return (N,) the mean, 0 to 1, of the contours (4, H, W) that a camera sees along the outlines
     of the rows (R, 4) of cones (N, C, 16); 0 where it sees none of them.
 
     Rows of parts (R,) -1 count nothing, nor do samples that the trunk hides.
@@ -79,7 +87,7 @@ def contour_means(
             seen = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
             hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
             seen &= ~hidden[:, 0]
-            found = contours[np.where(seen, y, 0), np.where(seen, x, 0), _normals(line)]
+            found = contours[_normals(line), np.where(seen, y, 0), np.where(seen, x, 0)]
             sums += np.where(seen, found.astype(float), 0)
             counts += seen
     means: np.ndarray = sums / (255 * np.maximum(counts, 1))

@@ -39,14 +39,15 @@ typedef struct {
 } samples;
 
 // What is looked up in the pictures themselves: their codes, the tables of log ratios and where that
-// of each particle's run begins, the part of every row, their contours, and what the means of both
-// weigh.
+// of each particle's run begins, the part of every row, their contours along each normal, the pixels
+// of a picture, and what the means of both weigh.
 typedef struct {
     __global const uchar *codes;
     __global const char *ratios;
     vint table;
     __global const int *row_parts;
     __global const uchar *contours;
+    int n_pixels;
     float colour_weight, contour_weight;
 } picture_cues;
 
@@ -120,13 +121,13 @@ inline vint normal_of(vfloat x, vfloat y)
 
 // Adds what the sample at pixel (x, y), whose half is added already, of an outline with this normal
 // finds of contours.
-inline void take_contour(__global const float *camera, __global const uchar *contours, vint normal,
-                         int width, vfloat x, vfloat y, vint visible, samples *sums)
+inline void take_contour(__global const float *camera, picture_cues cues, vint normal, int width,
+                         vfloat x, vfloat y, vint visible, samples *sums)
 {
     const vint inside =
         visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
-    const vint pixel = inside ? 4 * (TO_INT(y) * width + TO_INT(x)) + normal : 0;
-#define FOUND(l) contours[LANE_OF(pixel, l)]
+    const vint pixel = inside ? normal * cues.n_pixels + TO_INT(y) * width + TO_INT(x) : 0;
+#define FOUND(l) cues.contours[LANE_OF(pixel, l)]
     const vint value = PACK_OF(vint, FOUND);
 #undef FOUND
     sums->contour += inside ? value : 0;
@@ -147,10 +148,10 @@ inline vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint
 // One row of a cone, x = its number, y = share of the way along it: samples at both outlines and z
 // evenly between them, w = 1 / z.
 // Where its part is looked for in the pictures, `part` is not negative and `hidden` says whether it
-// lies behind the trunk; before: pixels of the cameras before this one.
+// lies behind the trunk. cues: of this camera.
 inline void take_row(__global const float *camera, __global const uchar *map, int width,
                      __local const vfloat *outlines, float4 row, int part,
-                     picture_cues cues, size_t before, vint hidden, samples *sums)
+                     picture_cues cues, vint hidden, samples *sums)
 {
     __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
     const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;
@@ -160,12 +161,11 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
     take_sample(camera, map + 1, width, left_x, left_y, &sums->edge, &sums->n_edge);
     take_sample(camera, map + 1, width, right_x, right_y, &sums->edge, &sums->n_edge);
     if (part >= 0 && cues.contour_weight > 0.0f) {
-        __global const uchar *contours = cues.contours + 4 * before;
         const vint left = normal_of(corner[6] - corner[0], corner[7] - corner[1]);
         const vint right = normal_of(corner[4] - corner[2], corner[5] - corner[3]);
-        take_contour(camera, contours, left, width, left_x, left_y,
+        take_contour(camera, cues, left, width, left_x, left_y,
                      seen_sample(outlines, left_x, left_y, hidden), sums);
-        take_contour(camera, contours, right, width, right_x, right_y,
+        take_contour(camera, cues, right, width, right_x, right_y,
                      seen_sample(outlines, right_x, right_y, hidden), sums);
     }
     const bool coloured = part >= 0 && cues.colour_weight > 0.0f;
@@ -176,7 +176,7 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
         const vfloat y = left_y + (column + 0.5f) * step_y;
         take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
         if (coloured)
-            take_colour(camera, cues.codes + before, cues.ratios, cues.table + part * N_CODES,
+            take_colour(camera, cues.codes, cues.ratios, cues.table + part * N_CODES,
                         width, x, y, seen_sample(outlines, x, y, hidden), sums);
     }
 }
@@ -203,15 +203,17 @@ inline void score_views(int first_view, int n_views, int width, int height,
     const int view = lane / VIEW_LANES, view_lane = lane % VIEW_LANES;
     samples sums = {0, 0, 0, 0, 0, 0, 0, 0};
     if (view < here) {
-        const size_t before = (size_t)(first_view + view) * width * height;
+        const size_t before = (size_t)(first_view + view) * cues.n_pixels;
+        cues.codes += before;
+        cues.contours += 4 * before;
         __global const float *camera = cameras + (first_view + view) * CAMERA_FLOATS;
         for (int r = view_lane; r < n_rows; r += VIEW_LANES) {
             const int part =
                 cues.colour_weight > 0.0f || cues.contour_weight > 0.0f ? cues.row_parts[r] : -1;
             const vint hidden = part < 0 ? (vint)0 : behind_trunk(camera, cones, rows[r]);
             take_row(camera, maps + 2 * before, width,
-                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], part, cues, before,
-                     hidden, &sums);
+                     outlines + view * N_CONES * OUTLINE_FLOATS, rows[r], part, cues, hidden,
+                     &sums);
         }
     }
     partial[lane] = sums;
@@ -344,8 +346,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
 
 #define TABLE(l) (lane_index(first, 0x##l, n_particles) / n_per_run * table_size)
-    const picture_cues cues = {codes,    ratios,        PACK_OF(vint, TABLE), row_parts,
-                               contours, colour_weight, contour_weight};
+    const picture_cues cues = {codes,    ratios,         PACK_OF(vint, TABLE), row_parts,
+                               contours, width * height, colour_weight,        contour_weight};
 #undef TABLE
     vfloat error = 0.0f, seeing = 0.0f;
     for (int view = 0; view < n_views; view += VIEWS)

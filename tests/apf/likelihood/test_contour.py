@@ -80,12 +80,12 @@ def test_contours_know_their_direction_and_end_at_the_silhouette() -> None:
     contrast = contrast_of(ContourConfig(contrast=20.0))
     assert contrast == 20 * SOBEL_GAIN
     found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
-    assert found[20, 20, 0] > 2 * found[20, 20, 2] == 0
-    assert found[20, 20, 1] == found[20, 20, 3] < found[20, 20, 0]
-    assert found[20, 16, 0] > 0 == found[20, 10, 0]
+    assert found[0, 20, 20] > 2 * found[2, 20, 20] == 0
+    assert found[1, 20, 20] == found[3, 20, 20] < found[0, 20, 20]
+    assert found[0, 20, 16] > 0 == found[0, 20, 10]
     maps[:, :20] = 0
     found = contours_of(gradients_of(pictures, maps), maps, contrast)[0]
-    assert not found[:20].any() and found[25, 20, 0] > 0
+    assert not found[:, :20].any() and found[0, 25, 20] > 0
 
 
 @pytest.mark.parity("tracking/contour.differentiate", "tracking/contour.find_contours")
@@ -121,8 +121,9 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     setup = Setup(device, body, rig, poses, smooth_maps(rig), config, grid)
     likelihood = setup.likelihood
     assert isinstance(likelihood.contours, Contours)
-    contours = np.concatenate([smooth_maps(rig, seed) for seed in (1, 2)], -1)
-    assert contours.shape[-1] == N_NORMALS
+    both = [smooth_maps(rig, seed) for seed in (1, 2)]
+    contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
+    assert contours.shape[1] == N_NORMALS
     likelihood.contours.contours.set(contours)
     rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
     look = scored_parts(body, rows), rows
