@@ -13,7 +13,7 @@ from apf.body.model import BodyModel, Cone
 from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.scene import Scene
 from cl import Array, InputError, Launch
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 
 #: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
 #: PACK rows in vectors, one lot after the other.
@@ -126,7 +126,7 @@ class FlatRenderer(Renderer):
             N_PARTS=self.n_parts,
             PART_WORDS=_PART_WORDS,
             ROUND_ENDS=int(self.round_ends),
-            CAMERA_FLOATS=CAMERA_FLOATS,
+            **self.rig.defines,
             **CONE_DEFINES,
         )
         return self.device.launch(
@@ -173,7 +173,7 @@ class MeshRenderer(Renderer):
             "project_vertices",
             N_BONES=len(self._kinematics.body.cones),
             N_BINDS=self.mesh.bones.shape[1],
-            CAMERA_FLOATS=CAMERA_FLOATS,
+            **self.rig.defines,
             **self._sizes,
             **CONE_DEFINES,
         )

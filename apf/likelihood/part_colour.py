@@ -20,7 +20,7 @@ from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.likelihood.config import PartColourConfig
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 
 _GROUP = 128
 #: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
@@ -239,6 +239,6 @@ class PartColours:
             ROWS=ROWS,
             COLUMNS=COLUMNS,
             RATIO_STEPS=RATIO_STEPS,
-            CAMERA_FLOATS=CAMERA_FLOATS,
+            **self._rig.defines,
             **CONE_DEFINES,
         )

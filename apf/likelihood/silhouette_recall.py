@@ -12,7 +12,6 @@ from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import pack_defines
-from psfs.cameras.camera import CAMERA_FLOATS
 
 _GROUP = 256
 #: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
@@ -35,7 +34,7 @@ class SilhouetteRecall:
         self._cameras, self._points = cameras, points
         self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
         together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
-        self._defines["CAMERA_FLOATS"] = CAMERA_FLOATS
+        self._defines |= rig.defines
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
         shape = (len(rig), self._n_points, 2)
         self._pixels = device.empty(shape, np.float32, "the projected surface samples")

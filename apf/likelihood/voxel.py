@@ -26,7 +26,6 @@ from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from cl.workgroups import pack_defines, pack_size
-from psfs.cameras.camera import CAMERA_FLOATS
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
@@ -308,7 +307,7 @@ class VoxelLikelihood(Likelihood):
         defines = body_defines(body) | pack_defines(self.device, _GROUP)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
-        defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, "CAMERA_FLOATS": CAMERA_FLOATS}
+        defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}
         defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones

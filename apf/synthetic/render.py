@@ -10,7 +10,7 @@ from apf.synthetic.gait import Gait
 from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
 from cl import Array, Device, InputError, NumpyDevice
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 
 #: Texels of the floor's shadow map and their size, m.
 SHADOW_SIZE, SHADOW_STEP = 128, 0.04
@@ -130,7 +130,7 @@ def _defines(
     width, height = rig.width, rig.height
     return {
         **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
-        **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, "CAMERA_FLOATS": CAMERA_FLOATS},
+        **{"HIT": HIT, "MARCH_STEPS": MARCH_STEPS, "FAR": FAR, **rig.defines},
         **{"POSTERS": len(furniture.posters), "BOXES": len(furniture.boxes)},
         **{"ROOM_X": ROOM[0], "ROOM_Y": ROOM[1], "ROOM_Z": ROOM[2]},
         **{"SHADOW_SIZE": SHADOW_SIZE, "SHADOW_STEP": SHADOW_STEP},

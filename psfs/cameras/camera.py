@@ -265,6 +265,12 @@ class CameraRig:
             raise InputError(f"no camera {', '.join(missing)}; the rig has {', '.join(self.names)}")
         return CameraRig(tuple(by_name[name] for name in names))
 
+    @property
+    def defines(self) -> dict[str, int]:
+        """What `camera.h` is compiled with."""
+        tsai = any(camera.kappa for camera in self)
+        return {"CAMERA_FLOATS": CAMERA_FLOATS, "TSAI": int(tsai)}
+
     def packed(self) -> np.ndarray:
         """Return (V, CAMERA_FLOATS) float32 for the kernels."""
         return np.stack([camera.packed() for camera in self.cameras])

@@ -11,7 +11,7 @@ import numpy as np
 
 from cl import Array, Device, Launch
 from cl.workgroups import row_group
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.cameras.footprints import footprints
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
@@ -151,7 +151,7 @@ class Foreground:
         config, (_, rows, columns) = self._config.appearance, self.location.shape
         _, ny, nz = voxels.grid.shape
         return {
-            **{"NY": ny, "NZ": nz, "CAMERA_FLOATS": CAMERA_FLOATS},
+            **{"NY": ny, "NZ": nz, **self._rig.defines},
             **{"WIDTH": self._rig.width, "HEIGHT": self._rig.height},
             **{
                 "CELLS_X": columns,

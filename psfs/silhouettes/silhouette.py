@@ -11,7 +11,7 @@ from cl.workgroups import pixel_pack, row_group
 from psfs.background.adaptation import Adaptation
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.silhouettes.appearance import BINS, Foreground
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
@@ -182,7 +182,7 @@ class Silhouette:
         return {
             **{"WIDTH": self.rig.width, "HEIGHT": self.rig.height},
             "VIEWS": len(self.rig),
-            "CAMERA_FLOATS": CAMERA_FLOATS,
+            **self.rig.defines,
             "FLOOR": float(floor.height),
             "SHADOW_LOW": float(light.shadow_low),
             "SHADOW_HIGH": float(light.shadow_high),

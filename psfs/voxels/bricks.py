@@ -7,7 +7,7 @@ import numpy as np
 
 from cl import Array, Device
 from cl.program import Define
-from psfs.cameras.camera import CAMERA_FLOATS, Camera, CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.distortion import distorted, distortion_jacobian
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -50,7 +50,7 @@ class Bricks:
             "THRESHOLD": float(config.threshold),
             "FIND_LANES": 32 if device.is_gpu else 1,
             "TILE_LANES": 16 if device.is_gpu else 1,
-            "CAMERA_FLOATS": CAMERA_FLOATS,
+            **rig.defines,
             "REACH_FLOATS": _REACH_FLOATS,
             **{"FINE": TILE, "COARSE": COARSE_TILE},
             **dict(zip(("BX", "BY", "BZ"), BRICK, strict=True)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
@@ -44,7 +44,7 @@ class SurfaceColour:
         cameras = device.to_device(rig.packed(), "the cameras")
         extents = footprints(rig, grid.voxel_size).astype(np.float32)
         defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
-        defines["CAMERA_FLOATS"] = CAMERA_FLOATS
+        defines |= rig.defines
         tolerance = float((config or ColourConfig()).tolerance)
         nearest_depth, surface_colour = (
             device.kernel("reconstruction/colour", name, **defines, TOLERANCE=tolerance)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cl import Array, Device, InputError
-from psfs.cameras.camera import CAMERA_FLOATS, CameraRig
+from psfs.cameras.camera import CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.common.edge_distance import LOT, distance_defines, tiles_of
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
@@ -57,7 +57,7 @@ class Reprojection:
         self._defines = distance_defines(device, width, height, self.radius) | {
             "NY": ny,
             "NZ": nz,
-            "CAMERA_FLOATS": CAMERA_FLOATS,
+            **self.rig.defines,
             "MARK": MARK,
         }
         self._join: ForegroundJoin | None = None

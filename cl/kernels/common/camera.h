@@ -38,11 +38,13 @@ inline vfloat camera_project_pack(__global const float *camera, vfloat x, vfloat
     const vfloat radial = 1.0f + r2 * (k1 + r2 * (k2 + r2 * camera[21]));
     vfloat xd = u * radial + 2.0f * p1 * u * v + p2 * (r2 + 2.0f * u * u);
     vfloat yd = v * radial + p1 * (r2 + 2.0f * v * v) + 2.0f * p2 * u * v;
-    if (camera[28] != 0.0f) { // of few cameras, and the same for all points
+#if TSAI // set by callers with such cameras: other occupancies would take three times as long
+    if (camera[28] != 0.0f) {
         const vfloat share = tsai_share(camera[28] * r2);
         xd = u * share;
         yd = v * share;
     }
+#endif
 #endif
     // Before the selection: what reads memory inside of it stays a branch (occupancy: three times).
     const vfloat image_x = camera[12] * xd + camera[16] * yd + camera[14];
