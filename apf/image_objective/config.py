@@ -166,7 +166,7 @@ class ObjectiveConfig:
     round_ends: bool = False
     """Whether trapezoids have the round ends of the voxels' likelihood; Rymut's have none."""
     renderer: str = "opencl"
-    """One of RENDERERS; OpenGL draws no round ends. Kernels are faster, see docs/speed.md."""
+    """One of RENDERERS; OpenGL draws no round ends. Kernels store no pictures."""
 
     def __post_init__(self) -> None:
         if self.kind not in OBJECTIVE_KINDS:
