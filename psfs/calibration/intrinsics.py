@@ -18,7 +18,7 @@ from psfs.cameras.names import contains_name, matched
 from psfs.footage.media import media_in, open_media
 
 #: Pictures of a camera that are looked at, and of which the board must be in.
-_MOST, _FEWEST = 120, 5
+_MOST, _FEWEST = 120, 4
 
 
 def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:

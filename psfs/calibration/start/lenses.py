@@ -16,7 +16,7 @@ _USUAL = 1.1
 #: Focal lengths, of the longer side, beyond which pictures of a board did not tell it.
 _FOCALS = (0.3, 10.0)
 #: Pictures of the board that are used, and below which the lens is taken to be plain.
-_MOST, _FEW = 40, 6
+_MOST, _FEW = 40, 4
 #: Times the median error of a picture that is left out.
 _OFF = 3.0
 

@@ -24,6 +24,8 @@ DICTIONARIES = {
 }
 #: Corners of a ChArUco board that tell its pose, and rows and columns that they must cover.
 _CORNERS, _LINES = 6, 2
+#: Of a square, how far corners may lie off their plane's picture, which lenses bend.
+_BENT = 0.3
 
 Found = tuple[np.ndarray, np.ndarray]
 
@@ -35,7 +37,8 @@ def grey_of(picture: np.ndarray) -> np.ndarray:
 
 
 class ChessboardFinder:
-    """Finds all inner corners of a chessboard, cv2.findChessboardCornersSB."""
+    """Finds all inner corners of a chessboard: cv2.findChessboardCorners finds the board, which is
+    soon done; cv2.findChessboardCornersSB then looks at that part only, and is the more exact."""
 
     def __init__(self, squares: tuple[int, int], square: float) -> None:
         self.target = chessboard(squares, square)
@@ -44,12 +47,37 @@ class ChessboardFinder:
     def __call__(self, view: int, picture: np.ndarray) -> Found | None:
         """Return ids (N,) and pixels (N, 2) of the target's points; None where it is not seen."""
         grey = grey_of(picture)
-        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-        found, corners = cv2.findChessboardCornersSB(grey, self.corners, flags=flags)
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        flags |= cv2.CALIB_CB_FAST_CHECK
+        found, corners = cv2.findChessboardCorners(grey, self.corners, flags=flags)
         if not found:
             return None
-        pixels = self._ordered(grey, np.float64(corners.reshape(*self.corners[::-1], 2)))
-        return np.arange(len(self.target.points)), pixels.reshape(-1, 2)
+        exact = self._exact(grey, corners.reshape(*self.corners[::-1], 2))
+        if exact is None:
+            return None
+        return np.arange(len(self.target.points)), self._ordered(grey, exact).reshape(-1, 2)
+
+    def _exact(self, grey: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
+        """Return the corners (rows, columns, 2) to a fraction of a pixel; None where they are not
+        those of a plane, as corners that were made up behind the picture's edge."""
+        steps = [np.linalg.norm(np.diff(corners, axis=axis), axis=-1) for axis in (0, 1)]
+        margin = 2 * max(step.max() for step in steps)
+        low = np.maximum(corners.min(axis=(0, 1)) - margin, 0).astype(int)
+        high = (corners.max(axis=(0, 1)) + margin).astype(int) + 1
+        part = grey[low[1] : high[1], low[0] : high[0]]
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+        found, exact = cv2.findChessboardCornersSB(part, self.corners, flags=flags)
+        if not found:
+            return None
+        pixels = np.float64(exact.reshape(-1, 2)) + low
+        H, _ = cv2.findHomography(self.target.points[:, :2], pixels)
+        if H is None:
+            return None
+        plane = cv2.perspectiveTransform(self.target.points[None, :, :2], H)[0]
+        off = float(np.linalg.norm(plane - pixels, axis=-1).max())
+        if off > _BENT * min(step.min() for step in steps):
+            return None
+        return pixels.reshape(corners.shape)
 
     def _ordered(self, grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """Return corners (rows, columns, 2) whose columns run to the right of its rows as on the

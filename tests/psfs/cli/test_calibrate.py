@@ -31,7 +31,7 @@ def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     picture = board.generateImage((60 * SQUARES[0], 60 * SQUARES[1]))
     rng = np.random.default_rng(1)
     poses = [made.flat(0.0, -0.2, 0.9)]
-    poses += [made.facing(rng, ARC[k % 6].centre) for k in range(30)]
+    poses += [made.facing(rng, ARC[k % 6].centre) for k in range(24)]
     made.film(folder, ARC, poses, made.board_picture(picture, SQUARE, SQUARES))
     return with_lenses(folder, ARC)
 
@@ -42,7 +42,7 @@ def wands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lens.toml."""
     folder = tmp_path_factory.mktemp("calibrate") / "wands"
     points, rng = np.array([[0, 0, 0], [WAND, 0, 0]]), np.random.default_rng(2)
-    poses = [made.flat(0.0), made.flat(1.5, 0.4), *(made.anyhow(rng) for _ in range(70))]
+    poses = [made.flat(0.0), made.flat(1.5, 0.4), *(made.anyhow(rng) for _ in range(50))]
     made.film(folder, CAMERAS, poses, made.wand_picture(points))
     places = np.stack([points @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
     places = np.repeat(1000 * places, 2, axis=0)

@@ -1,0 +1,89 @@
+"""Finding rendered boards: exact, the right way round, and what is seen instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import calibration as made
+
+from cl import InputError
+from psfs.calibration.intrinsics import given_cameras
+from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
+from psfs.calibration.targets.markers import bright_spots
+from psfs.cameras.camera import CameraRig
+
+SQUARES, SQUARE = (6, 5), 0.18
+CAMERA = made.ring(step=28)[1]
+
+
+def chequered(squares: tuple[int, int]) -> np.ndarray:
+    columns, rows = np.meshgrid(np.arange(30 * squares[0]), np.arange(30 * squares[1]))
+    return np.where((columns // 30 + rows // 30) % 2, 255, 0).astype(np.uint8)
+
+
+def pictured(render: Callable[..., np.ndarray], pose: np.ndarray, seed: int = 0) -> np.ndarray:
+    grey = render(CAMERA, pose, np.random.default_rng(seed))
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+
+
+@pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
+def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
+    """5 x 4 inner corners: its two ends differ in colour."""
+    render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
+    rng = np.random.default_rng(3)
+    pose = made.facing(rng, CAMERA.centre, reach=0.2)
+    pose[:3, :3] = (
+        pose[:3, :3]
+        @ made.rigid(cv2.Rodrigues(np.array([0, 0, np.pi / 2 * turned]))[0], np.zeros(3))[:3, :3]
+    )
+    finder = ChessboardFinder(SQUARES, SQUARE)
+    assert len(finder.target.orders) == 1
+    found = finder(0, pictured(render, pose))
+    assert found is not None
+    # The target's origin is the first inner corner, the picture's its outer one.
+    points = finder.target.points[found[0]] + [SQUARE, SQUARE, 0]
+    true, _ = CAMERA.project(points @ pose[:3, :3].T + pose[:3, 3])
+    assert np.linalg.norm(found[1] - true, axis=1).max() < 0.5
+    other = ChessboardFinder((5, 8), SQUARE)
+    picture = pictured(render, pose)
+    assert other(0, picture) is None and other.hint(picture) == "a chessboard of 6x5 squares"
+
+
+def test_a_board_in_part_is_of_use_only_if_it_tells_its_numbers() -> None:
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.14, dictionary)
+    flat = board.generateImage((100 * SQUARES[0], 100 * SQUARES[1]))
+    near = made.rigid(CAMERA.R.T, CAMERA.centre + CAMERA.R.T @ [-0.55, -0.05, 1.0])
+    finder = CharucoFinder(SQUARES, SQUARE, 0.14)
+    found = finder(0, pictured(made.board_picture(flat, SQUARE, SQUARES), near))
+    assert found is not None and 6 <= len(found[0]) < 20
+    true, _ = CAMERA.project(finder.target.points[found[0]] @ near[:3, :3].T + near[:3, 3])
+    assert np.linalg.norm(found[1] - true, axis=1).mean() < 0.3
+    chess = pictured(made.board_picture(chequered(SQUARES), SQUARE, SQUARES), near)
+    assert ChessboardFinder(SQUARES, SQUARE)(0, chess) is None
+
+
+def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:
+    rows, columns = np.mgrid[:60, :80]
+    spots = np.array([[20.3, 30.6], [55.75, 12.2]])
+    image = sum(200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 5) for x, y in spots)
+    found = bright_spots(np.rint(image).astype(np.uint8))
+    np.testing.assert_allclose(found[found[:, 0].argsort()], spots, atol=0.05)
+    assert len(bright_spots(np.full((60, 80), 20, np.uint8))) == 0
+
+
+def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:
+    render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
+    rng = np.random.default_rng(4)
+    poses = [made.facing(rng, CAMERA.centre + rng.normal(0, 1.2, 3), 0.4) for _ in range(24)]
+    made.film(tmp_path, [CAMERA], poses, render)
+    rig, finder = CameraRig((CAMERA,)), ChessboardFinder(SQUARES, SQUARE)
+    (found,) = given_cameras(tmp_path / "images", rig, finder)
+    assert found.name == CAMERA.name and abs(found.K[0, 0] / CAMERA.K[0, 0] - 1) < 0.02
+    assert found.t.tolist() == [0, 0, 0]
+    with pytest.raises(InputError, match="of use with --board only"):
+        given_cameras(tmp_path / "images", rig, None)
