@@ -96,7 +96,7 @@ def test_a_camera_that_is_late_is_named() -> None:
         place = 0.5 * np.array([np.sin(k * 0.13), np.cos(0.1 * k), 1.9 + np.sin(0.17 * k)])
         return made.rigid(made.cv2.Rodrigues(axis)[0], place)
 
-    sightings = made.sighted(WAND, CAMERAS, [pose(k) for k in range(45)])
+    sightings = made.sighted(WAND, CAMERAS, [pose(k) for k in range(60)])
     sightings = [replace(s, frame=s.frame + 2 * (s.view == 4)) for s in sightings]
     result = calibration_of(WAND, sightings)
     assert "2 frames late: state --sync CAMERA=2" in result.disagreeing["cam05"]
