@@ -70,3 +70,13 @@ def test_what_is_not_there(tmp_path: Path) -> None:
     assert sequence.rig.names == ["BW1", "C1"] and len(sequence) == 12
     assert any("no .ofs for every camera" in note for note in sequence.notes)
     assert any("C2 is not calibrated" in note for note in sequence.notes)
+
+
+def test_cameras_of_tsai(tmp_path: Path) -> None:
+    folder = subject(tmp_path, ("Box_1",))
+    for path in (folder / "Calibration_Data").glob("*.cal"):
+        sensor = [1.0, 1.0, 0.01, 0.01, 0.01, 0.01, 32.0, 24.0, 1.0]
+        path.write_text(" ".join(map(str, [*sensor, 0.6, 0.3, 0, 0, 3000, 2.0, 0, 0])))
+    sequence = Sequence.open(folder)  # the only take
+    assert [camera.kappa for camera in sequence.rig] == pytest.approx([0.3 * 0.36] * 3)
+    np.testing.assert_allclose(sequence.rig[0].t, [0, 0, 3])

@@ -4,9 +4,10 @@
     Sync_Data/<take>_(<camera>).ofs    Mocap_Data/<take>.c3d
     Background/Background*_(<camera>).avi, here, beside it or in Image_Data
 
-An .ofs has three numbers: a frame of the video, the frame of the motion capture at that time, and
-frames of the motion capture per frame of the video, both counted from 1. The videos begin together
-where all have begun; a note says which frame of the motion capture that is.
+A .cal is HumanEva's or Tsai's. An .ofs has three numbers: a frame of the video, the frame of the
+motion capture at that time, and frames of the motion capture per frame of the video, both counted
+from 1. The videos begin together where all have begun; a note says which frame of the motion
+capture that is.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from cl import InputError
 from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
 from psfs.cameras.calibration.common import naming, numbers, read_text
+from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import listed, natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
 from psfs.footage.media import Media
@@ -82,7 +84,8 @@ def _calibrated(
     notes = [f"{name} is not calibrated, and left out" for name in lacking]
     videos = {path.stem: videos[path.stem] for path in files}
     sizes = sizes_of(videos, where, settings)
-    return read_humaneva(files, settings.unit, sizes), videos, notes
+    read = read_tsai if looks_like_tsai(read_text(files[0])) else read_humaneva
+    return read(files, settings.unit, sizes), videos, notes
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
