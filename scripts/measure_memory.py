@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -95,16 +96,20 @@ def main() -> None:
         code = f"import sys; from {program}.cli import main; sys.exit(main(sys.argv[1:]))"
         process = subprocess.Popen([sys.executable, "-c", code, *words])
         marks = sorted({args.frames // 10, args.frames // 2, args.frames - args.frames // 100})
-        began = time.perf_counter()
+        began, peak = time.perf_counter(), 0.0
         while process.poll() is None:
             time.sleep(0.5)
+            with suppress(OSError, IndexError):  # it has just ended
+                peak = max(peak, resident(process.pid))
             frame = reached(work / "out", args.command)
             if marks and frame >= marks[0]:
                 marks.pop(0)
                 print(f"{args.command}, frame {frame}: {resident(process.pid):.1f} MiB, "
                       f"{handles(process.pid)} open files, {time.perf_counter() - began:.0f} s",
                       flush=True)  # fmt: skip
-        print(f"exit code {process.returncode}", flush=True)
+        print(
+            f"at most {peak:.1f} MiB, also at its end; exit code {process.returncode}", flush=True
+        )
     finally:
         shutil.rmtree(work)
 

@@ -78,12 +78,21 @@ def diagnosed(
     compared = tangency.compared()
     if len(sequence.rig) > 1 and math.isfinite(compared.cost):
         if not any(fault.kind == "exchange" for fault in faults):
-            faults = [*_arranged(sequence, device, views, tangency, faults, config), *faults]
+            found = _arranged(sequence, device, views, tangency, faults, config)
+            learnt = not sequence.footage.background
+            faults = [*(f for f in found if not _by_ghosts(f, faults, learnt)), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
             faults += _unit(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
     faults = explained[:1] or faults  # which spoil all that is said of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
+
+
+def _by_ghosts(fault: Fault, known: list[Fault], learnt: bool) -> bool:
+    """Is what seems wrong with some cameras due to backgrounds that hold somebody? learnt: from the
+    frames, in which he stands still for all cameras."""
+    ghosts = {name for other in known if other.kind == "ghost" for name in other.cameras}
+    return bool(ghosts) and (learnt or not fault.cameras or bool(ghosts & set(fault.cameras)))
 
 
 def _arranged(

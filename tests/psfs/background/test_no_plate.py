@@ -64,3 +64,30 @@ def test_a_still_person_is_background(
         assert main(["reconstruct", str(still), "-o", str(tmp_path / "out"), *more]) == 2
         last = capsys.readouterr().err.strip().splitlines()[-1]
         assert "expected a person who moves" in last and "background/" in last
+
+
+def test_a_background_that_holds_the_person_is_named(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One camera's own, or that which is learnt where the person keeps still for long."""
+    plate, long = tmp_path / "plate", tmp_path / "long"
+    shutil.copytree(walk, plate)
+    sequence = Sequence.open(walk)
+    (plate / "background/cam02.mp4").unlink()
+    images = [frame.images for frame in sequence]
+    assert images[0] is not None
+    cv2.imwrite(str(plate / "background/cam02.png"), images[0][1])
+    assert main(["info", str(plate)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "camera cam02: its background holds somebody" in said
+    assert not [name for name in ("cam01", "cam03", "cam04") if f"camera {name}" in said]
+    shutil.copytree(walk, long, ignore=shutil.ignore_patterns("videos", "background"))
+    for view, camera in enumerate(sequence.rig):
+        folder = long / "images" / camera.name
+        folder.mkdir(parents=True)
+        shown = [picture[view] for picture in (*45 * images[:1], *images) if picture is not None]
+        for number, picture in enumerate(shown):
+            assert cv2.imwrite(str(folder / f"{number:04d}.jpg"), picture)
+    assert main(["info", str(long)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the background learnt from its pictures holds somebody" in said and "late" not in said
