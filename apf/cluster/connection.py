@@ -12,7 +12,16 @@ from typing import Any
 
 from apf.cluster.workers import Share, setup_plugin
 from cl import InputError
+from psfs.common.files import read_json
+from psfs.common.schema import Table, checked
 from psfs.output.runs import versions
+
+
+class _SchedulerFile(Table):
+    """What is read of a scheduler's file."""
+
+    address: str
+
 
 #: Deaths of workers in the midst of a task after which the scheduler gives it up.
 ATTEMPTS = 3
@@ -73,7 +82,11 @@ def joined_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterat
     worker comes, one has another version of this program or does not see the folder `shared`.
     """
     distributed = dask_distributed()
-    where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    where: dict[str, str] = {"address": address}
+    if Path(address).is_file():
+        what = "the file that a `dask scheduler` wrote"
+        checked(_SchedulerFile, read_json(Path(address), what), address)
+        where = {"scheduler_file": address}
     try:
         client = distributed.Client(**where, timeout=patience)
     except (OSError, ValueError, TimeoutError) as error:

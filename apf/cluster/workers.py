@@ -11,6 +11,8 @@ from typing import Any
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_range
 
+#: Of one machine.
+MOST_WORKERS = 1000
 #: Environment of a worker: the device it computes on, as `--device` names it, and its cores, `0,1`.
 DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 
@@ -52,7 +54,7 @@ def shares_of_machine(
     """
     config = config or WorkerConfig()
     if n_workers is not None:
-        check_range("--workers", n_workers, 1, ends=True)
+        check_range("--workers", n_workers, 1, MOST_WORKERS, ends=True)
     chosen = select_device(device)  # in a process that starts no worker by forking
     if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
         names = [device]

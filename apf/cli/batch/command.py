@@ -77,6 +77,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     dask_distributed()  # before anything that takes time
     jobs = jobs_of(args)
+    if args.scheduler is None and args.workers is not None:
+        shares_of_machine(args.device, args.workers)  # before anything is written
     inputs = [job.source for job in jobs]
     with output_folder(args.output, "apf batch", inputs, ("index.html", "takes.csv")) as out:
         out.begin()
