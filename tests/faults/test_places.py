@@ -174,6 +174,11 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a take outside": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = '../x'"), "'../x'"),
     "a take named logs": (BATCH, takes("[[take]]\nfolder = 'walk'\nname = 'logs'"), "logs"),
     "a deep list of takes": (BATCH, takes("a = " + "[" * 5000), "takes.toml"),
+    "100,000 workers": (["apf", "batch", "walk", "-o", "new", "--workers", "100000"], None,
+                        "--workers"),
+    "no workers": (["apf", "batch", "walk", "-o", "new", "--workers", "0"], None, "--workers"),
+    "a demo of one camera": (["apf", "demo", "-o", "new", "--cameras", "1"], None, "--cameras"),
+    "a demo of no frame": (["apf", "demo", "-o", "new", "--frames", "0"], None, "frames is 0"),
     "a demo in a file": (["apf", "demo", "-o", "pose.txt"], None, "pose.txt"),
 }  # fmt: skip
 
