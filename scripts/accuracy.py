@@ -44,7 +44,7 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import suite_grid, suite_rows, write_suite
+from accuracy.suite_report import suite_grid, suite_headline, suite_rows, write_suite
 from accuracy.thesis import TABLES as THESIS
 from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
@@ -142,8 +142,8 @@ def main() -> int:
     parser.add_argument(
         "--readme",
         action="store_true",
-        help="instead of any run: the Markdown and the README's table (with --thesis that of "
-        "docs/accuracy.md) from OUT/results.json",
+        help="instead of any run: the README's table from OUT/results.json of a suite; of other "
+        "runs the Markdown and the tables of docs/accuracy.md",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -275,11 +275,14 @@ def _shown(plan: dict[Table, list[Setting]], results: Results) -> list[Grid]:
 
 
 def _update_readme(args: argparse.Namespace) -> None:
-    """Write the Markdown and README's table, or with `--thesis` that of docs/accuracy.md."""
+    """Write README's table from a suite, the Markdown and docs/accuracy.md's from other runs."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
         write_thesis(args.out / "thesis.md", results)
         replace_marked(_ROOT / "docs" / "accuracy.md", "thesis", thesis_headline(results))
+        return
+    if (args.out / "suite.md").is_file():
+        replace_marked(_ROOT / "README.md", "accuracy", suite_headline(results))
         return
     values = {name: getattr(args, name) for name in DIMENSIONS}
     plan: dict[Table, list[Setting]] = {}
@@ -288,7 +291,7 @@ def _update_readme(args: argparse.Namespace) -> None:
         settings = [setting for name in names for setting in table.settings(name, values)]
         plan[table] = [setting for setting in settings if results.of(setting)]
     write_tables(args.out / "tables.md", _shown(plan, results), results)
-    replace_marked(_ROOT / "README.md", "accuracy", headline(plan, results))
+    replace_marked(_ROOT / "docs" / "accuracy.md", "cameras", headline(plan, results))
 
 
 def _own_walks(out: Path, device: Device) -> list[Path]:

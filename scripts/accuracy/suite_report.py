@@ -17,7 +17,8 @@ from matplotlib.patches import Patch
 from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
-from accuracy.settings import Setting
+from accuracy.settings import WITNESSES, Setting
+from cl import InputError
 from psfs.common.files import written_whole
 
 _NOTE = (
@@ -151,6 +152,34 @@ def suite_grid(rows: Sequence[Row]) -> Grid:
         if len(of) > 1:
             cells.append(["all", "", *_mean_row(of).cells()[2:]])
     return Grid("Errors over the suite", _COLUMNS, cells, _NOTE)
+
+
+def suite_headline(results: Results) -> str:
+    """Markdown for the README: means of the default's runs from their own start. Raises InputError
+    if there are none."""
+    settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
+    rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
+    voxels = {row.sequence: row for row in rows if row.witness == "voxels"}
+    if not voxels:
+        raise InputError("the results hold no runs of a suite by voxels from a start of their own")
+    witnesses = [w for w in WITNESSES if any(row.witness == w for row in rows)]
+    cells = []
+    for name, own in sorted(voxels.items()):
+        by = {row.witness: row for row in rows if row.sequence == name}
+        shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in witnesses]
+        cells.append([name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *shown])
+    own = list(voxels.values())
+    means = [np.mean([r.limbs for r in rows if r.witness == w]) for w in witnesses]
+    mean = f"{np.mean([row.mean for row in own]):.1f}"
+    cells.append(["mean", "", mean, *(f"{value:.1f}" for value in means)])
+    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in witnesses)]
+    about = (
+        f"{own[0].runs} seeds, from a start of their own; "
+        f"{results.conditions['device']}, {results.made}, commit "
+        f"{results.conditions['commit'] or 'unknown'}. Keypoints are of a pose network; "
+        "triangulation has nothing else, both: voxels and keypoints."
+    )
+    return Grid("Mean error, mm", columns, cells, about).markdown()
 
 
 def _groups(rows: Sequence[Row]) -> list[Group]:

@@ -40,7 +40,7 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import Row, suite_grid, suite_rows, write_suite
+from accuracy.suite_report import Row, suite_grid, suite_headline, suite_rows, write_suite
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
 FRAMES = 3
@@ -252,6 +252,10 @@ def test_the_report(tmp_path: Path) -> None:
         f"| all |  | default | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 25.0 % | "
         "50.0 | 15.0 | 12.5 % | 70 | 2/3 |" in text
     )
+    shown = suite_headline(results)
+    assert "| walk | 4 | 42.0 ± 2.8 | 41.0 |" in shown and "| mean |  | 51.0 |" in shown
+    with pytest.raises(InputError, match="no runs of a suite"):
+        suite_headline(Results(tmp_path / "none.json", results.conditions))
     write_suite(tmp_path, results, rows)
     assert "abacus, 20" in (tmp_path / "suite.md").read_text()
     assert {path.name for path in tmp_path.iterdir()} == {
