@@ -59,7 +59,10 @@ def _run(args: argparse.Namespace) -> None:
 
 def _say_faults(sequence: Sequence, warnings: list[str], device: Device | NumpyDevice) -> Diagnosis:
     """Print `warnings` and what the pictures show to be wrong, a line for each fault."""
-    _, diagnosis, suspects = examined(sequence, device)
+    kept, diagnosis, suspects = examined(sequence, device)
+    if sequence.settings.sync == "auto":
+        for note in kept.timing_notes:
+            remark("note", "cyan", note)
     if any(fault.kind == "unit" for fault in diagnosis.faults):  # which knows better
         warnings = [text for text in warnings if UNIT_ASKED not in text]
     for fault in diagnosis.faults:

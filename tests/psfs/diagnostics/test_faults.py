@@ -105,6 +105,8 @@ def test_sync_auto_is_applied_and_remembered(
     command = ["reconstruct", str(folder), "-o", str(out), "--voxel-size", "0.05"]
     assert main([*command, "--sync", "auto", "--no-colour", "--frames", "0:3"]) == 0
     assert "c1 +8" in capsys.readouterr().err
+    assert main(["info", str(folder), "--sync", "auto"]) == 0
+    assert "c1 +8" in capsys.readouterr().out
     assert main(["check", str(out)]) == 0
     said = capsys.readouterr().out
     assert "late" not in said and "disagrees" not in said
