@@ -108,3 +108,12 @@ def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
     circle = np.cos(angle) * x / np.sum(x * x, -1, keepdims=True)
     circle += np.sin(angle) * y / np.sum(y * y, -1, keepdims=True)
     return cones[:, 0:3] + t * (cones[:, 4:7] - cones[:, 0:3]) + radius * circle
+
+
+def crossing() -> np.ndarray:
+    """Return a pose of song31 whose left forearm lies across the belly."""
+    body = named("song31")
+    pose = body.rest_pose.copy()
+    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
+        pose[body.dof_names.index(f"l_{axis}")] = value
+    return pose

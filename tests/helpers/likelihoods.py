@@ -17,6 +17,7 @@ from apf.scene import Scene
 from cl import Array, Device
 from helpers import bodies, scenes
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.reconstructor import Reconstructor
 from psfs.voxels.grid import VoxelGrid
 
 CONFIG = FilterConfig.of(n_particles=37, n_points=100)
@@ -105,3 +106,19 @@ def only(name: str, **settings: Any) -> FilterConfig:
     weights: Any = {f"{term}_weight": float(term == name) for term in terms}
     weights["posture_prior_weight"] = weights.pop("posture_weight")
     return CONFIG.changed(**weights, **settings)
+
+
+def assert_cost_nothing(device: Device, **weights: float) -> None:
+    """Terms that look at pictures leave the errors as they are where frames have masks alone."""
+    rig, grid, body = scenes.ring(2), scenes.small_grid(0.1), bodies.named("song31")
+    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
+    poses = bodies.random_poses(body, 8).astype(np.float32)
+    found = []
+    for chosen in (dict.fromkeys(weights, 0.0), weights):
+        config = FilterConfig.of(**chosen).likelihood
+        likelihood = VoxelLikelihood(Scene(device, rig, grid, body), config, len(poses))
+        likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
+        for launch in likelihood.launcher(device.to_device(poses)):
+            launch()
+        found.append(likelihood.errors.get())
+    np.testing.assert_array_equal(*found)

@@ -9,7 +9,7 @@ from scipy import ndimage
 from apf.body.cones import outlines
 from apf.body.model import BodyModel
 from apf.likelihood.contour import DIAGONAL_REACH, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
-from apf.reference.likelihood.part_colour import hidden_by_trunk
+from apf.reference.likelihood.part_colour import hidden_by_trunk, looked_up
 from psfs.cameras.camera import Camera
 
 _SMOOTH, _DERIVE = np.array([1, 4, 6, 4, 1]), np.array([-1, -2, 0, 2, 1])
@@ -83,12 +83,10 @@ def contour_means(
         for near, far in ((0, 3), (1, 2)):
             line = quad[:, far] - quad[:, near]
             pixels = quad[:, near] + t * line
-            x, y = np.moveaxis(np.floor(np.nan_to_num(pixels, nan=-1e6) + 0.5).astype(int), -1, 0)
-            seen = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
+            y, x, seen = looked_up(camera, pixels)
             hidden = hidden_by_trunk(camera, body, cones, corners, int(number), t, pixels[:, None])
             seen &= ~hidden[:, 0]
-            found = contours[_normals(line), np.where(seen, y, 0), np.where(seen, x, 0)]
-            sums += np.where(seen, found.astype(float), 0)
+            sums += np.where(seen, contours[_normals(line), y, x].astype(float), 0)
             counts += seen
     means: np.ndarray = sums / (255 * np.maximum(counts, 1))
     return means

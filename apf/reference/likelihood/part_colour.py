@@ -41,12 +41,18 @@ def in_outline(corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return (sides >= 0).all(-1) | (sides <= 0).all(-1)
 
 
-def _codes_at(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The codes at pixels (..., 2), -1 outside of the picture."""
+def looked_up(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows and columns (...) int of pixels (..., 2), 0 outside of the picture, and whether
+    they lie in it."""
     x, y = np.moveaxis(np.floor(np.nan_to_num(pixels, nan=-1e6) + 0.5), -1, 0)
     inside = (x >= 0) & (y >= 0) & (x < camera.size[0]) & (y < camera.size[1])
-    found = codes[np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)]
-    return np.where(inside, found.astype(int), -1)
+    return np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int), inside
+
+
+def _codes_at(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The codes at pixels (..., 2), -1 outside of the picture."""
+    rows, columns, inside = looked_up(camera, pixels)
+    return np.where(inside, codes[rows, columns].astype(int), -1)
 
 
 def counted(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, only, smooth_maps
+from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
 
 from apf.body.kinematics import posed_cones
 from apf.filters.config import FilterConfig
@@ -28,14 +28,6 @@ from psfs.reference.reconstructor import NumpyReconstructor
 SONG = bodies.named("song31")
 CONFIG = ContourConfig()
 RIG = scenes.ring(4, (161, 121))
-
-
-def crossing() -> np.ndarray:
-    """The left forearm lies across the belly."""
-    pose = SONG.rest_pose.copy()
-    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
-        pose[SONG.dof_names.index(f"l_{axis}")] = value
-    return pose
 
 
 def painted(pose: np.ndarray, arms: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,9 +59,9 @@ def test_an_arm_before_the_trunk_is_found_by_its_contours() -> None:
     """Of the trunk's own grey it has few there."""
     gain = {}
     for arms in (150, 90):
-        pictures, maps = painted(crossing(), arms)
+        pictures, maps = painted(bodies.crossing(), arms)
         contours = contours_of(gradients_of(pictures, maps), maps, contrast_of(CONFIG))
-        hanging, right = means(np.stack([SONG.rest_pose, crossing()]), contours)
+        hanging, right = means(np.stack([SONG.rest_pose, bodies.crossing()]), contours)
         gain[arms] = right - hanging
     assert gain[150] > 0.005 and gain[150] > gain[90] + 0.01
 
@@ -145,15 +137,4 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:
     with pytest.raises(InputError, match=r"contour_contrast is 0"):
         FilterConfig.of(contour_contrast=0.0)
-    rig, grid = scenes.ring(2), scenes.small_grid(0.1)
-    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
-    poses = bodies.random_poses(SONG, 8).astype(np.float32)
-    found = []
-    for weight in (0.0, 4.0):
-        config = FilterConfig.of(contour_weight=weight).likelihood
-        likelihood = VoxelLikelihood(Scene(device, rig, grid, SONG), config, len(poses))
-        likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
-        for launch in likelihood.launcher(device.to_device(poses)):
-            launch()
-        found.append(likelihood.errors.get())
-    np.testing.assert_array_equal(*found)
+    assert_cost_nothing(device, contour_weight=4.0)

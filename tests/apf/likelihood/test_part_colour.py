@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
-from helpers.likelihoods import Setup, only, smooth_maps
+from helpers.likelihoods import Setup, assert_cost_nothing, only, smooth_maps
 from helpers.parity import traced
 from helpers.worlds import World
 
@@ -44,14 +44,6 @@ RIG = scenes.ring(4, (161, 121))
 SHIRT, SKIN, NOTHING = 3, 9, N_CODES - 1
 
 
-def crossing() -> np.ndarray:
-    """The left forearm lies across the belly."""
-    pose = SONG.rest_pose.copy()
-    for axis, value in (("upper_arm.ry", 0.4), ("upper_arm.rz", -1.2), ("forearm.ry", 1.5)):
-        pose[SONG.dof_names.index(f"l_{axis}")] = value
-    return pose
-
-
 def painted(rig: CameraRig, pose: np.ndarray, arms: int) -> np.ndarray:
     """Codes (V, H, W) of pictures of a person in this pose: `arms` at arms and head, else SHIRT."""
     bare = [cone.name[2:] in ("forearm", "upper_arm") or cone.name == "head" for cone in SONG.cones]
@@ -77,8 +69,8 @@ def test_an_arm_before_the_trunk_is_found_by_its_colour(arms: int) -> None:
     """Learnt with hanging arms; then one crosses the belly. Of one colour, nothing tells."""
     counts = counted(RIG, SONG, SONG.rest_pose, painted(RIG, SONG.rest_pose, arms))
     ratios = ratios_of(counts, CONFIG)
-    poses = np.stack([SONG.rest_pose, crossing()])
-    hanging, right = means(poses, painted(RIG, crossing(), arms), ratios)
+    poses = np.stack([SONG.rest_pose, bodies.crossing()])
+    hanging, right = means(poses, painted(RIG, bodies.crossing(), arms), ratios)
     if arms == SKIN:
         assert right > hanging + 0.03
     else:
@@ -89,7 +81,7 @@ def test_a_hidden_arm_teaches_nothing() -> None:
     """The codes are those of hanging arms; a pose that has the arm on the belly learns no shirt."""
     codes = painted(RIG, SONG.rest_pose, SKIN)
     forearm = part_names(SONG).index("forearm")
-    counts = counted(RIG, SONG, crossing(), codes)
+    counts = counted(RIG, SONG, bodies.crossing(), codes)
     assert counts[forearm, SHIRT] < 0.25 * counts[forearm].sum()
 
 
@@ -244,18 +236,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
 def test_without_pictures_colours_cost_nothing(device: Device) -> None:
     with pytest.raises(InputError, match=r"part_colour_decay is 1\.5"):
         FilterConfig.of(part_colour_decay=1.5)
-    rig, grid = scenes.ring(2), scenes.small_grid(0.1)
-    picture: Any = scenes.frame(masks=scenes.masks_of(rig))
-    poses = bodies.random_poses(SONG, 8).astype(np.float32)
-    found = []
-    for weight in (0.0, 4.0):
-        config = FilterConfig.of(part_colour_weight=weight).likelihood
-        likelihood = VoxelLikelihood(Scene(device, rig, grid, SONG), config, len(poses))
-        likelihood.observe(Reconstructor(device, rig, grid, None)(picture))
-        for launch in likelihood.launcher(device.to_device(poses)):
-            launch()
-        found.append(likelihood.errors.get())
-    np.testing.assert_array_equal(*found)
+    assert_cost_nothing(device, part_colour_weight=4.0)
 
 
 def test_changed_bodies_keep_their_parts(device: Device) -> None:
