@@ -91,13 +91,15 @@ def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.nd
     The mean over `pairs` (first, second cone) of cones (N, C, 16) and over three points of the
     first's axis of (overlap / radius)^2, at most 1 each.
     """
-    errors = np.zeros(len(cones))
-    for first, second in pairs:
-        for t in (0.0, 0.5, 1.0):
-            a = cones[:, first]
-            points = a[:, 0:3] + t * (a[:, 4:7] - a[:, 0:3])
-            radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
-            for i, (point, cone) in enumerate(zip(points, cones[:, second], strict=True)):
-                distance = distances(point[None], cone[None])[0, 0]
-                errors[i] += np.clip(1 - distance / radius[i], 0, 1) ** 2
-    return errors / max(1, 3 * len(pairs))
+    if not pairs:
+        return np.zeros(len(cones))
+    first, second = np.repeat(np.array(pairs), 3, axis=0).T
+    t = np.tile([0.0, 0.5, 1.0], len(pairs))
+    errors = []
+    for own in cones:
+        a = own[first]
+        points = a[:, 0:3] + t[:, None] * (a[:, 4:7] - a[:, 0:3])
+        radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
+        distance = distances(points, own)[np.arange(len(t)), second]
+        errors.append(np.mean(np.clip(1 - distance / radius, 0, 1) ** 2))
+    return np.array(errors)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
@@ -57,7 +58,9 @@ def find_start(
         task = SearchTask(height, keep_shape, other, way)
         search = PoseSearch(scene, task, config)
         tracking = config.filter.changed(noise=noise, seed=other)
-        found.append(attempt(_Fitting(search, shown, every, clouds, tracking, progress)))
+        fitting = _Fitting(search, shown, every, clouds, tracking, progress)
+        with threadpool_limits(1, "blas"):  # small products: threads that wait for each other
+            found.append(attempt(fitting))
     best = min(found, key=lambda one: one.fit.cost)
     if best.registration_error > config.acceptance.hopeless:
         raise StartError(

@@ -141,7 +141,6 @@ class _ShapeFit:
         self._template, self._clouds, self._chosen = template, clouds, chosen
         self._height, self._config = height, config
         self._model = ShapeModel(template, config.prior)
-        self._steps = _STEP * np.eye(len(self._model.deviation))[chosen]
         self._prior = self._model.deviation[chosen] ** -2.0
         # Inverse variances of the angles around rest; the root is free.
         self._pose_prior = np.where(inner_axes(template), config.prior.angle**-2, 0.0)
@@ -152,18 +151,17 @@ class _ShapeFit:
         """Return the scales (S,) and poses (M, D) after one Gauss-Newton step."""
         template, n = self._template, self._template.n_dof
         body = self._model.body(shape)
-        larger = [self._model.body(shape + step) for step in self._steps]
         cones = posed_cones(body, poses)
-        by_shape = np.stack([posed_cones(other, poses) for other in (body, *larger)], 1)[:, 1:]
+        growths = self._model.growths(body, poses, cones)[:, self._chosen]
         samples = surface_samples(body, self._config.spacing)
         ankles = ankle_cones(body)
-        matrix, vector = self._shape_prior(shape, body, larger)
+        matrix, vector = self._shape_prior(shape, body)
         solutions = []
-        for cloud, pose, mine, grown in zip(self._clouds, poses, cones, by_shape, strict=True):
+        for cloud, pose, mine, growth in zip(self._clouds, poses, cones, growths, strict=True):
             found = contacts(cloud, mine, samples, reach)
             if cloud.on_floor and ankles:
                 found = self._standing(found, mine, ankles)
-            normal, gradient = self._normal_equations(body, pose, mine, grown, found)
+            normal, gradient = self._normal_equations(body, pose, mine, growth, found)
             solutions.append(self._eliminated(normal, gradient, pose - template.rest_pose))
             matrix += normal[n:, n:] - normal[n:, :n] @ solutions[-1][:, :-1]
             vector += gradient[n:] - normal[n:, :n] @ solutions[-1][:, -1]
@@ -192,14 +190,13 @@ class _ShapeFit:
             np.append(found.share, 0.0),
         )
 
-    def _shape_prior(
-        self, shape: np.ndarray, body: BodyModel, larger: list[BodyModel]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _shape_prior(self, shape: np.ndarray, body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
         """J'J (S', S') and J'r (S',) of the prior and of the known stature."""
         matrix, vector = np.diag(self._prior), self._prior * shape[self._chosen]
         if self._height is not None:
             miss = stature(body) - self._height
-            grown = np.array([stature(other) for other in larger])
+            steps = _STEP * np.eye(len(shape))[self._chosen]
+            grown = np.array([stature(self._model.body(shape + step)) for step in steps])
             row = (grown - self._height - miss) / _STEP
             matrix += np.outer(row, row) / self._config.prior.stature**2
             vector += row * miss / self._config.prior.stature**2
@@ -210,14 +207,14 @@ class _ShapeFit:
         body: BodyModel,
         pose: np.ndarray,
         cones: np.ndarray,
-        by_shape: np.ndarray,
+        growth: np.ndarray,
         found: Contacts,
     ) -> tuple[np.ndarray, np.ndarray]:
         """J'J (D + S', D + S') and J'r (D + S',) of the gaps r along the normals, in deviations."""
         here = points_on(cones[found.cone], found.coordinates)
         gap = np.sum(found.normal * (here - found.target), 1)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
-        rows = np.concatenate([by_pose, _growths(cones, by_shape, found, here)])
+        rows = np.concatenate([by_pose, _grown(cones, growth, found, here)])
         config = self._config
         weighted = rows * (found.weight * config.n_distances / len(self._clouds) / config.noise**2)
         return weighted @ rows.T, weighted @ gap
@@ -232,16 +229,13 @@ class _ShapeFit:
         return np.linalg.solve(own, right)
 
 
-def _growths(
-    cones: np.ndarray, by_shape: np.ndarray, found: Contacts, here: np.ndarray
-) -> np.ndarray:
+def _grown(cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndarray) -> np.ndarray:
     """(S', K) how far each scale moves the contacts, at `here` (K, 3), along their normals: the
-    ends and radii of cones (S', C, 16) change, not their directions."""
+    ends and radii of cones (C, 16) change by `growth` (S', C, 8), not their directions."""
     ends = cones[found.cone]
     t, n = found.coordinates[:, 0:1], found.normal
     outward = here - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
     radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
     along = np.concatenate([n, np.sum(n * outward, 1, keepdims=True) / radius], 1)
     per_end = np.concatenate([(1 - t) * along, t * along], 1)
-    change: np.ndarray = (by_shape - cones)[..., :8] / _STEP
-    return np.einsum("skj,kj->sk", change[:, found.cone], per_end)
+    return np.einsum("skj,kj->sk", growth[:, found.cone], per_end)

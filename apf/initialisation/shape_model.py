@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from apf.body.model import BodyModel
+from apf.body.kinematics import bone_matrices
+from apf.body.model import BodyModel, sideless
 from apf.initialisation.config import ShapePrior
 
 
@@ -28,6 +29,25 @@ class ShapeModel:
                 np.full(len(self.radii), prior.radius),
             ]
         )
+        bones = np.array([sideless(bone.name) for bone in template.bones])
+        cones = np.array([sideless(cone.name) for cone in template.cones])
+        n_bones, n_cones = len(bones), len(cones)
+        # (S, B) and (S, C): which scales what is fixed to a bone, and the radii of a cone, grow by.
+        self._on_bone = np.concatenate(
+            [
+                np.ones((1, n_bones)),
+                np.zeros((1, n_bones)),
+                np.array(self.lengths)[:, None] == bones,
+                np.zeros((len(self.radii), n_bones)),
+            ]
+        )
+        self._on_radii = np.concatenate(
+            [
+                np.ones((2, n_cones)),
+                np.zeros((len(self.lengths), n_cones)),
+                np.array(self.radii)[:, None] == cones,
+            ]
+        )
 
     def body(self, shape: np.ndarray) -> BodyModel:
         """Return the template with the scales of `shape` (S,)."""
@@ -38,6 +58,25 @@ class ShapeModel:
             dict(zip(self.lengths, lengths, strict=True)),
             dict(zip(self.radii, radii, strict=True)),
         )
+
+    def growths(self, body: BodyModel, poses: np.ndarray, cones: np.ndarray) -> np.ndarray:
+        """Return (M, S, C, 8) how ends and radii of the posed `cones` (M, C, 16) of `body`, which
+        has some scales of the template, change with the log of each scale in poses (M, D)."""
+        rotations, origins = bone_matrices(body, poses)
+        shifts = np.zeros((len(poses), *self._on_bone.shape, 3))  # of the bones' origins
+        for b, bone in enumerate(body.bones):
+            if bone.parent >= 0:
+                offset = rotations[:, bone.parent] @ bone.offset
+                own = self._on_bone[:, bone.parent, None] * offset[:, None]
+                shifts[:, :, b] = shifts[:, :, bone.parent] + own
+        bones = [cone.bone for cone in body.cones]
+        grown = np.empty((*shifts.shape[:2], len(bones), 8))
+        for end in (0, 4):
+            fixed = cones[:, :, end : end + 3] - origins[:, bones]
+            own = self._on_bone[:, bones, None] * fixed[:, None]
+            grown[..., end : end + 3] = shifts[:, :, bones] + own
+            grown[..., end + 3] = self._on_radii * cones[:, None, :, end + 3]
+        return grown
 
 
 def points_on(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
@@ -77,19 +116,22 @@ def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
 def surface_samples(body: BodyModel, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Return cones (K,) and cone coordinates (K, 4) of points about `spacing` m apart on all cones
     and their round ends; not to be written to."""
-    cones, coordinates = [], []
+    rings, cones = [], []
     for c, cone in enumerate(body.cones):
         length = float(np.linalg.norm(cone.end - cone.start))
         n = max(2, round(length / spacing))
         rows = [((i + 0.5) / n, 0.0) for i in range(n)]
         rows += [(0.0, -0.5), (1.0, 0.5), (0.0, -1.0), (1.0, 1.0)]
-        around = max(6, round(2 * np.pi * np.mean(cone.radii) / spacing))
-        for t, cap in rows:
-            for angle in np.arange(around if abs(cap) < 1 else 1) * 2 * np.pi / around:
-                side = np.sqrt(1 - cap * cap)
-                coordinates.append((t, cap, side * np.cos(angle), side * np.sin(angle)))
-                cones.append(c)
-    samples = np.array(cones), np.array(coordinates)
+        around = max(6, round(np.pi * sum(cone.radii) / spacing))
+        rings += [(t, cap, around if abs(cap) < 1 else 1) for t, cap in rows]
+        cones += [c] * len(rows)
+    t, cap, around = np.array(rings).T
+    ring = np.repeat(np.arange(len(rings)), around.astype(int))
+    first = np.cumsum(around) - around
+    angle = (np.arange(len(ring)) - first[ring]) * 2 * np.pi / around[ring]
+    side = np.sqrt(1 - cap[ring] ** 2)
+    coordinates = np.stack([t[ring], cap[ring], side * np.cos(angle), side * np.sin(angle)], -1)
+    samples = np.array(cones)[ring], coordinates
     for array in samples:
         array.flags.writeable = False
     return samples

@@ -75,11 +75,14 @@ def _moments(
             reference = frame.astype(np.float32) if clip is None else clip[0]
             total, squares, number = (np.zeros_like(reference) for _ in range(3))
         difference = frame - reference
-        use = np.ones((), bool) if clip is None else np.abs(difference) <= clip[1]
-        difference = difference * use
+        if clip is None:
+            number += 1
+        else:
+            use = np.abs(difference) <= clip[1]
+            difference *= use
+            number += use
         total += difference
-        squares += difference * difference
-        number += use
+        squares += np.square(difference, out=difference)
     shift = total / np.maximum(number, 1)
     variance = np.maximum(squares / np.maximum(number, 1) - shift * shift, 0)
     return reference + shift, variance, number

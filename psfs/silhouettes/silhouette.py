@@ -224,9 +224,12 @@ class Silhouette:
 def background_planes(background: Background, config: BackgroundConfig) -> np.ndarray:
     """Return (V, 8, H, W) float32: mean (3), 1 / sigma^2 (3), log of the background's peak density
     over the uniform foreground's, 1 / shadow_width^2."""
-    sigma = np.maximum(background.std, config.sigma_floor).astype(np.float32)
-    peak = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(-1)
-    shadow = config.shadow_width(background.mean) ** -2
-    planes = (background.mean, sigma**-2, peak[..., None], shadow[..., None])
-    stacked = np.concatenate([np.moveaxis(plane, -1, 1) for plane in planes], axis=1)
-    return np.ascontiguousarray(stacked, np.float32)
+    # Plane by plane: sums over a pixel's three numbers take several times as long.
+    mean, std = (np.moveaxis(array, -1, 1) for array in (background.mean, background.std))
+    planes = np.empty((len(mean), 8, *mean.shape[2:]), np.float32)
+    planes[:, :3] = mean
+    sigma = np.maximum(std, np.float32(config.sigma_floor), order="C")
+    planes[:, 3:6] = sigma**-2
+    planes[:, 6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(1)
+    planes[:, 7] = config.shadow_width(np.moveaxis(planes[:, :3], 1, -1)) ** -2
+    return planes

@@ -62,6 +62,16 @@ def test_samples_lie_on_the_surface() -> None:
         np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
 
 
+def test_growths_are_the_derivatives_by_the_scales() -> None:
+    model = ShapeModel(SONG)
+    shape, poses = np.random.default_rng(1).normal(0, 0.1, len(model.deviation)), walking(SONG, 2)
+    grown = [[model.body(shape + d) for d in (step, -step)] for step in 1e-5 * np.eye(len(shape))]
+    expected = [posed_cones(a, poses) - posed_cones(b, poses) for a, b in grown]
+    body = model.body(shape)
+    found = model.growths(body, poses, posed_cones(body, poses))
+    np.testing.assert_allclose(found, np.stack(expected, 1)[..., :8] / 2e-5, atol=1e-8)
+
+
 def test_fit_finds_size_lengths_and_girth() -> None:
     model = ShapeModel(SONG)
     true = np.random.default_rng(1).normal(0, 0.7 * model.deviation)
