@@ -127,6 +127,8 @@ def main() -> int:
         help="a paper's settings, too, beside the defaults, with --suite; with --thesis in their "
         "place; several times for several",
     )
+    alone = "with --suite: without the defaults"
+    parser.add_argument("--presets-only", action="store_true", help=alone)
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument(
@@ -216,6 +218,8 @@ def _conditions(args: argparse.Namespace, device: Device, folders: list[Path]) -
 def _check_suite(args: argparse.Namespace) -> None:
     if args.folders or args.thesis is not None or args.readme:
         raise InputError("--suite with folders, --thesis or --readme; expected it alone")
+    if args.presets_only and not args.preset:
+        raise InputError("--presets-only without --preset; expected at least one")
     if args.processes < 1:
         raise InputError(f"--processes {args.processes}; expected at least 1")
 
@@ -225,7 +229,8 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     folders = suite_folders(args.suite)
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
-    settings = dict(suite_settings(folders, args.start, args.by, first, args.preset))
+    presets = ([] if args.presets_only else [""]) + args.preset
+    settings = dict(suite_settings(folders, args.start, args.by, first, presets))
     conditions = _conditions(args, device, folders)
     results = Results.resumed(args.out / "results.json", conditions)
     same = {name: conditions[name] for name in ("version", "commit", "device")}

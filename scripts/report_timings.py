@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 from timings.report import figures
-from timings.report.machines import read_machines
+from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
 from timings.report.readme import update_readme
 
@@ -39,7 +39,7 @@ def main() -> int:
 def _run(args: argparse.Namespace) -> None:
     folders = args.folders or sorted(path for path in _RESULTS.glob("*") if path.is_dir())
     machines = read_machines(folders)
-    write_report(machines, args.out)
+    write_report(machines, args.out, read_batches(folders))
     stdout.print(f"wrote {args.out / 'report.md'} and report.html", soft_wrap=True)
     if args.readme:
         picture = _ROOT / "docs" / "timings.png"

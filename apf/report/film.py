@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import av
 import cv2
 
 from cl import InputError
 from psfs.output.video import written_video
+
+if TYPE_CHECKING:
+    import av
 
 #: Bytes of a video of up to `_SHORT` s; of a longer one in proportion.
 _BYTES, _SHORT = 4_000_000, 60.0
@@ -22,6 +25,8 @@ _LEAST_RATE = 1e5
 def page_video(path: Path) -> bytes:
     """Return the video at `path` as MP4 with H.264, encoded anew where it is not or is too large.
     Raises InputError if it cannot be read."""
+    import av  # takes a while to load
+
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]

@@ -9,8 +9,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from plotly.offline import get_plotlyjs
-
 from apf.report.curves import agreement_curves, angle_curves, confidence_curves
 from apf.report.film import page_video
 from apf.report.player import player_scene
@@ -28,6 +26,8 @@ def write_page(
     summary: of `summary.json`. settings: the text of settings.toml. video: the overlay's, left out
     where there is none. Raises InputError if it cannot be written.
     """
+    from plotly.offline import get_plotlyjs  # takes a while to load
+
     track = quality.track
     content = {
         "name": name,

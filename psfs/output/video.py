@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import numpy as np
 
 from cl import InputError
@@ -23,6 +22,8 @@ class Video:
     """A video that is being written; see `written_video`. count: pictures so far."""
 
     def __init__(self, path: Path, fps: float, quality: int, most: float | None) -> None:
+        import av  # takes a while to load
+
         self.count = 0
         options = {"movflags": "+faststart"}  # playable before all of it is read
         self._container = av.open(str(path), "w", format="mp4", container_options=options)
@@ -37,6 +38,8 @@ class Video:
 
     def write(self, picture: np.ndarray) -> None:
         """Add a picture (h, w, 3) uint8 BGR, of the first one's size."""
+        import av
+
         picture = _with_even_sides(picture)
         if not self.count:
             self._stream.height, self._stream.width = picture.shape[:2]
@@ -62,6 +65,8 @@ def written_video(
     fps: pictures per second. quality: x264's constant rate factor. most: bits per second. Raises
     InputError if it cannot be written, or if nothing was.
     """
+    import av
+
     path = Path(path)
     with written_whole(path) as temporary:
         try:
@@ -81,6 +86,8 @@ def written_video(
 
 def frames_of(path: Path) -> int:
     """Return the number of pictures in a video's file."""
+    import av
+
     with av.open(str(path)) as container:
         return sum(packet.size > 0 for packet in container.demux(video=0))
 

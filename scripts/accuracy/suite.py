@@ -300,11 +300,11 @@ def suite_settings(
     starts: Items[str],
     witnesses: Items[str],
     first: dict[str, Any],
-    presets: Items[str] = (),
+    presets: Items[str] = ("",),
 ) -> Iterator[tuple[Setting, Path]]:
     """A setting per sequence, witness and start, `first` being all but its sequence, cameras and
-    step; of voxels also one by each of `presets`; without those of keypoints where a sequence has
-    none. Raises InputError if none is left.
+    step, by the defaults, "" of `presets`; of voxels also one by each of the others. Those of
+    keypoints are left out where a sequence has none. Raises InputError if none is left.
     """
     left = False
     for folder in folders:
@@ -316,8 +316,10 @@ def suite_settings(
             for start in ("none",) if witness == "triangulation" else starts:
                 left = True
                 setting = Setting(folder.name, len(sequence.rig), 1, **first, start=start)
-                yield replace(setting, witness=witness), folder
-                for name in presets if witness == "voxels" else ():
-                    yield replace(setting, witness=witness, **of_preset(name)), folder
+                for name in presets:
+                    if not name:
+                        yield replace(setting, witness=witness), folder
+                    elif witness == "voxels":
+                        yield replace(setting, witness=witness, **of_preset(name)), folder
     if not left:
         raise InputError(f"no sequence has keypoints; expected some, for {', '.join(witnesses)}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from apf.body.kinematics import posed_joints
 from apf.filters.base import Estimate
 from apf.filters.config import FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
+from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene as TrackedScene
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
@@ -25,6 +26,9 @@ from psfs.voxels.grid import VoxelCloud
 from timings.bench_scene import FPS, SHAPE, Scene, grid_of, playing, shared_scene, there_and_back
 from timings.measure import Timing
 from timings.stages import STAGES, stage_of
+
+#: What keypoints say of the body in the frame played at a place.
+Sightings: TypeAlias = Callable[[int], PointObservations]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +136,15 @@ def stream_run(
     frames: int,
     seconds: float = np.inf,
     coloured: bool = False,
+    sightings: Sightings | None = None,
 ) -> dict[str, Any]:
     """One run through the pictures in `shown` as a stream: ms from one pose to the next, mean
     error. Each frame is uploaded and reconstructed while the one before is searched for; no cloud
     is downloaded. `coloured`: from one coloured cloud on the host to the next, each frame uploaded
-    while the one before is computed. Ends early when `seconds` have passed."""
+    while the one before is computed. `sightings`: keypoints that are looked at, too. Ends early
+    when `seconds` have passed."""
     whole.tracker.start(whole.problem.pose)
-    stream = _stream(whole, islice(playing(shown), frames + 1), coloured)
+    stream = _stream(whole, islice(playing(shown), frames + 1), coloured, sightings)
     poses, clock = [next(stream).pose], [time.perf_counter()]
     for estimate in stream:
         poses.append(estimate.pose)
@@ -149,9 +155,14 @@ def stream_run(
     return {"frames": Timing(tuple(1e3 * np.diff(clock))), "error_mm": float(np.mean(errors))}
 
 
-def _stream(whole: WholeFrame, frames: Iterable[Frame], coloured: bool) -> Iterator[Estimate]:
+def _stream(
+    whole: WholeFrame, frames: Iterable[Frame], coloured: bool, sightings: Sightings | None
+) -> Iterator[Estimate]:
     if not coloured:
-        yield from whole.tracker.stream(whole.reconstruct.stream(frames))
+        shown: Iterable[Any] = whole.reconstruct.stream(frames)
+        if sightings is not None:
+            shown = (Observed(voxels, sightings(place)) for place, voxels in enumerate(shown))
+        yield from whole.tracker.stream(shown)
         return
     for voxels in whole.reconstruct.stream(frames):
         estimate = whole.tracker.step(voxels)

@@ -30,6 +30,7 @@ from timings.measure import (
 )
 from timings.results import Results, add_timing_flags
 from timings.stages import reconstruction_work, tracking_work
+from timings.streamed_cues import streamed_cues
 from timings.tables.whole import print_report
 from timings.whole_frame import (
     Problem,
@@ -42,6 +43,8 @@ from timings.whole_frame import (
 
 #: Song et al.: frames of a run, and runs.
 FRAMES, REPETITIONS = 200, 3
+#: Frames of a run that is streamed with a cue or without.
+_STREAMED = 100
 #: Surface voxels of theirs, about (3.3.3, e).
 SONGS_SURFACE = 30_000
 #: Frames of a NumPy run: the twins take seconds for each.
@@ -82,6 +85,9 @@ def run(args: argparse.Namespace) -> None:
     for place in found:
         profiled = partial(roofline, place, problem, 3 if quick else 10)
         results.plan(f"stages {place.label}", profiled)
+    for place in found:
+        run = (4, 1, 5.0) if quick else (_STREAMED, REPETITIONS, 5.0)
+        results.plan(f"cues {place.label}", partial(streamed_cues, place, problem, *run))
     _numpy_column(results, problem)
     for place in found:
         for cores in fewer_cores(place)[1:]:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cl import InputError
 from timings.results import Results, read_results
+
+#: The comparison that a machine may be measured for alone.
+BATCH = "batch"
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,13 +25,13 @@ class Machine:
 
 
 def read_machines(folders: list[Path]) -> list[Machine]:
-    """One of each folder that holds results. Raises InputError if there is none at all, or one
-    without those of `compare_timings.py whole`, which the report is about."""
+    """One of each folder that holds results, but where only takes were counted. Raises InputError
+    if there is none at all, or one without those of `compare_timings.py whole`, which the report is
+    about."""
     machines = []
     for folder in folders:
-        files = sorted(folder.glob("*.json"))
-        results = {file.stem: read_results(file) for file in files}
-        if not results:
+        results = _results_in(folder)
+        if set(results) <= {BATCH}:
             continue
         if "whole" not in results or not results["whole"].starting("column "):
             raise InputError(f"{folder}: no columns in whole.json; expected results of `whole`")
@@ -38,8 +43,18 @@ def read_machines(folders: list[Path]) -> list[Machine]:
     return sorted(machines, key=lambda m: len(_environment(m.results)["devices"]))
 
 
-def _environment(results: Mapping[str, Results]) -> dict:
-    return results["whole"].environment
+def read_batches(folders: list[Path]) -> list[Machine]:
+    """One of each folder that holds results of `compare_timings.py batch`."""
+    found = [(folder, _results_in(folder)) for folder in folders]
+    return [Machine(path.name, _title(of), of) for path, of in found if BATCH in of]
+
+
+def _results_in(folder: Path) -> dict[str, Results]:
+    return {file.stem: read_results(file) for file in sorted(folder.glob("*.json"))}
+
+
+def _environment(results: Mapping[str, Results]) -> dict[str, Any]:
+    return results["whole" if "whole" in results else BATCH].environment
 
 
 def _title(results: Mapping[str, Results]) -> str:
@@ -48,7 +63,8 @@ def _title(results: Mapping[str, Results]) -> str:
     units = [d["compute_units"] for d in machine["devices"] if d["kind"] == "cpu"]
     cores = max(units, default=machine["cores"])
     cpu = f"{short_cpu(machine['cpu'])}, {cores} core{'s' * (cores > 1)}"
-    return " with ".join([*gpus, cpu])
+    counted = [f"{n} x {name}" if n > 1 else name for name, n in Counter(gpus).items()]
+    return " with ".join([*counted, cpu])
 
 
 def short_cpu(name: str) -> str:

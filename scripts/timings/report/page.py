@@ -14,10 +14,12 @@ from markdown_it import MarkdownIt
 from apf.body import load_body
 from psfs.common.files import written_whole
 from timings.report import curves, figures, limits, peers, rymut
-from timings.report.machines import Machine, device_title, missing, named
+from timings.report.machines import BATCH, Machine, device_title, missing, named
+from timings.tables.batch import tables_of
 from timings.tables.grid import Grid, number
 from timings.tables.whole import (
     columns,
+    cues_table,
     later,
     median_ms,
     papers,
@@ -49,8 +51,11 @@ summary { cursor: pointer; color: #0072B2; margin: .6rem 0; }
 """
 
 
-def write_report(machines: Sequence[Machine], folder: Path) -> None:
-    """report.md, report.html (which holds its figures) and figures/*.svg into `folder`."""
+def write_report(
+    machines: Sequence[Machine], folder: Path, batches: Sequence[Machine] = ()
+) -> None:
+    """report.md, report.html (which holds its figures) and figures/*.svg into `folder`. batches:
+    where takes were counted."""
     draw: dict[str, Callable[[Sequence[Machine]], Any]] = {
         "headline": figures.headline, "per_frame": figures.per_frame, "stages": figures.stages,
         "amdahl": limits.amdahl, "roofline": limits.roofline, "scaling": limits.scaling,
@@ -63,7 +68,7 @@ def write_report(machines: Sequence[Machine], folder: Path) -> None:
         if made is not None:
             figures.write_figure(made, folder / FIGURES / f"{name}.svg")
             drawn.add(name)
-    text = page(machines, drawn)
+    text = page(machines, drawn, batches)
     with written_whole(folder / "report.md") as temporary:
         temporary.write_text(text)
     with written_whole(folder / "report.html") as temporary:
@@ -89,11 +94,12 @@ def html(text: str, folder: Path) -> str:
     )
 
 
-def page(machines: Sequence[Machine], drawn: Set[str]) -> str:
+def page(machines: Sequence[Machine], drawn: Set[str], batches: Sequence[Machine] = ()) -> str:
     """The report's Markdown, with the figures that were drawn."""
     parts = [_opening(machines), _machines(machines), _song(machines), _where_time_goes(machines)]
+    more = [machine for machine in batches if machine.name not in {m.name for m in machines}]
     parts += [_growth(machines), peers.peers(machines), rymut.tables(machines)]
-    parts.append(_left_out(machines))
+    parts += [_takes(machines, batches), _left_out([*machines, *more])]
 
     def kept(found: re.Match[str]) -> str:
         return found[0] if found[1] in drawn else "_Not measured._"
@@ -211,6 +217,10 @@ def _song(machines: Sequence[Machine]) -> str:
         for machine, results in each
         if streams(results)
     ]
+    for machine, results in each:
+        cues = cues_table(results, machine.title)
+        parts += [named(cues.markdown(), machine)] if cues else []
+        parts += missing(machine, "whole", "cues ")
     parts += ["### Song table 3"]
     parts += [table_3(results, machine.title).markdown() for machine, results in each]
     parts += ["### Song table 4", figure("per_frame", "Time of each frame, ours and Song's")]
@@ -327,6 +337,25 @@ def _growth(machines: Sequence[Machine]) -> str:
         figure("scaling", "Time of a frame over voxels, cameras, particles, layers"),
         *(line for machine in machines for line in missing(machine, "whole", "scaling ")),
     ])  # fmt: skip
+
+
+def _takes(machines: Sequence[Machine], batches: Sequence[Machine]) -> str:
+    """Takes per minute, machine by machine."""
+    parts = ["## Many takes", _TAKES]
+    for machine in batches:
+        results = machine.results[BATCH]
+        about = f"{results.made[:10]}, commit {results.commit}; `{results.command}`"
+        parts += [f"### {machine.title}", about, *(g.markdown() for g in tables_of(results))]
+        parts += missing(machine, BATCH, "workers ", "decoding")
+    counted = {machine.name for machine in batches}
+    for machine in machines:
+        parts += [] if machine.name in counted else missing(machine, BATCH)
+    return "\n\n".join(parts)
+
+
+_TAKES = """Takes done by the tasks of `apf batch`: read, reconstructed, tracked and written.
+Speed-up and efficiency are against the first row; core s: of the processor, all processes
+together."""
 
 
 def _left_out(machines: Sequence[Machine]) -> str:

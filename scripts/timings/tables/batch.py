@@ -9,16 +9,21 @@ from timings.tables.grid import Grid, number
 
 
 def print_report(results: Results) -> None:
+    for grid in tables_of(results):
+        grid.show()
+
+
+def tables_of(results: Results) -> list[Grid]:
+    """What was measured: takes per minute, where a take's time goes, cores that decode."""
     rows = {
         name.removeprefix("workers "): section
         for name, section in results.sections.items()
         if name.startswith("workers ")
     }
-    if rows:
-        throughput_table(rows).show()
-        stages_table(rows).show()
+    grids = [throughput_table(rows), stages_table(rows)] if rows else []
     if rows and "decoding" in results.sections:
-        decoding_table(results.sections["decoding"], rows).show()
+        grids.append(decoding_table(results.sections["decoding"], rows))
+    return grids
 
 
 def throughput_table(rows: dict[str, Any]) -> Grid:

@@ -61,6 +61,8 @@ def median_ms(column: Any) -> float:
 def print_report(results: Results) -> None:
     table_2(results).show()
     stream_table(results).show()
+    if cues := cues_table(results, "Streamed"):
+        cues.show()
     table_3(results).show()
     for stages in results.starting("stages "):
         stage_table(stages).show()
@@ -141,6 +143,32 @@ def stream_table(results: Results, where: str = "Streamed") -> Grid:
         "By the clock, from one pose, or one cloud of voxels, to the next, on the host. A frame is "
         "uploaded while the one before is worked on; without clouds it is reconstructed then, too.",
     )  # fmt: skip
+
+
+def cues_table(results: Results, where: str) -> Grid | None:
+    """Streamed frames with a cue and without; None where there are none."""
+    rows = []
+    for section in results.starting("cues "):
+        first = _median_of_runs(section["rows"][0])
+        for row in section["rows"]:
+            ms = _median_of_runs(row)
+            rows.append([
+                section["label"], row["variant"], number(ms), f"{ms - first:+.3f}",
+                f"{len(row['runs'])} x {min(len(run.samples) for run in row['runs'])}",
+                number(row["error_mm"]),
+            ])  # fmt: skip
+    if not rows:
+        return None
+    return Grid(
+        f"{where}: streamed frames with a cue and without",
+        ["device", "variant", "ms", "more, ms", "frames", "error, mm"], rows,
+        "From pose to pose, streamed, without colour and download of voxels; the median of the "
+        "runs' medians.",
+    )  # fmt: skip
+
+
+def _median_of_runs(row: Any) -> float:
+    return float(np.median([run.median for run in row["runs"]]))
 
 
 def surface_table(results: Results, where: str) -> Grid | None:
