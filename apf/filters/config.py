@@ -136,6 +136,12 @@ class LimbSearchConfig:
     reach: float = 16.0
     """Limbs are looked for within up to so many of the body's sigmas, and anywhere within their
     limits; 0 for not at all. Tuned on the synthetic walks."""
+    rounds: int = 4
+    """Rounds that look about the best of the round before, each half as far. Tuned on
+    synth_box_4cam and synth_salsa_4cam_hd: without them arms that were lost were seldom found
+    again, for few poses that are anywhere have a forearm where its outlines are."""
+    round_reach: float = 8.0
+    """Deviation in the first of these rounds, in the body's sigmas. Tuned with them."""
     near_margin: float = 0.01
     """Share by which the error must fall for a limb to be moved within that reach. Tuned."""
     far_margin: float = 0.05
@@ -153,11 +159,16 @@ class LimbSearchConfig:
     swings in a few frames."""
 
     def __post_init__(self) -> None:
-        for name in ("reach", "near_margin", "far_margin", "least_recall"):
+        for name in ("reach", "rounds", "near_margin", "far_margin", "least_recall"):
             check_range(f"limb_search_{name}", getattr(self, name), 0, ends=True)
         check_range("limb_search_point_steps", self.point_steps, 1, ends=True)
-        for name in ("point_reach", "point_width"):
+        for name in ("round_reach", "point_reach", "point_width"):
             check_range(f"limb_search_{name}", getattr(self, name), 0)
+
+    @property
+    def reaches(self) -> list[float]:
+        """How far the poses of every round reach, in the body's sigmas."""
+        return [self.reach, *(self.round_reach * 0.5**i for i in range(self.rounds))]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,9 @@ def n_near(n: int) -> int:
 class LimbSearch:
     """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
     poses that differ from the mean in that limb, one of which has it where observed points are, and
-    the best of many that have it anywhere within its limits; the one of these that scores best is
-    the estimate. Does nothing with a likelihood that has neither surface points nor observed ones.
+    the best of many that have it anywhere within its limits, both found in rounds, each about the
+    best of the round before; the one of these that scores best is the estimate. Does nothing with a
+    likelihood that has neither surface points nor observed ones.
 
     A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
     particles near the estimate do not reach where it is, and those that are spread widely are
@@ -107,11 +108,12 @@ class LimbSearch:
             launches = []
             if self._by_points is not None:
                 launches = self._by_points.shift_launcher(None, result)
-            launches += [
-                self._propose(frame, result, self._poses),
-                *likelihood.rescoring_launcher(self._poses, errors, stride, least_recall),
-                self._choose(),
-            ]
+            for round in range(1 + self.config.limb_search.rounds):
+                launches += [
+                    self._propose(frame, result, self._poses, round),
+                    *likelihood.rescoring_launcher(self._poses, errors, stride, least_recall),
+                    self._choose(),
+                ]
         else:
             launches = [self._propose(frame, result, candidates)]
         launches += self._refinement.launcher(likelihood.points, candidates)
@@ -119,7 +121,7 @@ class LimbSearch:
             launches += likelihood.rescoring_launcher(candidates, self._errors, 1, least_recall)
         return [*launches, self._accept(result)]
 
-    def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
+    def _propose(self, frame: Array, result: Array, poses: Array, round: int = 0) -> Launch:
         n = poses.shape[0] // self._n_runs
         return self.device.launch(
             self._kernel("propose"),
@@ -127,8 +129,8 @@ class LimbSearch:
             None,
             n=n,
             n_near=n_near(n),
-            layer=self.config.search.n_layers,
-            reach=self.config.limb_search.reach,
+            layer=self.config.search.n_layers + round,
+            reach=self.config.limb_search.reaches[round],
             seeds=self._seeds,
             frames=frame,
             sigma=self._sigma,
@@ -137,6 +139,7 @@ class LimbSearch:
             limbs=self._limbs,
             result=result,
             seen=self._by_points.shift if self._by_points is not None else None,
+            best=self._candidates if round else None,
             poses=poses,
         )
 

@@ -20,26 +20,36 @@ def propose(
     config: FilterConfig,
     frame: int,
     seen: np.ndarray | None = None,
+    round: int = 0,
+    best: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (N, D): `mean`, then ones that differ from it in one limb, the first half by 1
     (first) to `reach` (last) sigma, the others anywhere within its limits; with `seen` (D,), how
-    far the mean would move to observed points, each limb's first moves so. Also the limb (N,) of
-    each, -1 of the mean, and numbered on from the number of limbs where it is anywhere."""
+    far the mean would move to observed points, each limb's first moves so. In a later `round`,
+    about where the `best` (2 L, D) of the one before have that limb, the first of each just there.
+    Also the limb (N,) of each, -1 of the mean, and numbered on from the number of limbs L where it
+    is anywhere."""
     limbs, n = limb_masks(body), config.search.n_particles
     near = n_near(n)
     which = np.r_[-1, np.arange(n - 1) % len(limbs)]
     far = np.arange(n) >= near
-    scale = config.limb_search.reach ** (np.arange(-1, n - 1) / max(1, near - 2))
-    noise = normals(config.search.seed, frame, config.search.n_layers, n, body.n_dof)
-    share = uniforms(config.search.seed, frame, config.search.n_layers, n, body.n_dof)
-    lower, upper = limb_ranges(body).T
-    moved = np.where(far[:, None], lower + share * (upper - lower),
-                     mean + scale[:, None] * body.sigma * noise)  # fmt: skip
-    if seen is not None:
-        moved[1 : min(near, 1 + len(limbs))] = mean + seen
+    kinds, layer = which + len(limbs) * far, config.search.n_layers + round
+    reach = config.limb_search.reaches[round]
+    noise = normals(config.search.seed, frame, layer, n, body.n_dof)
+    if best is None:
+        scale = reach ** (np.arange(-1, n - 1) / max(1, near - 2))
+        share = uniforms(config.search.seed, frame, layer, n, body.n_dof)
+        lower, upper = limb_ranges(body).T
+        moved = np.where(far[:, None], lower + share * (upper - lower),
+                         mean + scale[:, None] * body.sigma * noise)  # fmt: skip
+        if seen is not None:
+            moved[1 : min(near, 1 + len(limbs))] = mean + seen
+    else:
+        first = np.arange(n) - np.where(far, near, 1) < len(limbs)
+        moved = best[kinds] + reach * body.sigma * np.where(first[:, None], 0.0, noise)
     poses = np.where(limbs[which], reflected(moved, body.lower, body.upper), mean)
     poses[0] = mean
-    return poses, which + len(limbs) * far
+    return poses, kinds
 
 
 def searched(
@@ -53,12 +63,19 @@ def searched(
         if likelihood.observed is not None:
             met = refined(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
             seen = met[0] - mean
-        poses, which = propose(body, mean, config, frame, seen)
-        least_recall = config.limb_search.least_recall
-        errors = likelihood.rescore(poses, config.likelihood.samples.point_turns, least_recall)
-        for kind in range(2 * n_limbs):
-            tried = np.flatnonzero(which == kind)
-            candidates.append(poses[tried[errors[tried].argmin()]] if len(tried) else mean)
+        least_recall, stride = (
+            config.limb_search.least_recall,
+            config.likelihood.samples.point_turns,
+        )
+        tried: np.ndarray | None = None
+        for round in range(1 + config.limb_search.rounds):
+            poses, kinds = propose(body, mean, config, frame, seen, round, tried)
+            errors = likelihood.rescore(poses, stride, least_recall)
+            of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]
+            tried = np.stack(
+                [poses[of[errors[of].argmin()]] if len(of) else mean for of in of_kind]
+            )
+            candidates[1:] = tried
     evidence = (likelihood.points, config, likelihood.observed)
     found = [refined(body, pose, *evidence) for pose in candidates]
     best = 0

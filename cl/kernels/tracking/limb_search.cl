@@ -6,28 +6,39 @@
 #endif
 #include "common/philox.h"
 
-// Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere:
-// reach by 1 (particle 1) to `reach` (particle n_near - 1) sigma, evenly in the logarithm, or,
-// from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
-// limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or how far the
-// means would move to observed points, runs x N_DOF: then each limb's first particle moves so.
+// Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere. In
+// the first round, where `best` is null: reach by 1 (particle 1) to `reach` (particle n_near - 1)
+// sigma, evenly in the logarithm, or, from particle n_near on, anywhere in its ranges. In later
+// rounds: about where the `best` of the round before have it, the candidates of `choose`, with a
+// deviation of `reach` sigma; the first of each is that one itself. Limbs take turns. Every run has
+// n particles. limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or
+// how far the means would move to observed points, runs x N_DOF: then each limb's first particle
+// moves so. layer: tells the rounds' random numbers apart.
 __kernel void propose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
-                      __global const float *seen, __global float *poses)
+                      __global const float *seen, __global const float *best,
+                      __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     const int run = get_global_id(2);
     if (dof >= N_DOF || particle >= n) return;
     float value = result[run * N_DOF + dof];
-    if (particle > 0 && limbs[(particle - 1) % N_LIMBS * N_DOF + dof]) {
+    const int limb = (particle - 1) % N_LIMBS;
+    if (particle > 0 && limbs[limb * N_DOF + dof]) {
         const uint4 counter = {frames[run], layer, particle, dof};
-        if (seen && particle < n_near && particle <= N_LIMBS) {
+        const vwords counters = {counter.x, counter.y, counter.z, counter.w};
+        const bool near = particle < n_near;
+        if (best) {
+            const int candidate = 1 + limb + (near ? 0 : N_LIMBS);
+            value = best[(run * CANDIDATES + candidate) * N_DOF + dof];
+            if (particle - (near ? 1 : n_near) >= N_LIMBS)
+                value += reach * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
+        } else if (seen && near && particle <= N_LIMBS) {
             value += seen[run * N_DOF + dof];
-        } else if (particle < n_near) {
+        } else if (near) {
             const float scale = pow(reach, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
-            const vwords counters = {counter.x, counter.y, counter.z, counter.w};
             value += scale * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
         } else {
             const float share = uniform01(philox4x32(counter, seeds[run]).x);

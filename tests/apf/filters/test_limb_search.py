@@ -108,6 +108,23 @@ def test_proposals_move_one_limb_within_limits() -> None:
     assert share.min() < 0.1 and share.max() > 0.9 and abs(share.mean() - 0.5) < 0.1
 
 
+def test_later_rounds_look_about_the_best() -> None:
+    body = load_body("song31")
+    mean, n_limbs = bodies.random_poses(body, 1)[0], len(limb_masks(body))
+    first, which = propose(body, mean, CONFIG, 3)
+    best = np.stack([first[np.flatnonzero(which == kind)[-1]] for kind in range(2 * n_limbs)])
+    spreads = []
+    for round in range(1, 1 + CONFIG.limb_search.rounds):
+        poses, kinds = propose(body, mean, CONFIG, 3, round=round, best=best)
+        np.testing.assert_array_equal(kinds, which)
+        for kind in range(2 * n_limbs):
+            of = poses[kinds == kind]
+            np.testing.assert_array_equal(of[0], best[kind])
+            assert np.all((of != mean) <= limb_masks(body)[kind % n_limbs])
+        spreads.append(np.abs(poses[1:] - best[kinds[1:]]).mean())
+    assert np.all(np.diff(spreads) < -0.3 * np.array(spreads[:-1]))
+
+
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n_particles", [3, 150])
 def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
@@ -157,6 +174,8 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> N
         candidates.append(given["poses"][least])
     found = choosing[0].after["candidates"].reshape(-1, body.n_dof)
     np.testing.assert_array_equal(found, candidates)
+    again, _ = propose(body, mean.astype(float), config, 7, round=1, best=found[1:].astype(float))
+    np.testing.assert_allclose(proposing[1].after["poses"], again, atol=5e-5)
 
     given, found = accepting[0].before, accepting[0].after
     margins = 1 - np.repeat(np.float32(given["margins"]), n_limbs)
@@ -184,7 +203,7 @@ def test_a_lost_arm_is_found(device: Device) -> None:
 
     assert miss(CONFIG) < 0.06
     assert miss(CONFIG.changed(limb_search_far_margin=1.0)) < 0.06  # near where it was
-    assert miss(CONFIG.changed(limb_search_near_margin=1.0), 20) < 0.06  # anywhere
+    assert miss(CONFIG.changed(limb_search_near_margin=1.0), 20) < 0.08  # anywhere
     assert miss(CONFIG.changed(limb_search_reach=0.0)) > 0.3
 
 
