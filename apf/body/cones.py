@@ -57,14 +57,15 @@ def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(axis, axis=-1)
     axis = axis / length[:, None]
     offset = points[:, None, :] - a
-    z, x, y = (_dot(offset, other) for other in (axis, cones[:, 8:11], cones[:, 12:15]))
+    z, x, y = (dot(offset, other) for other in (axis, cones[:, 8:11], cones[:, 12:15]))
     t = np.clip(z / length, 0.0, 1.0)
     radius = cones[:, 3] + t * (cones[:, 7] - cones[:, 3])
     return np.sqrt(x * x + y * y + (z - t * length) ** 2) - radius
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products (..) of vectors (.., 3); `np.sum` over three numbers takes twice as long."""
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers takes four
+    times as long."""
     total: np.ndarray = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
     return total
 
@@ -74,11 +75,11 @@ def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     a, b = cones[:, 0:3], cones[:, 4:7]
     x, y = cones[:, 8:11], cones[:, 12:15]
     axis = b - a
-    length2 = np.sum(axis * axis, -1, keepdims=True)
+    length2 = dot(axis, axis)[:, None]
     offset = points - a
-    along = np.sum(offset * axis, -1, keepdims=True) / length2
+    along = dot(offset, axis)[:, None] / length2
     beyond = along - np.clip(along, 0.0, 1.0)
-    u, v = np.sum(offset * x, -1, keepdims=True), np.sum(offset * y, -1, keepdims=True)
+    u, v = dot(offset, x)[:, None], dot(offset, y)[:, None]
     distance = np.sqrt(u * u + v * v + beyond**2 * length2)
     normal = (u * x + v * y + beyond * axis) / np.maximum(distance, 1e-9)
     taper = (cones[:, 7:8] - cones[:, 3:4]) / length2 * axis

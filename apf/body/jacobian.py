@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body.cones import distances, normals
-from apf.body.kinematics import axis_rotation, bone_matrices, posed_cones
+from apf.body.kinematics import axis_turns, bone_matrices, posed_cones
 from apf.body.model import AXES, BodyModel
 
 #: Kinds of influence of a degree of freedom on a cone, in the table `cone_moves`.
@@ -39,6 +39,7 @@ def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
     poses = np.asarray(pose, np.float64).reshape(-1, body.n_dof)
     directions, anchors = np.zeros((2, len(poses), body.n_dof, 3))
     rotations, origins = bone_matrices(body, poses)
+    turns = axis_turns(body, poses)
     for bone in body.bones:
         rotation, origin = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), bone.offset
         if bone.parent >= 0:
@@ -46,13 +47,14 @@ def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
             origin = origins[:, bone.parent] + rotation @ bone.offset
         rotation = rotation @ bone.rest
         for axis in bone.axes:
-            kind, value = AXES.index(axis.kind), axis.sign * poses[:, axis.dof]
+            kind = AXES.index(axis.kind)
             directions[:, axis.dof] = axis.sign * rotation[:, :, kind % 3]
             anchors[:, axis.dof] = origin
             if kind < 3:
+                value = axis.sign * poses[:, axis.dof]
                 origin = origin + rotation[:, :, kind] * value[:, None]
             else:
-                rotation = rotation @ axis_rotation(kind - 3, value)
+                rotation = rotation @ turns[axis.dof]
     shape = (*np.shape(pose), 3)
     return directions.reshape(shape), anchors.reshape(shape)
 

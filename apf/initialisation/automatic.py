@@ -182,7 +182,8 @@ class Attempt:
 def attempt(fitting: _Fitting) -> Attempt:
     search = fitting.search
     anchor, hypotheses = _best_frame(search, fitting.fitted, fitting.clouds)
-    found = sorted((fitting.limbs(h, anchor) for h in hypotheses), key=lambda h: h.cost)
+    likely = search.close(hypotheses)
+    found = sorted((fitting.limbs(h, anchor) for h in likely), key=lambda h: h.cost)
     fits = sorted((fitting(h, anchor) for h in search.close(found)), key=lambda fit: fit.cost)
     costs = [h.cost for h in fits[0].found]
     best = int(np.argmin(costs))

@@ -19,9 +19,9 @@ class FrameChoice:
     """Frames that the body is fitted to."""
     duration: float = 0.8
     """s over which they are spread: most of a stride (about 1 s), so that legs part."""
-    n_between: int = 2
+    n_between: int = 1
     """Most frames between two of them, which only lead from one to the next."""
-    n_searched: int = 5
+    n_searched: int = 4
     """Of the fitted frames so many are searched over all headings, first and last among them."""
     min_voxels: int = 200
     """Fewest surface voxels that can be a person."""
@@ -94,7 +94,7 @@ class PoseSearchConfig:
     """Scale of the body's own sigma in the search near a pose."""
     n_limb_starts: int = 4
     """Poses from which a limb is searched for: as it was, at rest, and elsewhere."""
-    n_size_steps: int = 6
+    n_size_steps: int = 4
     """Steps of the fit of size and girth to one frame."""
     trunk_low: float = 0.5
     """The trunk stands amid the voxels above this share of the height ..."""
@@ -186,7 +186,7 @@ class ShapeFitConfig:
     """Points of each cloud that are compared."""
     damping: float = 1e-3
     """Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."""
-    n_steps: int = 12
+    n_steps: int = 6
     """Gauss-Newton steps."""
     first_reach: float = 0.08
     """m at which a point counts a quarter in the first step."""
@@ -214,8 +214,7 @@ class AcceptanceConfig:
 
 def _start_likelihood() -> FilterConfig:
     return FilterConfig.of(
-        surface_weight=1.0, silhouette_recall_weight=2.0, sample_spacing=0.04, point_turns=4,
-        contour_weight=4.0,
+        surface_weight=1.0, silhouette_recall_weight=2.0, contour_weight=4.0,
         part_colour_weight=0.0,  # nothing is learnt yet
     )  # fmt: skip
 

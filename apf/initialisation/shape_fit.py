@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from apf.body.cones import distances, normals
+from apf.body.cones import distances, dot, normals
 from apf.body.jacobian import point_jacobian
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
@@ -95,9 +95,9 @@ def contacts(
     targets = np.concatenate([points, target])
     surface = np.concatenate([points_on(cones[nearest], there), own])
     share = np.concatenate([np.full(len(points), 1 / len(points)), np.full(len(own), 1 / len(own))])
-    gap = np.sum((targets - surface) ** 2, 1)
+    gap = dot(targets - surface, targets - surface)
     normal = normals(surface, cones[all_cones])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+    normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
     weight = share / (1 + gap / reach**2) ** 2
     return Contacts(all_cones, all_coordinates, targets, normal, weight, share)
 
@@ -212,7 +212,7 @@ class _ShapeFit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """J'J (D + S', D + S') and J'r (D + S',) of the gaps r along the normals, in deviations."""
         here = points_on(cones[found.cone], found.coordinates)
-        gap = np.sum(found.normal * (here - found.target), 1)
+        gap = dot(found.normal, here - found.target)
         by_pose = point_jacobian(body, pose, found.cone, here, found.normal)
         rows = np.concatenate([by_pose, _grown(cones, growth, found, here)])
         config = self._config
@@ -236,6 +236,6 @@ def _grown(cones: np.ndarray, growth: np.ndarray, found: Contacts, here: np.ndar
     t, n = found.coordinates[:, 0:1], found.normal
     outward = here - (1 - t) * ends[:, 0:3] - t * ends[:, 4:7]
     radius = (1 - t) * ends[:, 3:4] + t * ends[:, 7:8]
-    along = np.concatenate([n, np.sum(n * outward, 1, keepdims=True) / radius], 1)
+    along = np.concatenate([n, dot(n, outward)[:, None] / radius], 1)
     per_end = np.concatenate([(1 - t) * along, t * along], 1)
     return np.einsum("skj,kj->sk", growth[:, found.cone], per_end)

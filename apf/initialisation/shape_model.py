@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from apf.body.cones import dot
 from apf.body.kinematics import bone_matrices
 from apf.body.model import BodyModel, sideless
 from apf.initialisation.config import ShapePrior
@@ -90,10 +91,9 @@ def points_on(cones: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     t = coordinates[:, 0:1]
     axis = b - a
     radius = cones[..., 3:4] + t * (cones[..., 7:8] - cones[..., 3:4])
-    unit = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-    offset = coordinates[:, 1:2] * unit
-    offset = offset + coordinates[:, 2:3] * x / np.sum(x * x, -1, keepdims=True)
-    offset = offset + coordinates[:, 3:4] * y / np.sum(y * y, -1, keepdims=True)
+    along, across, up = (coordinates[:, k] for k in (1, 2, 3))
+    offset = (along / np.sqrt(dot(axis, axis)))[..., None] * axis
+    offset = offset + (across / dot(x, x))[..., None] * x + (up / dot(y, y))[..., None] * y
     return a + t * axis + radius * offset
 
 
@@ -101,15 +101,14 @@ def nearest_coordinates(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return the cone coordinates (K, 4) of the surface points nearest to points (K, 3), each on
     its own cone (K, 16)."""
     axis = cones[:, 4:7] - cones[:, 0:3]
-    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    length = np.sqrt(dot(axis, axis))
     offset = points - cones[:, 0:3]
-    along = np.sum(offset * axis, 1, keepdims=True) / length
+    along = dot(offset, axis) / length
     t = np.clip(along / length, 0, 1)
     beyond = along - t * length
-    x = np.sum(offset * cones[:, 8:11], 1, keepdims=True)
-    y = np.sum(offset * cones[:, 12:15], 1, keepdims=True)
-    local = np.concatenate([beyond, x, y], 1)
-    return np.concatenate([t, local / np.maximum(np.linalg.norm(local, axis=1)[:, None], 1e-9)], 1)
+    local = np.stack([beyond, dot(offset, cones[:, 8:11]), dot(offset, cones[:, 12:15])], 1)
+    local /= np.maximum(np.sqrt(dot(local, local)), 1e-9)[:, None]
+    return np.concatenate([t[:, None], local], 1)
 
 
 @lru_cache(maxsize=8)  # a body is compared with many frames

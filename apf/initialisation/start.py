@@ -23,8 +23,9 @@ class Start:
     body: the template in the person's size. pose: (D,) in the first frame. poses: (M, D) in all
     frames fitted. registration_error: mean of these, 0 is perfect, see
     `pose_search.registration_error`. rival: how much worse the best hypothesis that looks elsewhere
-    is, as a factor of the cost; infinite where there is none. seen: m, how high what is seen of the
-    person is. girth: how thick the body is for that height, the template standing upright being 1.
+    is, as a factor of the cost; infinite where none comes near. seen: m, how high what is seen of
+    the person is. girth: how thick the body is for that height, the template standing upright
+    being 1.
     """
 
     body: BodyModel

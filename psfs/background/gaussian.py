@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,6 +14,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
 _BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
+_VIEWS_AT_ONCE = 2  # learnt by threads; more would hold more frames at a time
 _DEFAULT = PlateConfig()
 
 
@@ -138,7 +140,8 @@ def _stacked(
 ) -> Background:
     shape = (len(rig), rig.height, rig.width, 3)
     mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)
-    for view, item in enumerate(media):
-        height, width = item.size[1], item.size[0]
-        mean[view, :height, :width], std[view, :height, :width] = moments(item)
+    with ThreadPoolExecutor(_VIEWS_AT_ONCE) as pool:
+        for view, (item, found) in enumerate(zip(media, pool.map(moments, media), strict=True)):
+            width, height = item.size
+            mean[view, :height, :width], std[view, :height, :width] = found
     return Background(mean, std)
