@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from apf.body.model import BodyModel
 from apf.body.stature import HIP_SHARE, has_feet, has_head, is_whole, stature
 from apf.filters.config import FilterConfig
 from apf.initialisation.config import StartConfig
-from apf.initialisation.hypotheses import Hypothesis
+from apf.initialisation.hypotheses import Hypothesis, close
 from apf.initialisation.kept_voxels import between, person_points
 from apf.initialisation.pose_search import PoseSearch, SearchTask
 from apf.initialisation.shape_fit import Cloud, fit_shape
@@ -180,16 +180,17 @@ class Attempt:
 
 
 def attempt(fitting: _Fitting) -> Attempt:
-    search = fitting.search
+    search, headings = fitting.search, fitting.search.config.headings
     anchor, hypotheses = _best_frame(search, fitting.fitted, fitting.clouds)
-    likely = search.close(hypotheses)
-    found = sorted((fitting.limbs(h, anchor) for h in likely), key=lambda h: h.cost)
+    likely = close(hypotheses, headings.max_first_ratio)
+    found = search.distinct([fitting.limbs(h, anchor) for h in likely], headings.n_kept)
     fits = sorted((fitting(h, anchor) for h in search.close(found)), key=lambda fit: fit.cost)
     costs = [h.cost for h in fits[0].found]
     best = int(np.argmin(costs))
     again = fitting(fitting.limbs(fits[0].found[best], best), best)  # the body is known better now
-    rivals = [fit.cost for fit in fits] if len(fits) > 1 else [h.cost for h in found]
-    rival = rivals[1] / rivals[0] if len(rivals) > 1 else np.inf
+    if len(fits) > 1:  # some may look the same way by now
+        found = search.distinct([replace(fit.found[0], cost=fit.cost) for fit in fits], 2)
+    rival = found[1].cost / found[0].cost if len(found) > 1 else np.inf
     return Attempt(min(again, fits[0], key=lambda fit: fit.cost), rival)
 
 

@@ -39,8 +39,11 @@ class HeadingConfig:
     """So many of the best go on."""
     separation: float = 0.8
     """rad by which their directions differ at least: the same direction need not go on twice."""
+    max_first_ratio: float = 1.4
+    """Limbs are searched for in hypotheses whose cost is at most so many times the least one: limbs
+    amiss cost up to a third more."""
     max_cost_ratio: float = 1.2
-    """Hypotheses go on whose cost is at most so many times the least one."""
+    """Hypotheses are then followed whose cost is at most so many times the least one."""
     backwards_cost: float = 0.25
     """People look where they go: share by which a cost grows when they go backwards."""
     min_way: float = 0.25

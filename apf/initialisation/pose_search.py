@@ -77,9 +77,9 @@ class PoseSearch:
             found.append(self._hypothesis(shape, pose, error, body, cloud))
         kept = [
             self._sized(voxels, cloud, hypothesis)
-            for hypothesis in self.close(self._distinct(found, headings.n_kept + 1))
+            for hypothesis in self.close(self.distinct(found, headings.n_kept + 1))
         ]
-        return self._distinct([self._going_ahead(h) for h in kept], headings.n_kept)
+        return self.distinct([self._going_ahead(h) for h in kept], headings.n_kept)
 
     def with_limbs(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """Search again for one limb after the other, anywhere within its limits."""
@@ -108,6 +108,10 @@ class PoseSearch:
         """Return those that are nearly as good as the best."""
         return close(hypotheses, self.config.headings.max_cost_ratio)
 
+    def distinct(self, hypotheses: list[Hypothesis], n: int) -> list[Hypothesis]:
+        """Return the best `n` that look in different directions, best first."""
+        return distinct(self.template, hypotheses, n, self.config.headings.separation)
+
     def walking_factor(self, body: BodyModel, poses: np.ndarray) -> float:
         """Return the factor of the cost of poses (M, D), see `hypotheses.walking_factor`."""
         return walking_factor(body, poses, self.task.way, self.config.headings)
@@ -125,9 +129,6 @@ class PoseSearch:
         error = found.error * self.walking_factor(self.template, found.pose[None])
         cost = self.config.cost.of(error, found.registration_error)
         return replace(found, error=error, cost=cost)
-
-    def _distinct(self, hypotheses: list[Hypothesis], n: int) -> list[Hypothesis]:
-        return distinct(self.template, hypotheses, n, self.config.headings.separation)
 
     def _sized(self, voxels: Any, cloud: Cloud, hypothesis: Hypothesis) -> Hypothesis:
         """With the size and girth that bring the body onto the cloud, if that lowers the cost."""
