@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.footage.media import Media
 
 _BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
-_VIEWS_AT_ONCE = 2  # learnt by threads; more would hold more frames at a time
+_VIEWS_AT_ONCE = 4  # learnt by threads, at most; more would hold more frames at a time
 _DEFAULT = PlateConfig()
 
 
@@ -140,8 +141,11 @@ def _stacked(
 ) -> Background:
     shape = (len(rig), rig.height, rig.width, 3)
     mean, std = np.zeros(shape, np.float32), np.full(shape, config.std_floor, np.float32)
-    with ThreadPoolExecutor(_VIEWS_AT_ONCE) as pool:
-        for view, (item, found) in enumerate(zip(media, pool.map(moments, media), strict=True)):
-            width, height = item.size
-            mean[view, :height, :width], std[view, :height, :width] = found
+
+    def learn(view: int) -> None:
+        width, height = media[view].size
+        mean[view, :height, :width], std[view, :height, :width] = moments(media[view])
+
+    with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
+        list(pool.map(learn, range(len(media))))  # raises what they raise
     return Background(mean, std)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from psfs.cameras.names import listed
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 @dataclass(frozen=True)
@@ -230,15 +231,25 @@ def _rim_ratios(
 ) -> list[float]:
     """Return by how much edges of the background, `there` (h, w), are stronger than those of what
     is `shown` (h, w) around each part of a region (h, w) bool of `least` pixels; 0 of none."""
-    labels, count = ndimage.label(ndimage.binary_opening(region))
+    opened = _grown(_shrunk(region.astype(np.uint8)))
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
     ratios, edges = [0.0], None
-    for part in range(1, count + 1):
-        inside = labels == part
-        if inside.sum() >= least:
+    for part in range(1, count):
+        if facts[part, cv2.CC_STAT_AREA] >= least:
+            inside = (labels == part).astype(np.uint8)
             edges = _edges(shown) if edges is None else edges
-            rim = ndimage.binary_dilation(inside, iterations=2) & ~ndimage.binary_erosion(inside)
+            rim = _grown(inside, 2) > _shrunk(inside)
             ratios.append(float(there[rim].mean() / max(edges[rim].mean(), 1e-6)))
     return ratios
+
+
+def _shrunk(region: np.ndarray) -> np.ndarray:
+    """Return a region (h, w) uint8 without its outermost pixels; beyond the picture nothing is."""
+    return cv2.erode(region, _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+
+
+def _grown(region: np.ndarray, times: int = 1) -> np.ndarray:
+    return cv2.dilate(region, _CROSS, iterations=times)
 
 
 def _flickering(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:

@@ -140,7 +140,7 @@ class Tangency:
         known = np.isfinite(apart)
         if not steady:
             for column, there in zip(apart.T, known.T, strict=True):
-                column -= np.median(column[there]) if there.any() else 0.0
+                column -= _median(column[there]) if there.any() else 0.0
         return float(np.minimum(np.abs(apart[known]), cap).sum()), int(known.sum())
 
     def turned(self, camera: int, rotation: np.ndarray) -> float:
@@ -201,6 +201,12 @@ class _Image:
         found[whole > _WIDEST] = np.nan
         out[self._there] = found
         return out
+
+
+def _median(values: np.ndarray) -> float:
+    """np.median of a few numbers, in a tenth of its time."""
+    ordered, n = np.sort(values), len(values)
+    return 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2])
 
 
 def _mean(sums: np.ndarray, counts: np.ndarray) -> float:

@@ -20,7 +20,7 @@ from typing import Any
 from apf.cli.batch.take import TakeDone, TakeJob, do_take
 from apf.cluster.connection import embedded_cluster
 from apf.cluster.pool import Pool, Task
-from apf.cluster.workers import Share, own_cores
+from apf.cluster.workers import Share, own_cores, shares_of_machine
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
@@ -30,7 +30,7 @@ from timings.measure import places
 from timings.results import Results, add_timing_flags
 from timings.tables.batch import print_report
 
-#: Takes at once on a GPU.
+#: Takes at once on a GPU; of two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)
 #: Takes for each worker, so that its last one weighs little.
 _PER_WORKER = 2
@@ -38,7 +38,7 @@ _PER_WORKER = 2
 _SCENE = {"cameras": 8, "frames": 120, "size": (640, 480), "fps": 60.0}
 _QUICK = {"cameras": 3, "frames": 8, "size": (160, 120), "fps": 60.0}
 _QUICK_FLAGS = ("--particles=40", "--layers=3", "--voxel-size=0.05")
-_DISTINCT = 4  # takes that are filmed; the same are done again under other names
+_DISTINCT = 2  # takes that are filmed; the same are done again under other names
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -46,6 +46,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     add_timing_flags(parser)
     parser.add_argument(
         "--start", choices=("true", "found"), default="true", help="given, or found in every take"
+    )
+    parser.add_argument(
+        "--at-once", type=int, nargs="+", default=_AT_ONCE, metavar="N", help="takes on each GPU"
     )
     parser.add_argument("--lean", action="store_true", help="without overlay and report")
 
@@ -59,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         results.plan("decoding", partial(decoding, takes[0]))
         flags = (*(_QUICK_FLAGS if args.quick else ()), "--all-cameras")
         flags += ("--no-overlay", "--no-report") if lean else ()
-        measured = clusters(args.quick)
+        measured = clusters(args.quick, args.at_once)
         first = next(iter(measured.values()))
         compiled = Path(folder) / "compiled"
         results.plan("compiling", partial(throughput, first, takes, compiled, flags, True))
@@ -71,24 +74,26 @@ def run(args: argparse.Namespace) -> None:
     print_report(results)
 
 
-def clusters(quick: bool) -> dict[str, list[Share]]:
-    """The workers of every cluster that is measured, by its label."""
+def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[Share]]:
+    """The workers of every cluster that is measured, by its label. at_once: takes on a GPU."""
     n_gpus = sum(place.cores is None for place in places())
     if n_gpus:
-        found = {f"1 GPU, {n} at once": [Share("gpu:0")] * n for n in _AT_ONCE}
+        found = {f"1 GPU, {n} at once": shares_of_machine("gpu:0", n) for n in at_once}
         if n_gpus > 1:
-            two = [Share("gpu:0"), Share("gpu:1")]
-            found |= {f"2 GPUs, {2 * n} at once": two * n for n in _AT_ONCE[-2:]}
+            found |= {f"2 GPUs, {2 * n} at once": shares_of_machine("gpu", 2 * n)
+                      for n in at_once[-2:]}  # fmt: skip
         return found
     cores = own_cores()
     found = {}
     n = 1
     while n <= len(cores):
         groups = [tuple(cores[k::n]) for k in range(n)]
-        found[f"{n} of {len(groups[0])} cores"] = [Share("cpu", group) for group in groups]
+        found[f"{n} of {len(groups[0])} cores"] = [
+            Share("cpu", group, len(group)) for group in groups
+        ]
         n *= 2
     # What pinning is for: as many workers, each with all cores.
-    found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores))] * len(cores)
+    found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores), len(cores))] * len(cores)
     return dict(list(found.items())[-2:]) if quick else found
 
 
