@@ -87,7 +87,10 @@ class PoseSearch:
         best = self.near(voxels, cloud, hypothesis.shape, hypothesis.pose)
         for limb in swinging_bones(body):
             loose = search_body(body, limb, self.config.spread)
-            tracker = self._searcher(loose, self.config.search.n_particles_limb)
+            # Its own search for limbs would look where these starts do.
+            tracker = self._searcher(
+                loose, self.config.search.n_particles_limb, limb_search_reach=0.0
+            )
             found = [
                 self.near(voxels, cloud, best.shape, _searched(tracker, start, voxels)[0])
                 for start in self._limb_starts(best.pose, loose.sigma > 0)
@@ -139,11 +142,11 @@ class PoseSearch:
         other = self.near(voxels, cloud, shape, poses[0])
         return min(hypothesis, other, key=lambda h: h.cost)
 
-    def _searcher(self, body: BodyModel, n_particles: int) -> Any:
+    def _searcher(self, body: BodyModel, n_particles: int, **settings: float) -> Any:
         search = self.config.search
         config = self.config.filter.changed(
             n_particles=n_particles, noise=search.noise, noise_decay=search.noise_decay,
-            trunk_layers=0, seed=self.task.seed,
+            trunk_layers=0, seed=self.task.seed, **settings,
         )  # fmt: skip
         return self.trackers(body, config)
 
