@@ -68,6 +68,16 @@ def limb_names(body: BodyModel) -> tuple[str, ...]:
     return tuple(found)
 
 
+def limb_ends(body: BodyModel) -> list[int]:
+    """Return the number of the last joint on each of the `limb_chains`; 0 of one
+    that bears none."""
+    ends = []
+    for chain in limb_chains(body):
+        on_it = [number for number, joint in enumerate(body.joints) if joint.bone in chain]
+        ends.append(on_it[-1] if on_it else 0)
+    return ends
+
+
 def limb_bones(body: BodyModel) -> np.ndarray:
     """Return (L, B) bool: the bones of each of the `limb_chains`."""
     bones = np.zeros((len(limb_chains(body)), len(body.bones)), bool)

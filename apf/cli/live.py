@@ -227,7 +227,7 @@ def _track(
         replace(e, ess=padded(e.ess), beta=padded(e.beta), least_error=padded(e.least_error))
         for e in result.estimates
     ]
-    return track_of(body, source.fps, result.frames, estimates, provenance)
+    return track_of(body, source.fps, result.frames, estimates, provenance).judged
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:

@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> None:
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()
-        quality.track.save(folder / "track.npz")
         write_judged(folder, sequence.name, quality, summary)
     for warning in summary["warnings"]:
         warn(warning, stdout)

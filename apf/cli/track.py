@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -150,7 +149,6 @@ def track_one(
         try:
             take, left_out = _tracked(out, job, device, method, seeds, line)
             judgements = finish_take(job, device, take, left_out, seeds, line)
-            take = replace(take, tracks=[found.quality.track for found in judgements])
         finally:
             before_words()
         _raise_error(take, line.n_frames, args.output)
@@ -289,14 +287,12 @@ def finish_take(
     )
     found = []
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
-        quality = Quality(track, None).marked
+        quality = Quality(track, None)
         compared = whole and not args.no_report
         if compared:
             line.begin("judging")
             progress = partial(line, "judging")
             quality = judged(device, take.sequence, track, _config(args), progress)
-        if quality.lost_limbs.any():  # known by now only
-            write_files(folder, quality.track, take.body)
         files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found

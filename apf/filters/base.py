@@ -28,8 +28,10 @@ class Estimate:
     mean of the last layer's particles (Song et al. eq. 12), refined. deviation: (D,) the particles'
     standard deviation. ess, beta, least_error: (n_layers,) effective sample size, annealing
     exponent, error of the best particle. information: (D, D) of the refinement's linear system,
-    about the inverse of the pose's covariance; zero or (0, 0) where nothing was refined. misfit: of
-    the pose, see `VoxelLikelihood.misfit_launcher`; NaN of a likelihood that knows none.
+    about the inverse of the pose's covariance; zero or (0, 0) where nothing was refined.
+    candidates: (K, D), candidate_errors: (K,), what the limb search chose the pose from, see
+    `LimbSearch`; one where no limb was looked for. misfit: of the pose, see
+    `VoxelLikelihood.misfit_launcher`; NaN of a likelihood that knows none.
     confidence, lost, restart: see `apf.tracking.recovery`, which fills them in.
     """
 
@@ -40,6 +42,8 @@ class Estimate:
     beta: np.ndarray
     least_error: np.ndarray
     information: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    candidates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    candidate_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     misfit: float = float("nan")
     confidence: float = float("nan")
     lost: bool = False
@@ -90,7 +94,9 @@ class DeviceTracker(Tracker):
         self._misfits = likelihood.misfits
         if self._misfits is None:
             self._misfits = device.to_device(np.full(particles.n_runs, np.nan, np.float32))
-        size = particles.result.size + self._limb_search.information.size + particles.n_runs
+        search = self._limb_search
+        parts = (particles.result, search.information, search.candidates, search.errors)
+        size = sum(part.size for part in parts) + particles.n_runs
         self._report = device.empty((size,), np.float32)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
@@ -172,8 +178,8 @@ class DeviceTracker(Tracker):
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
-        report = self._report.fetch()
-        return lambda: unpacked(report(), self.body, self.particles.n_runs)
+        report, n_layers = self._report.fetch(), self.particles.config.n_layers
+        return lambda: unpacked(report(), self.body, self.particles.n_runs, n_layers)
 
     def _frame_launches(self, source: int) -> list[Step]:
         """Return the launches of a frame that starts from the particles in set `source`."""
@@ -185,9 +191,10 @@ class DeviceTracker(Tracker):
             *likelihood.misfit_launcher(particles.result),
             *likelihood.learning_launcher(particles.result),
             particles.end_frame(
-                limb_search.shift, limb_search.information, self._misfits, self._report
+                limb_search.shift, limb_search.information, limb_search.candidates,
+                limb_search.errors, self._misfits, self._report,
             ),
-        ]
+        ]  # fmt: skip
 
     def _search(self, source: int) -> Sequence[Step]:
         raise NotImplementedError
@@ -213,18 +220,25 @@ def _symmetric_indices(n: int) -> np.ndarray:
     return np.maximum(indices, indices.T)
 
 
-def unpacked(report: np.ndarray, body: BodyModel, n_runs: int) -> list[Estimate]:
-    """Return each run's Estimate from what a tracker downloads: `ParticleSet.result`, the lower
-    triangle of `Estimate.information` row by row for every run, the misfits."""
+def unpacked(report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int) -> list[Estimate]:
+    """Return each run's Estimate from what a tracker downloads, all runs of one after the other:
+    `ParticleSet.result`, of as many layers, the lower triangle of `Estimate.information` row by
+    row, candidates and their errors, misfits."""
     report, n_dof = report.astype(np.float64), body.n_dof
-    n_poses, n_triangles = n_runs * n_dof, n_runs * n_dof * (n_dof + 1) // 2
-    poses, deviations = report[: 2 * n_poses].reshape(2, n_runs, n_dof)
-    layers = report[2 * n_poses : -n_triangles - n_runs].reshape(-1, n_runs, 3)
-    triangles = report[-n_triangles - n_runs : -n_runs].reshape(n_runs, -1)
-    information, misfits = triangles[:, _symmetric_indices(n_dof)], report[-n_runs:]
+    sizes = n_runs * np.array([2 * n_dof, 3 * n_layers, n_dof * (n_dof + 1) // 2])
+    moments, layers, triangles, others = np.split(report, np.cumsum(sizes))
+    poses, deviations = moments.reshape(2, n_runs, n_dof)
+    layers = layers.reshape(n_layers, n_runs, 3)
+    information = triangles.reshape(n_runs, -1)[:, _symmetric_indices(n_dof)]
+    n_candidates = (others.size // n_runs - 1) // (n_dof + 1)
+    sizes = n_runs * n_candidates * np.array([n_dof, 1])
+    candidates, errors, misfits = np.split(others, np.cumsum(sizes))
+    candidates = candidates.reshape(n_runs, n_candidates, n_dof)
+    errors = errors.reshape(n_runs, n_candidates)
     estimates = []
     for run in range(n_runs):
         ess, beta, error = layers[:, run].T
         found = (poses[run], deviations[run], ess, beta, error, information[run])
-        estimates.append(Estimate(body, *found, float(misfits[run])))
+        chosen_from = candidates[run], errors[run]
+        estimates.append(Estimate(body, *found, *chosen_from, float(misfits[run])))
     return estimates

@@ -42,6 +42,9 @@ class LimbSearch:
     Each of R runs, with a seed each, by default that of the config, is searched by itself.
     `shift` is the device array (R, D) of how far the estimates moved from the means; `information`
     (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
+    `candidates` (R K, D) and `errors` (R K,) are what each run's estimate was chosen from, and how
+    badly it fits: the refined mean, then what each limb's two searches found; with K = 1 no limb is
+    looked for.
     """
 
     def __init__(
@@ -56,7 +59,8 @@ class LimbSearch:
         self.n_dof = n = body.n_dof
         self._n_particles = config.search.n_particles
         limbs = limb_masks(body)
-        self._n_limbs = len(limbs) if config.searches_limbs else 0
+        looked_for = config.searches_limbs and likelihood.refines
+        self._n_limbs = len(limbs) if looked_for else 0
         self._per_run = 1 + 2 * self._n_limbs
         seeds = tuple(seeds or [config.search.seed])
         self._n_runs = n_runs = len(seeds)
@@ -70,8 +74,8 @@ class LimbSearch:
             self._by_points = Refinement(
                 device, body, config.by_points, n_runs, voxels=False, observed=likelihood.observed
             )
-        self._candidates = device.empty((n_candidates, n), np.float32)
-        self._errors = device.zeros((n_candidates,), np.float32)
+        self.candidates = device.zeros((n_candidates, n), np.float32)
+        self.errors = device.zeros((n_candidates,), np.float32)
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
         n_poses = n_runs * self._n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
@@ -96,7 +100,7 @@ class LimbSearch:
 
         frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
         """
-        likelihood, candidates = self.likelihood, self._candidates
+        likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
             return []
         least_recall, stride = (
@@ -118,7 +122,7 @@ class LimbSearch:
             launches = [self._propose(frame, result, candidates)]
         launches += self._refinement.launcher(likelihood.points, candidates)
         if self._n_limbs:
-            launches += likelihood.rescoring_launcher(candidates, self._errors, 1, least_recall)
+            launches += likelihood.rescoring_launcher(candidates, self.errors, 1, least_recall)
         return [*launches, self._accept(result)]
 
     def _propose(self, frame: Array, result: Array, poses: Array, round: int = 0) -> Launch:
@@ -152,7 +156,7 @@ class LimbSearch:
             n_near=n_near(self._n_particles),
             errors=self.likelihood.errors,
             poses=self._poses,
-            candidates=self._candidates,
+            candidates=self.candidates,
         )
 
     def _accept(self, result: Array) -> Launch:
@@ -161,8 +165,8 @@ class LimbSearch:
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
             None,
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
-            errors=self._errors,
-            candidates=self._candidates,
+            errors=self.errors,
+            candidates=self.candidates,
             informations=self._refinement.information,
             result=result,
             shift=self.shift,

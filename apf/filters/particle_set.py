@@ -196,22 +196,34 @@ class ParticleSet:
             result=self.result,
         )
 
-    def end_frame(self, shift: Array, information: Array, misfits: Array, report: Array) -> Launch:
+    def end_frame(
+        self,
+        shift: Array,
+        information: Array,
+        candidates: Array,
+        errors: Array,
+        misfits: Array,
+        report: Array,
+    ) -> Launch:
         """Return what ends the frame: the next one's particles move by `shift` (R, D) and the
-        motion. `report` (n,) gets all that the host reads: `result`, `information` (R, ..) and
-        `misfits` (R,)."""
+        motion. `report` (n,) gets all that the host reads: `result`, `information` (R, ..), the
+        limb search's `candidates` (R K, D) and their `errors` (R K,), `misfits` (R,)."""
         return self.device.launch(
             self._kernel("end_frame"),
-            (self.result.size + information.size + misfits.size,),
+            (report.size,),
             None,
             n_runs=self.n_runs,
             velocity=self.config.velocity,
             n_result=self.result.size,
             n_information=information.size,
+            n_candidates=candidates.size,
+            n_errors=errors.size,
             frames=self.frame,
             result=self.result,
             shift=shift,
             information=information,
+            candidates=candidates,
+            errors=errors,
             misfits=misfits,
             motion=self.motion,
             report=report,

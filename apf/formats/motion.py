@@ -24,3 +24,13 @@ class BodyMotion:
     lost: np.ndarray
     lost_limbs: np.ndarray
     points: JointSeries
+
+
+def bridged(values: np.ndarray, times: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """Return values (F, N) at `times` (F,) with those `gone` (F, N) bool on the line from the last
+    before to the first after; as they are in columns that are gone throughout."""
+    out = np.array(values)
+    for column in np.flatnonzero(gone.any(0) & ~gone.all(0)):
+        lost = gone[:, column]
+        out[lost, column] = np.interp(times[lost], times[~lost], values[~lost, column])
+    return out

@@ -31,14 +31,13 @@ def judged(
     config: ReconstructionConfig,
     progress: Callable[[], object] | None = None,
 ) -> Quality:
-    """Return the quality of a track, which has its `lost_limbs` then; measured against the
-    silhouettes, unless it is of no frame or of no voxels. progress: called after each frame that is
-    compared."""
+    """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
+    of no voxels. progress: called after each frame that is compared."""
     grid = tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
         found = agreement(device, sequence, grid, config, track, progress)
-    return Quality(track, found).marked
+    return Quality(track, found)
 
 
 def write_judged(

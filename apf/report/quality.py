@@ -1,15 +1,15 @@
 """How good a track is, judged without truth: of the whole, and which frames and limbs to look at.
 
-A part of the body is believed as far as its worst cone lies in the silhouettes, and as its end is
-known: a wrong upper arm or thigh of the synthetic walks lies in them by 0.2 to 0.5, a wrong forearm
-by 0.65, right ones of walks by 0.87 and more. Right arms of boxers and dancers lie in them by less:
-what is doubtful is only to be looked at; a limb counts as lost where it lies mostly outside.
+A limb is believed as the track says, see `apf.tracking.limb_confidence`. Trunk and head, and limbs
+of tracks that say nothing of them, as far as their worst cone lies in the silhouettes, and as their
+end is known: a wrong upper arm or thigh of the synthetic walks lies in them by 0.2 to 0.5, a wrong
+forearm by 0.65, right ones by 0.87 and more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence as Items
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,16 +18,17 @@ import numpy as np
 from apf.body.limbs import limb_names
 from apf.report.agreement import Agreement, shown_rows
 from apf.report.parts import parts_of, plain_name
+from apf.tracking.limb_confidence import LOST
 from apf.tracking.track import Track, spans
 
-#: A part is to be looked at where its confidence is below this: between right and wrong ones.
-DOUBTFUL = 0.7
-#: A limb is lost where it is below this. Of limbs within 150 mm in five sequences with 4 to 8 views
-#: 1 % are, 9 % below `DOUBTFUL`; of those beyond 200 mm none and 40 %: most wrong arms lie inside.
-LOST = 0.5
+#: Share inside the silhouettes at which a part is as likely right as wrong.
+_INSIDE = 0.7
+_POWER = np.log(0.5) / np.log(_INSIDE)
 #: m, deviation of a limb's end at which its confidence is halved: two of them are what `apf
 #: evaluate` calls a lost limb.
 _HALVED, _STEEPNESS = 0.1, 4
+#: A part is to be looked at where its confidence is below this: where a limb counts as lost.
+DOUBTFUL = LOST
 #: Share of the surface voxels at the body below which a frame is to be looked at: something as
 #: large as an arm is not explained. Hulls of few cameras leave up to 0.06 by themselves.
 _EXPLAINED = 0.9
@@ -60,8 +61,12 @@ class Quality:
         ends = [part.end for part in parts_of(self.track.its_body)]
         certain = 1 / (1 + (self.deviations[self.rows][:, ends] / _HALVED) ** _STEEPNESS)
         inside = 1.0 if self.agreement is None else self.agreement.inside
-        lost = self.track.lost[self.rows, None]
-        confidence: np.ndarray = np.where(lost, 0.0, np.nan_to_num(certain * inside, nan=0.0))
+        confidence: np.ndarray = np.nan_to_num(certain * inside**_POWER, nan=0.0)
+        names = limb_names(self.track.its_body)
+        for limb, said in enumerate(self.track.limb_confidence[self.rows].T):
+            if names[limb] in self.parts and np.isfinite(said).all():
+                confidence[:, self.parts.index(names[limb])] = said
+        confidence[self.track.lost[self.rows]] = 0.0
         return confidence
 
     @cached_property
@@ -83,28 +88,6 @@ class Quality:
             unexplained = (self.agreement.explained < _EXPLAINED) & held
             found["voxels away from the body"] = self.rows[unexplained]
         return {what: rows for what, rows in found.items() if rows.size}
-
-    @cached_property
-    def lost_limbs(self) -> np.ndarray:
-        """(F, L) bool, the limbs of `limb_names` that are lost, in frames that were not judged as
-        in the nearest one that was."""
-        names, frames = limb_names(self.track.its_body), np.arange(len(self.track))
-        found = np.zeros((len(self.track), len(names)), bool)
-        if not len(frames):
-            return found
-        step = int(self.rows[1] - self.rows[0]) if len(self.rows) > 1 else 1
-        nearest = self.rows[np.minimum((frames + step // 2) // step, len(self.rows) - 1)]
-        for limb, name in enumerate(names):
-            if name in self.parts:
-                lost = self.rows[self.confidence[:, self.parts.index(name)] < LOST]
-                found[:, limb] = np.isin(nearest, lost) & ~self.track.lost
-        return found
-
-    @property
-    def marked(self) -> Quality:
-        """The same of the track with its `lost_limbs`."""
-        flags = {**self.track.diagnostics, "lost_limbs": self.lost_limbs}
-        return Quality(replace(self.track, diagnostics=flags), self.agreement)
 
     @property
     def verdict(self) -> str:
@@ -161,7 +144,7 @@ class Quality:
             "lost_frames": spans(track.frames[track.lost].tolist()),
             "lost_limbs": {
                 name: spans(track.frames[column].tolist())
-                for name, column in zip(limb_names(track.its_body), self.lost_limbs.T, strict=True)
+                for name, column in zip(limb_names(track.its_body), track.lost_limbs.T, strict=True)
             },
             "found_again_in_frames": spans(track.restarts.tolist()),
             "parts": {

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.limbs import LIMB_ENDS, limb_names
+from apf.body.limbs import LIMB_ENDS
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
+from apf.results.flags import FlagCounts, flagged_joints, said_lost
 from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
@@ -49,7 +50,7 @@ class Evaluation:
     lost the person in; they count as all others. unmatched_track, unmatched_truth: names not
     compared. n_ignored: joint-frames without truth. warnings: what the reader of the figures should
     know. said_lost: share of the frames in which the track says of a limb that it is lost, by name;
-    they count as all others.
+    flagged: (F, J) bool, joints that it moves in those; they count as all others.
     """
 
     joint_names: tuple[str, ...]
@@ -64,6 +65,7 @@ class Evaluation:
     n_ignored: int
     warnings: tuple[str, ...]
     said_lost: dict[str, float] = field(default_factory=dict)
+    flagged: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -114,6 +116,23 @@ class Evaluation:
         return found
 
     @cached_property
+    def inside_unflagged(self) -> float:
+        """The share of joint-frames within their 95 % ellipsoids, of those whose limb the track
+        does not say to be lost; NaN where it states none."""
+        known = np.isfinite(self.inside) & ~self.flagged & ~self.lost[:, None]
+        return float(self.inside[known].mean()) if known.any() else float("nan")
+
+    @cached_property
+    def flags(self) -> FlagCounts:
+        """How often the track is right about its limbs."""
+        limbs = [end for limb, end in LIMB_ENDS.items() if limb != "head"]
+        ends = [self.joint_names.index(end) for end in limbs if end in self.joint_names]
+        errors, flagged = self.errors[:, ends], (self.flagged | self.lost[:, None])[:, ends]
+        bad, good = errors > LOST_LIMB, errors <= LOST_JOINT
+        counts = (bad & flagged, bad, good & flagged, good)
+        return FlagCounts(*(int(count.sum()) for count in counts))
+
+    @cached_property
     def lost_limbs(self) -> dict[str, bool]:
         """Whether each limb whose end is compared got lost; see LOST_LIMB."""
         return {
@@ -152,7 +171,10 @@ class Evaluation:
             "lost_joint_share": round(self.lost_share, 5),
             "lost_limbs": [limb for limb, lost in self.lost_limbs.items() if lost],
             "limbs_said_to_be_lost": {n: round(share, 5) for n, share in self.said_lost.items()},
+            "limbs_beyond_200_mm_flagged": _rounded(self.flags.found),
+            "limbs_within_150_mm_flagged": _rounded(self.flags.falsely),
             "inside_95": _mean_share(self.inside),
+            "inside_95_unflagged": _rounded(self.inside_unflagged),
             "lost_frames": self.frames[self.lost].tolist(),
             "n_frames": len(self.frames),
             "n_joints": len(self.joint_names),
@@ -275,7 +297,8 @@ def evaluation_of(
         unmatched_truth=(),
         n_ignored=int(missing.sum()),
         warnings=_warnings(track, truth, len(frames)),
-        said_lost=_said_lost(track, rows[compared]),
+        said_lost=said_lost(track, rows[compared]),
+        flagged=flagged_joints(track, names)[rows][compared][:, with_truth],
     )
 
 
@@ -288,16 +311,6 @@ def _stated(track: Track | JointSeries, names: tuple[str, ...]) -> np.ndarray:
             if name in columns:
                 found[:, j] = track.covariance[:, columns[name]]
     return found
-
-
-def _said_lost(track: Track | JointSeries, rows: np.ndarray) -> dict[str, float]:
-    """The share of rows in which the track says that a limb is lost, by limb; those never lost are
-    left out."""
-    if not isinstance(track, Track) or track.body is None:
-        return {}
-    shares = track.lost_limbs[rows].mean(axis=0)
-    found = dict(zip(limb_names(track.body), shares.tolist(), strict=True))
-    return {name: share for name, share in found.items() if share}
 
 
 def _lost(track: Track | JointSeries) -> np.ndarray:
@@ -346,6 +359,10 @@ def _span(frames: np.ndarray) -> str:
 def _mean_share(values: np.ndarray) -> float | None:
     known = values[np.isfinite(values)]
     return round(float(known.mean()), 4) if known.size else None
+
+
+def _rounded(share: float) -> float | None:
+    return round(share, 5) if np.isfinite(share) else None
 
 
 def _millimetres(metres: float) -> float | None:

@@ -20,6 +20,7 @@ from apf.filters.base import Estimate
 from apf.filters.method import Method
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
+from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, joined
 from apf.tracking.trackers import seeded, watched_runs
 from apf.tracking.uncertainty import joint_covariance
@@ -150,7 +151,7 @@ def _tracked(
         if isinstance(error, UserError):
             stopped = error
         if not more:
-            return [joined(run) for run in zip(*parts, strict=True)], stopped
+            return [joined(run).judged for run in zip(*parts, strict=True)], stopped
 
 
 def _part(
@@ -254,6 +255,8 @@ def track_of(
     diagnostics["covariance"] = np.where(
         diagnostics["lost"][:, None, None, None], np.nan, covariance
     )
+    chosen_from = stacked("candidates"), stacked("candidate_errors")
+    diagnostics["limb_margin"] = limb_margins(body, poses, *chosen_from)
     return Track(
         body_name=body.name,
         dof_names=body.dof_names,

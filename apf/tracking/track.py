@@ -13,12 +13,14 @@ import numpy as np
 from apf.body import BodyModel, load_body
 from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_points
-from apf.body.limbs import limb_angles, limb_bones, limb_chains, limb_joints, limb_masks
+from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
 from apf.body.toml import body_from_text, body_text
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
+from apf.formats.motion import bridged
 from apf.formats.trc import CONVENTIONS, write_trc
 from apf.tracking.foot_contact import feet, flat
+from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
@@ -49,7 +51,9 @@ _DIAGNOSTICS = {
     "deviation": Values(("F", "D"), finite=False, low=0, high=np.inf),
     "covariance": Values(("F", "J", 3, 3), finite=False),
     "standing": Values(("F", 2), "bool"),
-    "lost_limbs": Values(("F", "L"), "bool"),
+    "limb_margin": Values(("F", "L"), finite=False, low=0, high=np.inf),
+    "limb_disagreement": Values(("F", "L"), finite=False, low=0),
+    "limb_confidence": Values(("F", "L"), finite=False, low=0, high=1),
 }
 
 
@@ -74,7 +78,8 @@ class Track:
     particles, rad or m; misfit (F,), see `apf.likelihood.base`; confidence, lost (F,) and
     covariance (F, J, 3, 3) as below; restart (F,) 0 where the person was tracked, 1 and 2 where he
     was found again around the last good pose and by a search everywhere; standing (F, 2) as below,
-    of smoothed tracks; lost_limbs (F, L) as below, of judged ones.
+    of smoothed tracks; limb_margin, limb_disagreement (F, L) what `limb_confidence` is found from,
+    the latter where a second track is known; limb_confidence (F, L) as below.
     """
 
     body_name: str
@@ -115,6 +120,13 @@ class Track:
         for name, values in self.diagnostics.items():
             if values.shape[:1] != (n,):
                 raise InputError(f"{name} has shape {values.shape}; expected {n} rows")
+        limbs = [] if self.body is None else limb_ends(self.body)
+        for name in ("limb_margin", "limb_disagreement", "limb_confidence"):
+            found = self.diagnostics.get(name)
+            if found is not None and found.shape != (n, len(limbs)):
+                raise InputError(
+                    f"{name} has shape {found.shape}; the body has {len(limbs)} limbs in {n} frames"
+                )
         if self.edges.size and not 0 <= self.edges.min() <= self.edges.max() < n_joints:
             raise InputError(f"edges name joints outside 0..{n_joints - 1}")
         if self.body is not None and not (
@@ -169,14 +181,29 @@ class Track:
         return self._diagnostic("standing", np.zeros((len(self), 2), bool)).astype(bool)
 
     @property
+    def limb_confidence(self) -> np.ndarray:
+        """(F, L) the probability that each of the body's limbs (`apf.body.limbs.limb_names`) is
+        right, see `apf.tracking.limb_confidence`; NaN where the tracker looked for none."""
+        found = self.diagnostics.get("limb_confidence")
+        if found is None:
+            ends = [] if self.body is None else limb_ends(self.body)
+            margins = self._diagnostic("limb_margin", np.full((len(self), len(ends)), np.nan))
+            other = self.diagnostics.get("limb_disagreement")
+            found = limb_confidence(margins, self.joints[:, ends], self.times, other)
+        return found
+
+    @property
+    def judged(self) -> Track:
+        """The same with its `limb_confidence` among the diagnostics, which then stays as it is
+        whatever becomes of the joints."""
+        stated = {**self.diagnostics, "limb_confidence": self.limb_confidence}
+        return replace(self, diagnostics=stated)
+
+    @property
     def lost_limbs(self) -> np.ndarray:
-        """(F, L) bool, which of the body's limbs (`apf.body.limbs.limb_names`) are not to be
-        believed: known where the track was judged, as `apf track` and `apf report` do."""
-        n_limbs = len(limb_chains(self.body)) if self.body is not None else 0
-        found = self._diagnostic("lost_limbs", np.zeros((len(self), n_limbs), bool))
-        if found.shape[1:] != (n_limbs,):
-            raise InputError(f"lost_limbs are {found.shape[1:]}; the body has {n_limbs} limbs")
-        return found.astype(bool)
+        """(F, L) bool, which limbs are not to be believed, while the person is tracked."""
+        lost: np.ndarray = (self.limb_confidence < LOST) & ~self.lost[:, None]
+        return lost
 
     @property
     def its_body(self) -> BodyModel:
@@ -324,16 +351,6 @@ class Track:
             return cls(diagnostics=diagnostics, **fields)
         except (TypeError, ValueError) as error:
             raise InputError(f"{path}: {error}") from None
-
-
-def bridged(values: np.ndarray, times: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """Return values (F, N) at `times` (F,) with those `gone` (F, N) bool on the line from the last
-    before to the first after; as they are in columns that are gone throughout."""
-    out = np.array(values)
-    for column in np.flatnonzero(gone.any(0) & ~gone.all(0)):
-        lost = gone[:, column]
-        out[lost, column] = np.interp(times[lost], times[~lost], values[~lost, column])
-    return out
 
 
 def part_name(folder: Path, track: Track) -> Path:

@@ -45,9 +45,10 @@ class Run:
     degrees between the hips' axis at the start and the truth's, seen from above. stature: % that
     the body is too tall. limb_frames: share of frames in which a limb's end is farther than
     `LOST_LIMB` from the truth. limbs, limbs_rest, limbs_far: as mean, rest and lost_joints, of the
-    twelve joints that keypoints have as well, shoulders to ankles. seconds of such a run are those
-    of all that it took, start and reconstruction as well. failed: why there is no track; figures
-    are NaN then.
+    twelve joints that keypoints have as well, shoulders to ankles. flags: see `FlagCounts`;
+    inside_unflagged: as inside_95, of the limbs that are not said to be lost. seconds of such a run
+    are those of all that it took, start and reconstruction as well. failed: why there is no track;
+    figures are NaN then.
     """
 
     setting: Setting
@@ -72,6 +73,8 @@ class Run:
     limbs: float = math.nan
     limbs_rest: float = math.nan
     limbs_far: float = math.nan
+    flags: list[int] = field(default_factory=lambda: [0] * 4)
+    inside_unflagged: float = math.nan
     failed: str = ""
 
     @property
@@ -170,6 +173,8 @@ def run_of(track: Track, truth: JointSeries, setting: Setting, seed: int, second
         lost_joints=found.lost_share,
         lost_frames=int(found.lost.sum()),
         inside_95=found.summary()["inside_95"] or -1.0,
+        flags=list(found.flags) if track.body is not None else [0] * 4,
+        inside_unflagged=found.inside_unflagged,
         seconds=seconds,
         joints={name: row.tolist() for name, row in zip(found.joint_names, rows, strict=True)},
     )
@@ -260,6 +265,7 @@ class Results:
             writer.writerow([f.name for f in fields(Setting)] + columns)
             for run in self.runs:
                 row = {**asdict(run), "lost_limbs": "; ".join(run.lost_limbs)}
+                row["flags"] = "; ".join(map(str, run.flags))
                 cells = [row[name] for name in columns]
                 shown = [f"{cell:.4g}" if isinstance(cell, float) else cell for cell in cells]
                 writer.writerow([*asdict(run.setting).values(), *shown])

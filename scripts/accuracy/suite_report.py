@@ -18,6 +18,7 @@ from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
 from accuracy.settings import WITNESSES, Setting
+from apf.results.flags import FlagCounts
 from cl import InputError
 from psfs.common.files import written_whole
 
@@ -29,7 +30,9 @@ _NOTE = (
     "share of joint-frames beyond 150 mm. 12: the same of shoulders, elbows, wrists, hips, knees "
     "and ankles, which keypoints have, too. heading: runs whose start looks within 90 degrees of "
     "the truth. stature: of the body, % too tall. IoU: of the silhouettes with the true masks. "
-    "lost: share of frames in which a limb's end is farther than 200 mm. s: all that a run took."
+    "lost: share of frames in which a limb's end is farther than 200 mm. flagged: share of such "
+    "limb-frames that the track itself says to be lost; false: of those within 150 mm. in 95 %: "
+    "share of the other joint-frames within the ellipsoid stated for 95 %. s: all that a run took."
 )
 #: By witness and start.
 _COLOURS = {
@@ -71,6 +74,8 @@ class Row:
     stature: float
     iou: float
     limb_frames: float
+    flags: FlagCounts
+    inside: float
     seconds: float
 
     @property
@@ -101,6 +106,8 @@ class Row:
             stature=over(lambda run: run.stature),
             iou=iou,
             limb_frames=over(lambda run: run.limb_frames),
+            flags=_summed([run.flags for run in runs]),
+            inside=over(lambda run: run.inside_unflagged),
             seconds=over(lambda run: run.seconds),
         )  # fmt: skip
 
@@ -124,13 +131,20 @@ class Row:
             _shown(self.stature, "+.1f" if self.cameras else ".1f", " %"),
             _shown(self.iou, ".3f"),
             _shown(100 * self.limb_frames, ".0f", " %"),
+            _shown(100 * self.flags.found, ".0f", " %"),
+            _shown(100 * self.flags.falsely, ".1f", " %"),
+            _shown(100 * self.inside, ".0f", " %"),
             _shown(self.seconds, ".1f" if self.seconds < 10 else ".0f"),
         ]
 
 
+def _summed(flags: Sequence[Sequence[int]]) -> FlagCounts:
+    return FlagCounts(*np.sum(flags, axis=0, dtype=int).tolist())
+
+
 _COLUMNS = ("sequence", "cameras", "preset", "by", "start", "runs", "mean", "free", "far",
             "12: mean", "12: free", "12: far", "wrists", "heading", "stature", "IoU", "lost",
-            "s")  # fmt: skip
+            "flagged", "false", "in 95 %", "s")  # fmt: skip
 
 
 def _shown(value: float, how: str, unit: str = "") -> str:
@@ -196,13 +210,14 @@ def _mean_row(rows: Sequence[Row]) -> Row:
         return float(np.mean(known)) if known else float("nan")
 
     names = ("mean", "rest", "limbs", "limbs_rest", "limbs_far", "wrists", "lost_joints", "iou",
-             "limb_frames", "seconds")  # fmt: skip
+             "limb_frames", "inside", "seconds")  # fmt: skip
     means = {name: over([getattr(row, name) for row in rows]) for name in names}
     return Row(
         "all", 0, *rows[0].group,
         sum(row.runs for row in rows), sum(row.failed for row in rows),
         std=float(np.nanstd([row.mean for row in rows], ddof=1)),
         heading_right=sum(row.heading_right for row in rows),
+        flags=_summed([row.flags for row in rows]),
         stature=over([abs(row.stature) for row in rows]),
         **means,
     )  # fmt: skip
@@ -228,10 +243,10 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
     results.write_csv(out / "runs.csv")
     with written_whole(out / "suite.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        names = [f.name for f in fields(Row)]
-        writer.writerow(names)
+        names = [f.name for f in fields(Row) if f.name != "flags"]
+        writer.writerow(names + list(FlagCounts._fields))
         for row in rows:
-            values = [getattr(row, name) for name in names]
+            values = [*(getattr(row, name) for name in names), *row.flags]
             writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in values])
     _plot(out / "suite.png", results, rows)
 

@@ -62,6 +62,7 @@ def a_run(setting: Setting, seed: int, mean: float, heading: float = 5.0) -> Run
         setting, seed, 9, mean, mean, 99.0, 3.0, 10.0, 20.0, ["left arm"], 0.25, 0, 0.9, 1.5,
         {"pelvis": [mean, 1.0, float("nan")]}, wrists=70.0, heading=heading, stature=-2.0,
         limb_frames=0.5, limbs=mean - 1, limbs_rest=15.0, limbs_far=0.125,
+        flags=[7, 8, 1, 25 + seed], inside_unflagged=0.95,
     )  # fmt: skip
 
 
@@ -244,13 +245,13 @@ def test_the_report(tmp_path: Path) -> None:
     text = suite_grid(rows).markdown()
     assert (
         f"| walk | 4 | default | voxels | found | 2 | 42.0 ± {np.sqrt(8):.1f} | 20.0 | 25.0 % | "
-        "41.0 | 15.0 | 12.5 % | 70 | 1/2 | -2.0 % | 0.900 | 50 % | 1.5 |"
+        "41.0 | 15.0 | 12.5 % | 70 | 1/2 | -2.0 % | 0.900 | 50 % | 88 % | 3.9 % | 95 % | 1.5 |"
     ) in text
     assert "| run | 4 | default | voxels | found | 1 | 60.0 |" in text
     # The mean of both sequences, and how far they are apart.
     assert (
         f"| all |  | default | voxels | found | 3 | 51.0 ± {9 * np.sqrt(2):.1f} | 20.0 | 25.0 % | "
-        "50.0 | 15.0 | 12.5 % | 70 | 2/3 |" in text
+        "50.0 | 15.0 | 12.5 % | 70 | 2/3 | 2.0 % | 0.900 | 50 % | 88 % | 3.9 % | 95 % |" in text
     )
     shown = suite_headline(results)
     assert "| walk | 4 | 42.0 ± 2.8 | 41.0 |" in shown and "| mean |  | 51.0 |" in shown

@@ -11,7 +11,7 @@ from apf.filters.base import Estimate, Tracker, checked_pose
 from apf.filters.config import FilterConfig
 from apf.filters.layer_noise import layer_sigmas
 from apf.likelihood.observations import PointObservations, with_points
-from apf.reference.filters.limb_search import searched
+from apf.reference.filters.limb_search import Searched, searched
 from apf.reference.filters.noise import normals
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.scene import Scene
@@ -38,17 +38,22 @@ class NumpyTracker(Tracker):
         likelihood = self.likelihood
         likelihood.observe(with_points(observation, keypoints))
         found = self._search()
-        pose, information = found.pose, np.zeros((self.body.n_dof, self.body.n_dof))
+        n_dof = self.body.n_dof
+        ended = Searched(found.pose, np.zeros((n_dof, n_dof)), found.pose[None], np.zeros(1))
         if likelihood.points is not None or likelihood.observed is not None:
             frame = self._frame + 1
-            pose, information = searched(self.body, likelihood, pose, self.config, frame)
-        misfit = likelihood.misfit(pose)
+            ended = searched(self.body, likelihood, found.pose, self.config, frame)
+        pose = ended.pose
         # The first frame's change is the start's error, not a motion.
         change = pose - self._last if self._frame > 0 else np.zeros(self.body.n_dof)
         self._last, self._drift = pose, pose - found.pose + self.config.search.velocity * change
         self._frame += 1
+        misfit = likelihood.misfit(pose)
         likelihood.learn(pose)
-        return replace(found, pose=pose, information=information, misfit=misfit)
+        return replace(
+            found, pose=pose, information=ended.information, candidates=ended.candidates,
+            candidate_errors=ended.errors, misfit=misfit,
+        )  # fmt: skip
 
     def _search(self) -> Estimate:
         """Return the estimate of a frame that was observed, before its refinement."""

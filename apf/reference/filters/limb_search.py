@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from apf.body.limbs import limb_masks
@@ -52,10 +54,20 @@ def propose(
     return poses, kinds
 
 
+class Searched(NamedTuple):
+    """The estimate (D,), the matrix of its last linear system (see `refined`), the candidates
+    (K, D) that it was chosen from, and their errors (K,)."""
+
+    pose: np.ndarray
+    information: np.ndarray
+    candidates: np.ndarray
+    errors: np.ndarray
+
+
 def searched(
     body: BodyModel, likelihood: NumpyLikelihood, mean: np.ndarray, config: FilterConfig, frame: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the estimate (D,), and the matrix of its last linear system (see `refined`)."""
+) -> Searched:
+    """Return what the search finds around the particles' `mean` (D,)."""
     candidates = [mean]
     n_limbs = len(limb_masks(body)) if config.searches_limbs else 0
     if n_limbs:
@@ -78,11 +90,11 @@ def searched(
             candidates[1:] = tried
     evidence = (likelihood.points, config, likelihood.observed)
     found = [refined(body, pose, *evidence) for pose in candidates]
-    best = 0
+    refined_poses = np.stack([pose for pose, _ in found])
+    best, errors = 0, np.zeros(1)
     if n_limbs:
-        refined_poses = np.stack([pose for pose, _ in found])
         errors = likelihood.rescore(refined_poses, 1, config.limb_search.least_recall)
         margins = (config.limb_search.near_margin, config.limb_search.far_margin)
         gains = errors[0] - np.abs(errors[0]) * np.repeat(margins, n_limbs) - errors[1:]
         best = int(np.r_[0.0, gains].argmax())
-    return found[best]
+    return Searched(*found[best], refined_poses, errors)

@@ -303,18 +303,27 @@ void estimate(int n, __global const float *weights, __global const float *poses,
 // Ends a frame: what to add to the particles before the next one, which is how far the estimate
 // was moved after the mean was taken (shift) and `velocity` times the change since the last frame.
 // motion: runs x N_DOF x (last estimate, what to add).
-// report: all that the host reads: result (n_result), information (n_information), misfits
-// (n_runs).
+// report: all that the host reads: result (n_result), information (n_information), candidates of
+// the limb search (n_candidates) and their errors (n_errors), misfits (n_runs).
 __kernel void end_frame(int n_runs, float velocity, int n_result, int n_information,
+                        int n_candidates, int n_errors,
                         __global const uint *frames, __global const float *result,
                         __global const float *shift, __global const float *information,
+                        __global const float *candidates, __global const float *errors,
                         __global const float *misfits, __global float2 *motion,
                         __global float *report)
 {
-    const int id = get_global_id(0), run = id - n_result - n_information;
-    if (id < n_result) report[id] = result[id];
-    else if (run < 0) report[id] = information[id - n_result];
-    else if (run < n_runs) report[id] = misfits[run];
+    const int id = get_global_id(0);
+    int at = id;
+#define REPORT(values, n) \
+    if (at >= 0 && at < n) report[id] = values[at]; \
+    at -= n;
+    REPORT(result, n_result)
+    REPORT(information, n_information)
+    REPORT(candidates, n_candidates)
+    REPORT(errors, n_errors)
+    REPORT(misfits, n_runs)
+#undef REPORT
     if (id >= n_runs * N_DOF) return;
     const float pose = result[id];
     // The first frame's change is the start's error, not a motion.

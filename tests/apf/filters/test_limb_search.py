@@ -75,14 +75,15 @@ def on_cones(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
 
 def search_limbs(
     device: Device, body: BodyModel, likelihood: Any, mean: np.ndarray, config: FilterConfig
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pose, shift and information by the kernels."""
+) -> tuple[np.ndarray, ...]:
+    """Pose, shift, information, candidates and their errors by the kernels."""
     search = LimbSearch(device, body, likelihood, config)
     frame = device.to_device(np.array([7], np.uint32))
     result = device.to_device(mean.astype(np.float32))
     for launch in search.launcher(frame, result):
         launch()
-    return result.get(), search.shift.get()[0], search.information.get()[0]
+    kept = search.candidates.get(), search.errors.get()
+    return result.get(), search.shift.get()[0], search.information.get()[0], *kept
 
 
 def raised(body: BodyModel) -> np.ndarray:
@@ -136,8 +137,10 @@ def test_kernels_and_twin(device: Device, name: str, n_particles: int) -> None:
     likelihood = Nearness(device, body, on_cones(body, pose, CONFIG.likelihood.samples.n_points))
     likelihood.errors = device.zeros((n_particles,), np.float32)
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
-    found, shift, information = search_limbs(device, body, likelihood, mean, config)
-    expected, matrix = searched(body, NumpyNearness(likelihood), mean, config, 7)
+    found, shift, information, tried, errors = search_limbs(device, body, likelihood, mean, config)
+    expected, matrix, *wanted = searched(body, NumpyNearness(likelihood), mean, config, 7)
+    np.testing.assert_allclose(tried, wanted[0], atol=5e-4)
+    np.testing.assert_allclose(errors, wanted[1], rtol=1e-3)
     np.testing.assert_allclose(found, expected, atol=5e-4)
     np.testing.assert_allclose(shift, found - mean, atol=1e-5)
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
@@ -267,7 +270,7 @@ def test_an_arm_is_where_its_points_are_seen() -> None:
     )  # which does not reach it otherwise
 
     def miss(config: FilterConfig) -> float:
-        found, _ = searched(body, likelihood, body.rest_pose, config, 3)
+        found = searched(body, likelihood, body.rest_pose, config, 3).pose
         reached, wanted = (posed_joints(body, p[None])[0, wrist] for p in (found, pose))
         return float(np.linalg.norm(reached - wanted))
 
@@ -291,8 +294,8 @@ def test_kernels_and_twin_on_observed_points(device: Device, n_particles: int) -
         likelihood.observe(Observed(None, seen_points(body, pose, rig, 40)))
     mean = np.clip(pose + 2 * body.sigma, body.lower, body.upper)
     with traced("tracking/limb_search.propose") as proposing:
-        found, shift, _ = search_limbs(device, body, kernels, mean, config)
-    expected, _ = searched(body, twin, mean, config, 7)
+        found, shift, *_ = search_limbs(device, body, kernels, mean, config)
+    expected = searched(body, twin, mean, config, 7).pose
     np.testing.assert_allclose(found, expected, atol=1e-3)
     np.testing.assert_allclose(shift, found - mean, atol=1e-5)
     moved = refined(body, mean, None, config.by_points, twin.observed, judge_last=False)[0] - mean

@@ -257,11 +257,12 @@ def test_runs_do_not_mix(device: Device) -> None:
     particles.estimate(0)()
     means, deviations = particles.result.get()[: 6 * SONG.n_dof].reshape(2, 3, -1)
     shift = random.normal(size=means.shape).astype(np.float32)
-    information, misfit = (random.random(k).astype(np.float32) for k in (3 * 496, 3))
-    given = [device.to_device(array) for array in (shift, information, misfit)]
-    report = device.empty(particles.result.size + 3 * 496 + 3, np.float32)
+    sizes = (3 * 496, 3 * 9 * SONG.n_dof, 3 * 9, 3)  # information, candidates, errors, misfits
+    others = [random.random(size).astype(np.float32) for size in sizes]
+    given = [device.to_device(array) for array in (shift, *others)]
+    report = device.empty(particles.result.size + sum(sizes), np.float32)
     particles.end_frame(*given, report)()
-    expected = np.r_[particles.result.get(), information, misfit]
+    expected = np.concatenate([particles.result.get(), *others])
     np.testing.assert_array_equal(report.get(), expected)
     drift = particles.motion.get()[..., 1]
     for run, (seed, frame) in enumerate(zip(seeds, frames, strict=True)):

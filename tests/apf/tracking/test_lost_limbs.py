@@ -1,4 +1,4 @@
-"""Limbs that a report does not believe: flagged in the track, missing or bridged in its files."""
+"""Limbs that a track does not believe: flagged, missing or bridged in its files."""
 
 from __future__ import annotations
 
@@ -31,11 +31,13 @@ def track() -> Track:
     """A walker whose left arm is lost in some frames."""
     walker = tracks.walker()
     names = limb_names(walker.its_body)
-    flags = np.zeros((len(walker), len(names)), bool)
-    flags[LOST, names.index("left arm")] = True
+    believed = np.full((len(walker), len(names)), 0.9)
+    believed[LOST, names.index("left arm")] = 0.1
     poses = walker.poses.copy()
     poses[LOST, walker.dof_names.index("l_forearm.ry")] += 2.0
-    return replace(walker, poses=poses, diagnostics={**walker.diagnostics, "lost_limbs": flags})
+    return replace(
+        walker, poses=poses, diagnostics={**walker.diagnostics, "limb_confidence": believed}
+    )
 
 
 def test_limbs_by_their_names() -> None:
@@ -103,22 +105,31 @@ def test_commands_keep_and_say_it(track: Track, tmp_path: Path, capsys) -> None:
     assert json.loads(json.dumps(found.summary()))["limbs_said_to_be_lost"] == {"left arm": 0.13333}
 
 
-def test_what_a_report_doubts_is_flagged() -> None:
-    """Here since its end is hardly known; frames between those judged are as the nearest."""
-    walker = tracks.walker(1000)
-    covariance = np.tile(0.01**2 * np.eye(3), (1000, 15, 1, 1))
-    covariance[300:401, walker.joint_names.index("r_ankle")] *= 900
-    quality = Quality(replace(walker, diagnostics={"covariance": covariance}), None)
-    marked = quality.marked.track
-    leg = limb_names(walker.its_body).index("right leg")
-    flagged = np.flatnonzero(marked.lost_limbs[:, leg])
-    assert abs(flagged[0] - 300) <= 5 and abs(flagged[-1] - 400) <= 5
-    assert len(flagged) == flagged[-1] - flagged[0] + 1 and marked.lost_limbs.sum() == len(flagged)
-    ranges = quality.facts()["lost_limbs"]
-    assert ranges["right leg"] == f"{flagged[0]}-{flagged[-1]}" and ranges["left leg"] == ""
+def test_a_report_looks_at_it(track: Track) -> None:
+    """Where the person is lost no limb is lost besides."""
+    lost = np.arange(len(track)) == 12
+    quality = Quality(replace(track, diagnostics={**track.diagnostics, "lost": lost}), None)
+    assert quality.doubtful["left arm"].tolist() == [10, 11, 13]
+    facts = quality.facts()
+    assert facts["lost_limbs"] == dict.fromkeys(limb_names(track.its_body), "") | {
+        "left arm": "10-11, 13"
+    }
+    assert facts["parts"]["right arm"]["mean_confidence"] == pytest.approx(0.9 * 29 / 30, abs=1e-3)
+
+
+def test_flags_beside_the_truth(track: Track) -> None:
+    """The arm is 300 mm off in five frames, in three of which it is flagged; the legs are right."""
+    joints = track.joints.copy()
+    joints[11:16, track.joint_names.index("l_wrist"), 2] += 0.3
+    covariance = np.tile(0.02**2 * np.eye(3), (len(track), joints.shape[1], 1, 1))
+    diagnostics = {**track.diagnostics, "covariance": covariance}
+    found = evaluate(replace(track, joints=joints, diagnostics=diagnostics), tracks.truth_of(track))
+    assert found.flags == (3, 5, 1, 4 * 30 - 5)
+    assert found.flags.found == 0.6 and found.flags.falsely == pytest.approx(1 / 115)
+    unflagged = 30 * 15 - 4 * 3  # shoulder, elbow and wrist
+    assert found.inside_unflagged == pytest.approx(1 - 2 / unflagged)
 
 
 def test_flags_of_another_body(track: Track) -> None:
-    wrong = replace(track, diagnostics={"lost_limbs": np.zeros((len(track), 2), bool)})
-    with pytest.raises(InputError, match="the body has 4 limbs"):
-        _ = wrong.points
+    with pytest.raises(InputError, match=r"limb_margin has shape \(30, 2\); the body has 4 limbs"):
+        replace(track, diagnostics={"limb_margin": np.zeros((len(track), 2))})
