@@ -143,7 +143,7 @@ class LimbSearch:
             limbs=self._limbs,
             result=result,
             seen=self._by_points.shift if self._by_points is not None else None,
-            best=self._candidates if round else None,
+            best=self.candidates if round else None,
             poses=poses,
         )
 
