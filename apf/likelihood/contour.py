@@ -13,6 +13,7 @@ import numpy as np
 
 from apf.likelihood.config import ContourConfig
 from cl import Array, Device, Launch
+from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 
 #: Normals that contours are looked for along: (1, 0), (1, 1), (0, 1) and (-1, 1).
@@ -65,13 +66,13 @@ class Contours:
         shape = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
             self.device.launch(
-                self._kernel("differentiate"), self._size(MARGIN), None, **shape,
+                self._kernel("differentiate"), self._size(MARGIN), self._group(MARGIN), **shape,
                 pictures=pictures, gradients=self._gradients,
             ),
             self.device.launch(
-                self._kernel("find_contours"), self._size(OUTER_MARGIN), None, **shape,
-                contrast=contrast_of(self._config), gradients=self._gradients,
-                contours=self.contours,
+                self._kernel("find_contours"), self._size(OUTER_MARGIN),
+                self._group(OUTER_MARGIN), **shape, contrast=contrast_of(self._config),
+                gradients=self._gradients, contours=self.contours,
             ),
         ]  # fmt: skip
 
@@ -79,6 +80,11 @@ class Contours:
         """Return the number of strips in a row, of rows and of cameras."""
         rig = self._rig
         return -(-(rig.width - 2 * margin) // _STRIP), rig.height - 2 * margin, len(rig)
+
+    def _group(self, margin: int) -> tuple[int, int, int] | None:
+        """Return a CPU's work-group, a row of strips: of those that PoCL chooses by itself
+        `find_contours` takes twice as long."""
+        return None if self.device.is_gpu else row_group(self.device, self._size(margin)[0])
 
     def _kernel(self, name: str) -> Any:
         return self.device.kernel(
