@@ -44,7 +44,7 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import suite_grid, suite_headline, suite_rows, write_suite
+from accuracy.suite_report import publish_suite, suite_grid, suite_rows, write_suite
 from accuracy.thesis import TABLES as THESIS
 from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
@@ -144,8 +144,8 @@ def main() -> int:
     parser.add_argument(
         "--readme",
         action="store_true",
-        help="instead of any run: the README's table from OUT/results.json of a suite; of other "
-        "runs the Markdown and the tables of docs/accuracy.md",
+        help="instead of any run: the README's table from OUT/results.json of a suite; of presets "
+        "alone, beside OUT/../suite, and of other runs the tables of docs/accuracy.md",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -287,7 +287,7 @@ def _update_readme(args: argparse.Namespace) -> None:
         replace_marked(_ROOT / "docs" / "accuracy.md", "thesis", thesis_headline(results))
         return
     if (args.out / "suite.md").is_file():
-        replace_marked(_ROOT / "README.md", "accuracy", suite_headline(results))
+        publish_suite(_ROOT, results)
         return
     values = {name: getattr(args, name) for name in DIMENSIONS}
     plan: dict[Table, list[Setting]] = {}

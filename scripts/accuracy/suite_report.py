@@ -14,6 +14,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Patch
+from timings.report.readme import replace_marked
 from timings.tables.grid import NONE, Grid
 
 from accuracy.runs import Results, Run
@@ -194,6 +195,46 @@ def suite_headline(results: Results) -> str:
         "triangulation has nothing else, both: voxels and keypoints."
     )
     return Grid("Mean error, mm", columns, cells, about).markdown()
+
+
+def publish_suite(root: Path, results: Results) -> None:
+    """Write the README's table, or that of presets, where there is nothing else, into
+    docs/accuracy.md, beside the defaults' in the folder `suite` next to theirs."""
+    if any(not run.setting.preset for run in results.runs):
+        replace_marked(root / "README.md", "accuracy", suite_headline(results))
+        return
+    defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
+    replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
+
+
+def presets_headline(results: Results, defaults: Results) -> str:
+    """Markdown: mean error from a start of their own, of the defaults and of each preset."""
+    columns: dict[str, dict[str, Row]] = {"default": {}}
+    for run in (*defaults.runs, *results.runs):
+        setting, source = run.setting, results if run.setting.preset else defaults
+        if setting.witness == "voxels" and setting.start == "found":
+            row = Row.of(setting, source.of(setting), float("nan"))
+            columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
+    cells = [
+        [name, *(_of_preset(of[name]) if name in of else NONE for of in columns.values())]
+        for name in sorted({name for of in columns.values() for name in of})
+    ]
+    about = "; ".join(
+        f"{what}: {of.conditions['device']}, {of.made}, commit {of.conditions['commit']}, "
+        f"up to {max(run.seed for run in of.runs) + 1} seeds"
+        for what, of in (("default", defaults), ("presets", results))
+    )
+    note = f"mm, ± between seeds; far: beyond 150 mm. {about}."
+    return Grid(
+        "Mean error from a start of their own", ["sequence", *columns], cells, note
+    ).markdown()
+
+
+def _of_preset(row: Row) -> str:
+    if row.failed == row.runs:
+        return "nobody found"
+    deviation = f" ± {row.std:.1f}" if row.runs - row.failed > 1 else ""
+    return f"{row.mean:.1f}{deviation}, {100 * row.lost_joints:.0f} % far"
 
 
 def _groups(rows: Sequence[Row]) -> list[Group]:

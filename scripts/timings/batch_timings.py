@@ -88,12 +88,10 @@ def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[S
     n = 1
     while n <= len(cores):
         groups = [tuple(cores[k::n]) for k in range(n)]
-        found[f"{n} of {len(groups[0])} cores"] = [
-            Share("cpu", group, len(group)) for group in groups
-        ]
+        found[f"{n} of {len(groups[0])} cores"] = [Share("cpu", group) for group in groups]
         n *= 2
     # What pinning is for: as many workers, each with all cores.
-    found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores), len(cores))] * len(cores)
+    found[f"{len(cores)} not pinned"] = [Share("cpu", tuple(cores))] * len(cores)
     return dict(list(found.items())[-2:]) if quick else found
 
 

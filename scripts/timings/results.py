@@ -91,7 +91,7 @@ class Results:
         path = args.out / f"{comparison}.json"
         kept = _round_trip({**settings, "quick": args.quick})
         results = cls(
-            comparison, kept, path, commit=checked_out_commit() or args.commit,
+            comparison, kept, path, commit=args.commit or checked_out_commit(),
             made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         )  # fmt: skip

@@ -40,7 +40,14 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import Row, suite_grid, suite_headline, suite_rows, write_suite
+from accuracy.suite_report import (
+    Row,
+    presets_headline,
+    suite_grid,
+    suite_headline,
+    suite_rows,
+    write_suite,
+)
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
 FRAMES = 3
@@ -131,6 +138,10 @@ def test_triangulation_voxels_keypoints_and_both_side_by_side(folder: Path, tmp_
     assert [(s.sequence, s.witness, s.start) for s in settings] == [
         ("walk", "triangulation", "none"), *(("walk", name, "true") for name in by[1:]),
         ("without", "voxels", "true"),
+    ]  # fmt: skip
+    alone = dict(suite_settings(folders, ["true"], by, first, ["song"]))
+    assert [(s.sequence, s.witness, s.preset) for s in alone] == [
+        ("walk", "voxels", "song"), ("without", "voxels", "song"),
     ]  # fmt: skip
     results = Results(tmp_path / "results.json", {"device": "abacus", "commit": "c0ffee"})
     jobs = lacking_jobs(settings, results, 2, lambda name: True)
@@ -262,6 +273,19 @@ def test_the_report(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {
         "results.json", "runs.csv", "suite.csv", "suite.md", "suite.png"
     }  # fmt: skip
+
+
+def test_presets_beside_the_defaults(tmp_path: Path) -> None:
+    conditions = {"device": "abacus", "commit": "c0ffee"}
+    defaults, results = (Results(tmp_path / name, conditions) for name in ("a.json", "b.json"))
+    song, rymut = (replace(FOUND, preset=name) for name in ("song", "rymut"))
+    defaults.add(a_run(FOUND, 0, 40.0))
+    defaults.add(a_run(FOUND, 1, 44.0))
+    results.add(a_run(song, 0, 70.0))
+    results.add(replace(a_run(rymut, 0, np.nan), failed="nobody stands there"))
+    shown = presets_headline(results, defaults)
+    assert "| sequence | default | song | rymut |" in shown
+    assert "| walk | 42.0 ± 2.8, 25 % far | 70.0, 25 % far | nobody found |" in shown
 
 
 def test_headings_by_the_hips() -> None:

@@ -16,18 +16,19 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from timings.bench_scene import Scene
 from timings.measure import Limits, Timing
 from timings.report.limits import serial_share
-from timings.report.machines import read_machines
+from timings.report.machines import read_batches, read_machines
 from timings.report.page import write_report
 from timings.report.readme import update_readme
 from timings.results import Results, read_results
 from timings.stages import PARTS, stage_of
+from timings.streamed_cues import keypoints_of
 from timings.tables.grid import number
 from timings.tables.objective import ROWS, columns
 from timings.tables.whole import papers, table_3
 from timings.whole_frame import Problem, WholeFrame, sequence_run, stage_times, stream_run
 
 from apf.body import load_body
-from apf.filters.config import FilterConfig
+from apf.filters.config import KEYPOINTS_ON, FilterConfig
 from apf.initialisation.from_joints import fit_to_joints
 from apf.synthetic.render import SyntheticScene
 from apf.synthetic.scene import SceneConfig
@@ -252,6 +253,34 @@ def test_no_two_rows_share_a_label() -> None:
         assert len(set(labels)) == len(labels), (heads, labels)
 
 
+def takes(folder: Path, n_gpus: int) -> None:
+    """Made-up takes per minute, those of two GPUs left out."""
+    results = Results.begin("batch", arguments(folder), {})
+    gpu = {"name": "Some GPU", "platform": "CUDA", "driver": "1", "kind": "gpu"}
+    results.environment["devices"] = [{**gpu, "compute_units": 9}] * n_gpus
+    results.environment["cores"] = 4
+    row = {"workers": 1, "gpus": 1, "takes": 4, "frames_per_s": 8.0, "stages": {"reading": 2.0},
+           "core_s": 30.0}  # fmt: skip
+    for n, rate in ((1, 10.0), (2, 19.0)):
+        of = {**row, "per_minute": rate}
+        results.section(f"workers 1 GPU, {n} at once", lambda of=of: of)
+    results.section("decoding", lambda: {"frames": 3, "ms": 1.0, "core_ms": 5.0})
+    results.section("workers 2 GPUs, 2 at once", lambda: 1, quick=False)
+
+
+def test_takes_per_minute_also_of_a_machine_measured_for_them_alone(tmp_path: Path) -> None:
+    folders = [measured(tmp_path / "some"), tmp_path / "two"]
+    takes(tmp_path / "two", 2)
+    machines, batches = read_machines(folders), read_batches(folders)
+    assert [m.name for m in machines] == ["some"] and [m.name for m in batches] == ["two"]
+    write_report(machines, tmp_path, batches)
+    text = (tmp_path / "report.md").read_text()
+    assert "### 2 x Some GPU with " in text
+    assert "| 1 GPU, 2 at once | 4 | 19.0 | 8.00 | 1.90 x | 190 % | 30.0 | 9.50 |" in text
+    assert "_Missing: 2 x Some GPU" in text and "workers 2 GPUs, 2 at once: not with" in text
+    assert "4 cores: `compare_timings.py batch` was not run._" in text
+
+
 def test_what_was_not_measured_is_left_out_of_the_page(tmp_path: Path) -> None:
     results = Results.begin("whole", arguments(tmp_path / "some"), read_results(
         measured(tmp_path / "full") / "whole.json").settings)  # fmt: skip
@@ -325,9 +354,13 @@ def test_the_whole_frame_on_the_device_agrees_with_the_twins(device: Device) -> 
     assert len(ours["frames"].samples) == len(twins["frames"].samples) == 2
     assert ours["surface_voxels"] == pytest.approx(twins["surface_voxels"], rel=0.02)
     assert ours["error_mm"] == pytest.approx(twins["error_mm"], abs=25)
-    streamed = stream_run(WholeFrame(device, problem), problem.scene.pinned(device), 3)
+    held = problem.scene.pinned(device)
+    streamed = stream_run(WholeFrame(device, problem), held, 3)
     assert len(streamed["frames"].samples) == 3 and min(streamed["frames"].samples) > 0
     assert streamed["error_mm"] == pytest.approx(ours["error_mm"], abs=25)
+    with_keypoints = WholeFrame(device, problem.smaller(**KEYPOINTS_ON))
+    seen = stream_run(with_keypoints, held, 3, sightings=keypoints_of(problem))
+    assert seen["error_mm"] < streamed["error_mm"]
     profiled = Device(device.handle, profile=True)
     stages = stage_times(WholeFrame(profiled, problem), 1, warm_up=1)
     busy = {"silhouette", "occupancy", "smoothing", "surface", "colour", "reprojection",
