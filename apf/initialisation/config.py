@@ -20,7 +20,7 @@ class FrameChoice:
     duration: float = 0.8
     """s over which they are spread: most of a stride (about 1 s), so that legs part."""
     n_between: int = 1
-    """Most frames between two of them, which only lead from one to the next."""
+    """About so many frames between two of them, which only lead from one to the next."""
     n_searched: int = 4
     """Of the fitted frames so many are searched over all headings, first and last among them."""
     min_voxels: int = 200
