@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pyopencl
 
-from cl.errors import DeviceError, failing_as_device
+from cl.errors import DeviceError, device_failure
 from cl.signature import Signatures
 
 if TYPE_CHECKING:
@@ -102,10 +102,12 @@ class Launch:
             self.arguments[name] = value
 
     def __call__(self) -> Any:
-        with failing_as_device(self.device.name, f"kernel {self.name}"):
+        try:
             event = pyopencl.enqueue_nd_range_kernel(
                 self.device.queue, self._bound, self.global_size, self.local_size
             )
+        except pyopencl.Error as error:
+            raise device_failure(self.device.name, f"kernel {self.name}", error) from error
         if self.device.profiler is not None:
             self.device.profiler.add(self.name, event)
         return event
