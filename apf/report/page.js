@@ -238,9 +238,10 @@ layout("", { hovermode: "closest" }));
 chart("confidence", [curve(page.frames, page.confidence.frames, "whole body", 0)],
   layout("confidence", { yaxis: { title: { text: "confidence" }, range: [0, 1.02] } }));
 byId("confidence-note").textContent =
-  "Of head, trunk and limbs, 0 to 1: how much of the worst part lies in the silhouettes, and how " +
-  `firmly its end is known. Below ${page.doubtful_below}, look at it. Below: how well the voxels ` +
-  "are explained, as the tracker judged while it tracked.";
+  "Of limbs, the probability that they are right; of head and trunk, 0 to 1, how much of the worst " +
+  "part lies in the silhouettes, and how firmly its end is known. " +
+  `Below ${page.doubtful_below}, look at it. Below: how well the voxels are explained, as the ` +
+  "tracker judged while it tracked.";
 
 if (page.agreement) {
   const { cameras, body, voxels: hulls } = page.agreement;

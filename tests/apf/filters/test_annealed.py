@@ -52,7 +52,7 @@ def test_a_frame_is_one_small_download(device: Device) -> None:
         assert after.uploads == before.uploads
         assert after.downloads == before.downloads + 1
         assert after.download_bytes - before.download_bytes == 4 * (
-            2 * 31 + 3 * 3 + 31 * 32 // 2 + 1
+            2 * 31 + 3 * 3 + 31 * 32 // 2 + 9 * 32 + 1
         )
 
 
