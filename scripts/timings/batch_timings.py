@@ -115,7 +115,7 @@ def decoding(take: Path) -> dict[str, float]:
 def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool
 ) -> dict[str, Any]:
-    """Takes per minute of workers with these shares, after a short take or two on each; s that a
+    """Takes per minute of workers with these shares, after a short take on each; s that a
     take spends in each stage, and s of a core that it costs."""
 
     def job(name: str, number: int, *more: str) -> Task:
@@ -126,7 +126,7 @@ def throughput(
 
     n_takes = max(len(takes), _PER_WORKER * len(shares))
     with embedded_cluster(shares) as client:
-        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(2 * len(shares))])
+        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(len(shares))])
         began = time.perf_counter()
         done = _all(Pool(client), [job(f"take{k}", k) for k in range(n_takes)])
         seconds = time.perf_counter() - began

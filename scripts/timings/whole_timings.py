@@ -86,13 +86,15 @@ def run(args: argparse.Namespace) -> None:
         profiled = partial(roofline, place, problem, 3 if quick else 10)
         results.plan(f"stages {place.label}", profiled)
     for place in found:
-        run = (4, 1, 5.0) if quick else (_STREAMED, REPETITIONS, 5.0)
-        results.plan(f"cues {place.label}", partial(streamed_cues, place, problem, *run))
-    _numpy_column(results, problem)
+        run = (4, 1) if quick else (_STREAMED, REPETITIONS)
+        most = 5.0 if place.cores is None else 1.5
+        results.plan(f"cues {place.label}", partial(streamed_cues, place, problem, *run, most))
     for place in found:
         for cores in fewer_cores(place)[1:]:
             measure = partial(apart, only_cores(cores), on_cpu, problem, 8, 1, np.inf)
             results.plan(f"cores {cores}", measure, quick=False)
+    _numpy_column(results, problem)
+    for place in found:
         results.plan(f"surface {place.label}", partial(finer, place, problem), quick=False)
         measure = partial(compilation, place, problem)
         results.plan(f"compilation {place.label}", measure, quick=False)
