@@ -75,7 +75,7 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
 
 #: Flags of which a table [method] says all.
 METHOD_FLAGS = (
-    *("method", "objective", "likelihood", *_SETTINGS, *_WEIGHTS),
+    *("method", "objective", "likelihood", "one_way", *_SETTINGS, *_WEIGHTS),
     *(name for _, flags in _PARTS.values() for name in flags),
     *SHAPE_FLAGS,
 )
@@ -161,7 +161,10 @@ def chosen_method(args: argparse.Namespace) -> Method:
     features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))
     swarm = replace(method.swarm, **given(_PARTS["swarm"][1]))
     sir = replace(method.sir, **given(_PARTS["sir"][1]))
-    return replace(method, image=image, features=features, swarm=swarm, sir=sir)
+    both_ways = method.both_ways and not getattr(args, "one_way", False)
+    return replace(
+        method, both_ways=both_ways, image=image, features=features, swarm=swarm, sir=sir
+    )
 
 
 def _base(args: argparse.Namespace) -> Method:

@@ -98,6 +98,11 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
     add_preset_flag(parser, PRESETS)
+    parser.add_argument(
+        "--one-way",
+        action="store_true",
+        help="track forward alone, as live: in about half of the time, less accurately",
+    )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
     parser.add_argument(
         "--no-report",

@@ -52,7 +52,8 @@ class TaskProgress:
     def __init__(self, task: str = "", batch: str = "") -> None:
         self.n_frames = 0
         self._task, self._batch = task, batch
-        self._stage, self._done, self._sent = "", 0, 0.0
+        self._stage, self._sent = "", 0.0
+        self._done: dict[str, int] = {}
         self.worker = f"{platform.node()}:{os.getpid()}"
         self.seconds: dict[str, float] = {}
         self._begun = time.monotonic()
@@ -61,15 +62,20 @@ class TaskProgress:
         if self._batch in _stopped:
             raise KeyboardInterrupt
         if stage != self._stage:
-            self.begin(stage)
-        self._done += 1
+            self._enter(stage)
+        self._done[stage] = self._done.get(stage, 0) + 1
         if time.monotonic() > self._sent + _APART:
             self._send()
 
     def begin(self, stage: str) -> None:
         """Say that a stage has no frame yet."""
+        self._done[stage] = 0
+        self._enter(stage)
+
+    def _enter(self, stage: str) -> None:
+        """Say that a stage goes on."""
         self.end()
-        self._stage, self._done = stage, 0
+        self._stage = stage
         self._send()
 
     def end(self) -> None:
@@ -84,7 +90,8 @@ class TaskProgress:
         if self._batch:
             from distributed import get_worker
 
-            said = Progress(self._task, self._stage, self._done, self.n_frames, self.worker)
+            done = self._done.get(self._stage, 0)
+            said = Progress(self._task, self._stage, done, self.n_frames, self.worker)
             get_worker().log_event(self._batch, asdict(said))
 
 

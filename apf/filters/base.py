@@ -17,7 +17,7 @@ from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.likelihood.observations import PointObservations, with_points
 from apf.scene import Scene
-from cl import InputError, Step
+from cl import Array, InputError, Launch, Step
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,11 @@ class Tracker:
         """Yield the estimate for each of `observations`."""
         return map(self.step, observations)
 
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
+        `unit`."""
+        raise NotImplementedError
+
 
 class DeviceTracker(Tracker):
     """A tracker by OpenCL, of one run or of several at once.
@@ -101,6 +106,7 @@ class DeviceTracker(Tracker):
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
         self._n_frames = 0
+        self._judging: dict[int, tuple[Array, Array, list[Launch]]] = {}
 
     def change_body(self, body: BodyModel) -> None:
         """Track `body`, which has the structure of the one before: the same bones, axes and cones
@@ -164,6 +170,21 @@ class DeviceTracker(Tracker):
     def search_runs(self) -> list[Estimate]:
         """Return each run's estimate for what was observed, the second half of `step_runs`."""
         return self._begin_search()()
+
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
+        `unit`."""
+        n = len(poses)
+        if n not in self._judging:
+            given = self.device.empty(poses.shape, np.float32, "poses to judge")
+            errors = self.device.empty((n,), np.float32)
+            launches = self.likelihood.rescoring_launcher(given, errors)
+            self._judging[n] = given, errors, launches
+        given, errors, launches = self._judging[n]
+        given.set(poses.astype(np.float32))
+        for launch in launches:
+            launch()
+        return errors.get() / self.likelihood.unit
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""

@@ -42,12 +42,14 @@ class Method:
 
     filter: of every search (n_layers are the swarm's iterations) and of the voxels' likelihood.
     A swarm compares errors of different iterations: with it, `point_turns` should be 1. recover:
-    whether a person who was lost is looked for again, which no paper does.
+    whether a person who was lost is looked for again, which no paper does. both_ways: whether a
+    take is tracked back, too, see `apf.tracking.two_way`; image features are not.
     """
 
     search: str = "apf"
     objective: str = "voxel"
     recover: bool = True
+    both_ways: bool = True
     filter: FilterConfig = field(default_factory=FilterConfig)
     swarm: SwarmConfig = field(default_factory=SwarmConfig)
     sir: SirConfig = field(default_factory=SirConfig)
@@ -90,6 +92,11 @@ class Method:
         return self.objective in OBJECTIVE_KINDS
 
     @property
+    def goes_back(self) -> bool:
+        """Whether a take is tracked both ways."""
+        return self.both_ways and not self.uses_images
+
+    @property
     def uses_keypoints(self) -> bool:
         """Whether keypoints have a weight, beside the objective or alone."""
         return self.filter.keypoints.weight > 0
@@ -107,6 +114,7 @@ class Method:
             "method": self.search,
             "objective": self.objective,
             "recover": self.recover,
+            "both_ways": self.goes_back,
             "filter": self.filter.settings,
         }
         if self.search == "pso":

@@ -40,10 +40,10 @@ class KeypointLikelihood(Likelihood):
     ) -> None:
         self.device, self.config, self.base = scene.opencl, config, base
         self.body = scene.body
-        self._unit = base.unit if base is not None else float(len(scene.rig))
+        self.unit = base.unit if base is not None else float(len(scene.rig))
         self._posture_weight = 0.0
         if base is None:
-            self._posture_weight = self._unit * posture_prior_weight
+            self._posture_weight = self.unit * posture_prior_weight
         self._table = self.device.to_device(pack_body(scene.body), "the body model")
         self._posture = self.device.to_device(posture_prior(scene.body), "the posture prior")
         self._seen = ObservedPoints(scene, config.room)
@@ -105,7 +105,7 @@ class KeypointLikelihood(Likelihood):
     def _scored(self, poses: Array, errors: Array) -> Launch:
         return self._launch(
             poses.shape[0], poses, errors, adds=self.base is not None, per_seen=False,
-            weight=self._unit * self.config.weight, posture_weight=self._posture_weight,
+            weight=self.unit * self.config.weight, posture_weight=self._posture_weight,
         )  # fmt: skip
 
     def _launch(

@@ -96,12 +96,12 @@ def track_take(
     height: see `start_of`; the template is song31 by default. seeds: of the runs, the method's by
     default; the start takes the method's. progress: called with the name of every stage that
     begins ("keypoints", "volume", "start", "preparing"), with "start" now and then during it, and
-    with "tracking" after each frame; a KeyboardInterrupt during tracking ends the tracks after the
-    last whole frame. keypoints: of the sequence's cameras and frames; body, start and every frame's
-    pose follow them, too. keep: called about every second of tracking with the body, its first
-    pose, and the tracks of the frames since it was called last, which are not held in memory if it
-    stores them. Raises UserError; one after the
-    first frame ends the tracks, and is the take's `error`.
+    with "tracking" after each frame, on the way back with "tracking back"; a KeyboardInterrupt
+    during tracking ends the tracks after the last whole frame. keypoints: of the sequence's cameras
+    and frames; body, start and every frame's pose follow them, too. keep: called about every second
+    of tracking with the body, its first pose, and the tracks of the frames since it was called
+    last, which are not held in memory if it stores them. Raises UserError; one after the first
+    frame ends the tracks, and is the take's `error`.
     """
     method = method_with(method or Method(), keypoints)
     report = progress or (lambda stage: None)
@@ -134,7 +134,7 @@ def track_take(
     tracks, error = track_seeds(
         device, sequence, grid, body, pose, method,
         [method.filter.search.seed] if seeds is None else list(seeds),
-        reconstruction, selection, lambda: report("tracking"),
+        reconstruction, selection, report,
         None if witness is None else witness.observations,
         None if keep is None else lambda parts: keep(body, pose, parts),
     )  # fmt: skip

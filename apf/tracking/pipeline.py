@@ -22,7 +22,8 @@ from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, joined
-from apf.tracking.trackers import seeded, watched_runs
+from apf.tracking.trackers import seeded, watched, watched_runs
+from apf.tracking.two_way import both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import Device, InputError, NumpyDevice, UserError
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
@@ -61,7 +62,8 @@ def track_sequence(
     method = method or Method()
     seeds = [method.filter.search.seed]
     tracks, error = track_seeds(
-        device, sequence, grid, body, pose, method, seeds, reconstruction, selection, progress,
+        device, sequence, grid, body, pose, method, seeds, reconstruction, selection,
+        lambda stage: progress() if progress is not None and stage == "tracking" else None,
         keypoints,
     )  # fmt: skip
     if error is not None:
@@ -79,15 +81,16 @@ def track_seeds(
     seeds: list[int],
     reconstruction: ReconstructionConfig | None = None,
     selection: slice | None = None,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[str], object] | None = None,
     keypoints: FrameKeypoints | None = None,
     keep: KeepParts | None = None,
 ) -> tuple[list[Track], UserError | None]:
     """Track as `track_sequence` does: one track for each of `seeds`, from one reconstruction.
 
-    keep: called about every second with the tracks of the frames since it was called last, which
-    it may store; they are read again at the end. An error after the first frame ends the tracks, as
-    an interrupt does, and is returned.
+    progress: called with "tracking" after each frame, and with "tracking back" on the way back, see
+    `both_ways`. keep: called about every second with the tracks of the frames since it was called
+    last, which it may store; they are read again at the end. An error after the first frame ends
+    the tracks, as an interrupt does, and is returned.
     """
     step = (selection.step or 1) if selection else 1
     seen: Iterator[tuple[int, Any]]
@@ -99,7 +102,15 @@ def track_seeds(
     if keypoints is not None:
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
-    tracker = watched_runs(Scene(device, sequence.rig, grid, body), scaled, seeds)
+    scene = Scene(device, sequence.rig, grid, body)
+    tracker = watched_runs(scene, scaled, seeds)
+    tracker.start(pose)
+    report = progress or (lambda stage: None)
+    if method.goes_back:
+        back = [watched(scene, of) for of in seeded(scaled, seeds)]
+        found = both_ways(device, tracker, back, seen, _observed_bytes(sequence, method), report)
+    else:
+        found = one_way(tracker, seen, report)
     provenance: dict[str, Any] = {
         "sequence": str(sequence.folder),
         "device": device.name,
@@ -120,22 +131,35 @@ def track_seeds(
             for made, run in zip(described, runs, strict=True)
         ]
 
-    return _tracked(tracker, pose, seen, tracks_of, progress, keep)
+    return _tracked(found, tracks_of, keep)
+
+
+def _observed_bytes(sequence: Sequence, method: Method) -> int:
+    """Of what is observed of a frame: pictures and evidence, or a few points."""
+    rig = sequence.rig
+    return 4 * len(rig) * rig.width * rig.height if method.uses_voxels else 4096
+
+
+def one_way(
+    tracker: Any, seen: Iterable[tuple[int, Any]], progress: Callable[[str], object]
+) -> Iterator[tuple[int, list[Estimate]]]:
+    """Yield number and each run's estimate of every frame of `seen`, by a tracker that started.
+    progress: called with "tracking" after each frame."""
+    for index, shown in seen:
+        yield index, tracker.step(shown)
+        progress("tracking")
 
 
 def _tracked(
-    tracker: Any,
-    pose: np.ndarray,
-    seen: Iterable[tuple[int, Any]],
+    found: Iterator[tuple[int, list[Estimate]]],
     tracks_of: Callable[[list[int], list[Any]], list[Track]],
-    progress: Callable[[], object] | None,
     keep: KeepParts | None,
 ) -> tuple[list[Track], UserError | None]:
-    """Track part by part, so that long runs hold rows only, or none; see `track_seeds`."""
+    """Make tracks part by part, so that long runs hold rows only, or none; see `track_seeds`."""
     parts: list[Items[Track | Path]] = []
-    seen, stopped = iter(seen), None
+    stopped = None
     while True:
-        frames, estimates, more, error = _part(tracker, pose if not parts else None, seen, progress)
+        frames, estimates, more, error = _part(found)
         if not estimates and not parts:
             raise error or InputError("there is no frame to track; expected at least one")
         if estimates:
@@ -155,25 +179,17 @@ def _tracked(
 
 
 def _part(
-    tracker: Any,
-    pose: np.ndarray | None,
-    seen: Iterator[tuple[int, Any]],
-    progress: Callable[[], object] | None,
+    found: Iterator[tuple[int, list[Estimate]]],
 ) -> tuple[list[int], list[Any], bool, BaseException | None]:
-    """Track for about `PART_SECONDS`, from `pose` if it is given. Return frames, estimates, whether
-    there may be more, and what ended them early."""
+    """Track for about `PART_SECONDS`. Return frames, estimates, whether there may be more, and what
+    ended them early."""
     frames: list[int] = []
     estimates: list[Any] = []
     until = time.perf_counter() + PART_SECONDS
     try:
-        if pose is not None:
-            tracker.start(pose)
-        for index, shown in seen:
-            estimate = tracker.step(shown)
+        for index, estimate in found:
             frames.append(index)
             estimates.append(estimate)
-            if progress is not None:
-                progress()
             if time.perf_counter() > until:
                 return frames, estimates, True, None
     except (KeyboardInterrupt, UserError) as error:

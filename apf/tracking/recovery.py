@@ -127,6 +127,11 @@ class Watched:
         """Track one frame further."""
         return self.watched(self._tracker.step(observation), observation)
 
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D), see `Tracker.errors_of`."""
+        errors: np.ndarray = self._tracker.errors_of(poses)
+        return errors
+
     def watched(self, estimate: Estimate, observation: Any) -> Estimate:
         """Return what `step` makes of the tracker's own `estimate` of an observation."""
         found = self._judge.judged(estimate)

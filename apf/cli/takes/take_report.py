@@ -16,7 +16,7 @@ from apf.tracking.batch import Take
 from psfs.cli.commandline import stdout
 
 #: Stages that report after every frame; the others once.
-_BY_FRAMES = ("tracking", "overlay", "judging")
+_BY_FRAMES = ("tracking", "tracking back", "overlay", "judging")
 
 
 def reports_of(stage: str, n_frames: int) -> int | None:
@@ -51,20 +51,28 @@ class TakeLine:
         self._bar, self._check = bar, check
         self._prefix = f"{name}: " if name else ""
         self._stage, self.n_frames = "", 0
+        self._done: dict[str, int] = {}
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
 
     def __call__(self, stage: str) -> None:
         self._check()
         if stage != self._stage:
-            self.begin(stage)
+            self._show(stage)
         if stage in _BY_FRAMES:
             self._bar.start()
             self._bar.advance(self._task)
+            self._done[stage] = self._done.get(stage, 0) + 1
 
     def begin(self, stage: str) -> None:
         """Show that a stage has no frame yet."""
-        total = reports_of(stage, self.n_frames)
-        self._bar.reset(self._task, total=total, description=f"{self._prefix}{stage}")
+        self._done[stage] = 0
+        self._show(stage)
+
+    def _show(self, stage: str) -> None:
+        """Show a stage, which goes on where it was: tracking goes forward and back in turns."""
+        total, done = reports_of(stage, self.n_frames), self._done.get(stage, 0)
+        described = f"{self._prefix}{stage}"
+        self._bar.reset(self._task, total=total, completed=done, description=described)
         self._stage = stage
 
     def close(self) -> None:

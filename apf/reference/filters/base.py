@@ -55,6 +55,11 @@ class NumpyTracker(Tracker):
             candidate_errors=ended.errors, misfit=misfit,
         )  # fmt: skip
 
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
+        `unit`."""
+        return self.likelihood.rescore(poses, 1) / self.likelihood.unit
+
     def _search(self) -> Estimate:
         """Return the estimate of a frame that was observed, before its refinement."""
         raise NotImplementedError

@@ -218,7 +218,8 @@ def test_takes_are_bit_by_bit_those_alone(
             np.testing.assert_array_equal(a.poses, b.poses)
             np.testing.assert_array_equal(a.covariance, b.covariance)
         stages = [stage for n, stage in told if n == number]
-        assert stages == ["volume", "start", "preparing", *["tracking"] * FRAMES]
+        forward_and_back = ["tracking"] * FRAMES + ["tracking back"] * FRAMES
+        assert stages == ["volume", "start", "preparing", *forward_and_back]
     assert np.any(together[0].tracks[0].poses != together[1].tracks[0].poses)
 
 

@@ -1,0 +1,242 @@
+"""Tracking a take forward and back, and what both ways say together.
+
+A filter knows the past only: an arm that comes out from before the trunk is found again when it
+shows, and was wrong until then. From the end of the take back it is the other way round. As in a
+two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
+optimum linear filters") both say what each of them saw; where they agree within a limb's breadth
+the mean of both is taken, whose errors are smaller, and elsewhere the way that fits the pictures
+better over the frames on end (Viterbi 1967).
+
+Long takes are worked on in windows that overlap, for the observations of a window are held in
+memory. Live there is no way back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_joints, limb_masks
+from apf.body.model import BodyModel
+from apf.filters.base import Estimate
+from apf.initialisation.kept_voxels import stored
+from apf.likelihood.observations import Observed, parted
+from apf.tracking.recovery import Watched
+from cl import Device, NumpyDevice, UserError
+from psfs.common.ranges import check_range
+
+#: A frame of a window: its number, what was observed, and each run's estimate.
+Seen = tuple[int, Any, list[Estimate]]
+
+
+@dataclass(frozen=True)
+class TwoWayConfig:
+    """How both ways are made one. Raises InputError where a value makes no sense."""
+
+    near: float = 0.15
+    """m, joints of both ways that are nearer are the same: their mean is taken. Tuned on
+    synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good."""
+    jump: float = 0.05
+    """m by which joints jump where the way changes, on average ..."""
+    misfit: float = 0.05
+    """... which costs as much as this error, in the likelihood's unit, in one frame. Three times as
+    much or as little changes nothing."""
+    overlap: int = 30
+    """Frames that the way back goes before a window's poses are final."""
+    memory: float = 1.0
+    """GB of observations in a window, at most; it has three times the overlap at least."""
+
+    def __post_init__(self) -> None:
+        for name in ("near", "jump", "misfit", "memory"):
+            check_range(f"two ways: {name}", getattr(self, name), 0)
+        check_range("two ways: overlap", self.overlap, 1, ends=True)
+
+    def room(self, n_bytes: int) -> int:
+        """Return the frames of a window whose observations have `n_bytes` each."""
+        return max(3 * self.overlap, int(1e9 * self.memory / n_bytes))
+
+
+def both_ways(
+    device: Device | NumpyDevice,
+    forward: Any,
+    back: Sequence[Watched],
+    seen: Iterable[tuple[int, Any]],
+    frame_bytes: int,
+    progress: Callable[[str], object],
+    config: TwoWayConfig | None = None,
+) -> Iterator[tuple[int, list[Estimate]]]:
+    """Yield number and each run's estimate of every frame of `seen`.
+
+    forward: the runs, which have started (`WatchedRuns`, say); back: a tracker for each of them.
+    frame_bytes: of what is observed of a frame. progress: called with "tracking" or "tracking back"
+    after each frame. What ends the frames early, an interrupt or an error, is raised after those
+    before it; an interrupt on the way back leaves the window as it was tracked forward.
+    """
+    config = config or TwoWayConfig()
+    room, window, frames = config.room(frame_bytes), list[Seen](), iter(seen)
+    ended: BaseException | None = None
+    while True:
+        try:
+            for index, shown in frames:
+                estimates = forward.step(shown)
+                window.append((index, _kept(device, shown), estimates))
+                progress("tracking")
+                if len(window) == room:
+                    break
+            whole = len(window) < room
+        except (KeyboardInterrupt, UserError) as error:
+            ended, whole = error, True
+        n_final = len(window) if whole else room - config.overlap
+        try:
+            final = _smoothed(back, window, n_final, config, lambda: progress("tracking back"))
+        except KeyboardInterrupt as error:
+            ended, final = error, [estimates for _, _, estimates in window]
+        for (index, _, _), estimates in zip(window, final, strict=False):
+            yield index, estimates
+        if ended is not None:
+            raise ended
+        if whole:
+            return
+        del window[:n_final]
+
+
+def _kept(device: Device | NumpyDevice, observation: Any) -> Any:
+    """What remains of an observation when the next one is made."""
+    shown, points = parted(observation)
+    kept = None if shown is None else stored(device, shown)
+    return kept if points is None else Observed(kept, points)
+
+
+def _smoothed(
+    back: Sequence[Watched],
+    window: list[Seen],
+    n_final: int,
+    config: TwoWayConfig,
+    progress: Callable[[], object],
+) -> list[list[Estimate]]:
+    """Each run's estimates of the first `n_final` frames of a window, by both ways."""
+    if not window:
+        return []
+    ways: list[list[tuple[Estimate, np.ndarray]]] = [[] for _ in back]
+    for tracker, last in zip(back, window[-1][2], strict=True):
+        tracker.start(last.pose)
+    for _, observation, estimates in reversed(window):
+        for way, tracker, ahead in zip(ways, back, estimates, strict=True):
+            behind = tracker.step(observation)
+            errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose))
+            way.append((behind, errors))
+        progress()
+    by_run, final = [], slice(n_final)
+    for run, way in enumerate(ways):
+        by_ahead = [estimates[run] for _, _, estimates in window[final]]
+        by_behind = [behind for behind, _ in reversed(way)][final]
+        errors = np.stack([errors for _, errors in reversed(way)][final])
+        by_run.append(combined(by_ahead, by_behind, errors, config))
+    return [list(estimates) for estimates in zip(*by_run, strict=True)]
+
+
+def exchanged(body: BodyModel, ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """Return the poses (2 + 2 L, D) that are compared: both ways' (D,), then `ahead` with each of
+    the L limbs of `behind`, and the other way round."""
+    limbs = limb_masks(body)
+    return np.stack([
+        ahead, behind,
+        *np.where(limbs, behind, ahead), *np.where(limbs, ahead, behind),
+    ])  # fmt: skip
+
+
+def combined(
+    ahead: Sequence[Estimate],
+    behind: Sequence[Estimate],
+    errors: np.ndarray,
+    config: TwoWayConfig | None = None,
+) -> list[Estimate]:
+    """Return the estimates of frames on end by both ways, one of each way per frame.
+
+    errors: (F, 2 + 2 L) of the poses that `exchanged` returns. Trunk and limbs are chosen one by
+    one. Half of what the ways differ adds to the deviations, as independent of them.
+    """
+    ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
+    of_limb, limbs = limb_joints(body), limb_masks(body)
+    rows, trunk = np.arange(len(ahead)), ~np.any(of_limb, axis=0)
+    whole = ways.better(errors[:, :2], trunk)
+    pose, deviation = ways.taken(whole, trunk)
+    own = errors[rows, whole]
+    for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
+        # The limb of the other way on the trunk of the chosen one.
+        other = errors[rows, 2 + len(limbs) * whole + limb]
+        by_way = np.where(whole[:, None] == [0, 1], own[:, None], other[:, None])
+        taken = ways.taken(ways.better(by_way, joints), joints)
+        pose[:, dofs], deviation[:, dofs] = (values[:, dofs] for values in taken)
+    return [
+        (ahead, behind)[way][row] if ways.lost[row].all()
+        else replace((ahead, behind)[way][row], pose=pose[row], deviation=deviation[row])
+        for row, way in enumerate(whole)
+    ]  # fmt: skip
+
+
+class _Ways:
+    """Both ways' poses and deviations (2, F, D) and joints (2, F, J, 3) m, what is between both,
+    and in which frames (F, 2) they have lost the person."""
+
+    def __init__(
+        self, ahead: Sequence[Estimate], behind: Sequence[Estimate], config: TwoWayConfig
+    ) -> None:
+        self._config, body, ways = config, ahead[0].body, (ahead, behind)
+        self.poses = np.stack([[estimate.pose for estimate in way] for way in ways])
+        self.poses[1] = self.poses[0] + _turned(body, self.poses[1] - self.poses[0])
+        self.deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
+        self.lost = np.array([[estimate.lost for estimate in way] for way in ways]).T
+        self.joints = np.stack([posed_joints(body, poses) for poses in self.poses])
+        self.mean = self.poses.mean(0)
+        self.middle = posed_joints(body, self.mean)
+
+    def better(self, misfits: np.ndarray, of: np.ndarray) -> np.ndarray:
+        """Return the better way (F,), 0 or 1, by misfits (F, 2) and jumps of the joints `of`
+        (J,)."""
+        costs = misfits / self._config.misfit
+        costs += 1e6 * (self.lost & ~self.lost.all(1, keepdims=True))
+        places = self.joints[:, :, of]
+        jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
+        return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
+
+    def taken(self, way: np.ndarray, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses and deviations (F, D) of a way (F,), or the mean where both ways have the
+        joints `of` (J,) at the same places and the mean pose has them between these."""
+        near, rows = self._config.near, np.arange(len(way))
+        apart = np.linalg.norm(self.joints[0] - self.joints[1], axis=-1)[:, of].max(1)
+        off = np.linalg.norm(self.middle - self.joints.mean(0), axis=-1)[:, of].max(1)
+        agree = (apart < near) & (off < near / 4) & ~self.lost.any(1)
+        of_mean = np.linalg.norm(self.deviations, axis=0) / 2
+        half = np.abs(self.poses[0] - self.poses[1]) / 2
+        poses = np.where(agree[:, None], self.mean, self.poses[way, rows])
+        spread = np.where(agree[:, None], of_mean, self.deviations[way, rows])
+        return poses, np.hypot(spread, half)
+
+
+def _turned(body: BodyModel, change: np.ndarray) -> np.ndarray:
+    """Changes of poses (F, D) the short way round, where an angle has no limits."""
+    free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
+    change = change.copy()
+    change[:, free] -= 2 * np.pi * np.round(change[:, free] / (2 * np.pi))
+    return change
+
+
+def best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Return the states (F,) of least cost (Viterbi 1967): costs (F, K) of being in each, and
+    changes (F - 1, K, K) of going from one to another."""
+    n_frames, total = len(costs), costs[0].copy()
+    come_from = np.zeros(costs.shape, int)
+    for frame in range(1, n_frames):
+        reached = total[:, None] + changes[frame - 1]
+        come_from[frame] = reached.argmin(0)
+        total = reached.min(0) + costs[frame]
+    path = np.empty(n_frames, int)
+    path[-1] = total.argmin()
+    for frame in range(n_frames - 1, 0, -1):
+        path[frame - 1] = come_from[frame, path[frame]]
+    return path

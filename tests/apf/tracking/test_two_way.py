@@ -1,0 +1,243 @@
+"""Tracks that are made forward and back."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.walkers import GRID, SONG, surface_voxels, walker
+from helpers.worlds import World
+
+from apf.backend import tracker_for
+from apf.body import BodyModel, load_body
+from apf.body.kinematics import posed_joints
+from apf.body.limbs import limb_masks, limb_names
+from apf.filters.base import Estimate
+from apf.filters.method import Method
+from apf.scene import Scene
+from apf.tracking.recovery import SeparateRuns
+from apf.tracking.trackers import watched
+from apf.tracking.two_way import TwoWayConfig, best_path, both_ways, combined, exchanged
+from cl import Device, InputError, NumpyDevice
+
+BODY = load_body("song31")
+N_LIMBS = len(limb_masks(BODY))
+RIGHT_ARM = limb_names(BODY).index("right arm")
+
+
+def estimate(pose: np.ndarray, lost: bool = False) -> Estimate:
+    ones = np.ones(2)
+    return Estimate(BODY, pose, 0.02 * np.ones(BODY.n_dof), ones, ones, ones, lost=lost)
+
+
+def moved(pose: np.ndarray, **angles: float) -> np.ndarray:
+    pose = pose.copy()
+    for name, change in angles.items():
+        pose[BODY.dof_names.index(name.replace("__", "."))] += change
+    return pose
+
+
+def together(
+    ahead: list[np.ndarray], behind: list[np.ndarray], errors: np.ndarray | None = None
+) -> np.ndarray:
+    errors = np.zeros((len(ahead), 2 + 2 * N_LIMBS)) if errors is None else errors
+    found = combined([estimate(p) for p in ahead], [estimate(p) for p in behind], errors)
+    return np.stack([one.pose for one in found])
+
+
+def test_the_best_path_is_the_cheapest_of_all() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        costs, changes = random.uniform(size=(5, 2)), random.uniform(size=(4, 2, 2))
+
+        def price(path: tuple[int, ...], costs=costs, changes=changes) -> float:  # type: ignore[no-untyped-def]
+            steps = sum(changes[k, path[k], path[k + 1]] for k in range(4))
+            return float(costs[np.arange(5), path].sum() + steps)
+
+        cheapest = min(itertools.product((0, 1), repeat=5), key=price)
+        assert tuple(best_path(costs, changes)) == cheapest
+
+
+def test_ways_that_agree_give_their_mean() -> None:
+    rest = BODY.rest_pose
+    ahead, behind = 4 * [moved(rest, r_forearm__ry=0.1)], 4 * [moved(rest, r_forearm__ry=-0.1)]
+    np.testing.assert_allclose(together(ahead, behind), 4 * [rest], atol=1e-12)
+    found = combined(
+        [estimate(p) for p in ahead], [estimate(p) for p in behind], np.zeros((4, 2 + 2 * N_LIMBS))
+    )
+    dof = BODY.dof_names.index("r_forearm.ry")
+    assert found[0].deviation[dof] == pytest.approx(np.hypot(0.02 / np.sqrt(2), 0.1))
+    assert found[0].deviation[0] == pytest.approx(0.02 / np.sqrt(2))
+
+
+def test_whole_turns_are_no_difference() -> None:
+    turned = moved(BODY.rest_pose, pelvis__rz=2 * np.pi)
+    np.testing.assert_allclose(together([BODY.rest_pose], [turned]), [BODY.rest_pose])
+
+
+def test_a_limb_is_of_the_way_that_fits_over_the_frames() -> None:
+    """One frame in which the wrong arm fits better changes nothing; the rest of the body is the
+    mean all the same."""
+    rest = BODY.rest_pose
+    wrong = moved(rest, r_upper_arm__rx=-1.2, l_forearm__ry=-0.1)
+    right = moved(rest, l_forearm__ry=0.1)
+    for ahead, behind, better in ((wrong, right, 1), (right, wrong, 0)):
+        n = 9
+        errors = np.zeros((n, 2 + 2 * N_LIMBS))
+        # The trunk is of the way ahead: the other errors are of it with the arm of the way behind.
+        errors[:, 1] = 0.001
+        errors[:, 2 + RIGHT_ARM] = -0.2 if better else 0.2
+        errors[n // 2, 2 + RIGHT_ARM] *= -1
+        found = together(n * [ahead], n * [behind], errors)
+        np.testing.assert_allclose(found, n * [rest], atol=1e-12)
+
+
+def test_a_lost_way_says_nothing() -> None:
+    rest, other = BODY.rest_pose, moved(BODY.rest_pose, pelvis__tx=0.05)
+    errors = np.zeros((3, 2 + 2 * N_LIMBS))
+    errors[:, 1] = 9.0
+    ahead = [estimate(rest), estimate(rest, lost=True), estimate(rest, lost=True)]
+    behind = [estimate(other), estimate(other), estimate(other, lost=True)]
+    found = combined(ahead, behind, errors)
+    assert [one.lost for one in found] == [False, False, True]
+    np.testing.assert_array_equal(found[1].pose, other)
+    np.testing.assert_array_equal(found[2].pose, found[2].pose)
+
+
+def test_exchanged_poses_differ_in_one_limb() -> None:
+    ahead, behind = BODY.rest_pose, BODY.rest_pose + 0.1
+    poses = exchanged(BODY, ahead, behind)
+    np.testing.assert_array_equal(poses[:2], [ahead, behind])
+    for limb, mask in enumerate(limb_masks(BODY)):
+        np.testing.assert_array_equal(poses[2 + limb], np.where(mask, behind, ahead))
+        np.testing.assert_array_equal(poses[2 + N_LIMBS + limb], np.where(mask, ahead, behind))
+
+
+@dataclass
+class Follower:
+    """Estimates what it is shown, and remembers it."""
+
+    body: BodyModel = BODY
+    starts: list[float] = field(default_factory=list)
+    seen: list[float] = field(default_factory=list)
+
+    def start(self, pose: np.ndarray) -> None:
+        self.starts.append(float(pose[0]))
+
+    def step(self, shown: float) -> Estimate:
+        self.seen.append(shown)
+        return estimate(moved(BODY.rest_pose, pelvis__tx=shown))
+
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        return np.zeros(len(poses))
+
+
+class Forward(Follower):
+    def step(self, shown: float) -> list[Estimate]:  # type: ignore[override]
+        return [super().step(shown)]
+
+
+def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, float]]:
+    for k in range(n):
+        yield 5 + k, 0.01 * k
+    if ending is not None:
+        raise ending
+
+
+@pytest.fixture
+def kept_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("apf.tracking.two_way.stored", lambda device, shown: shown)
+
+
+CONFIG = TwoWayConfig(overlap=3, memory=12e-9)  # windows of 12 frames of a byte
+
+
+def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
+    back, told = Follower(), list[str]()
+    found = list(both_ways(NumpyDevice(), Forward(), [back], frames(25), 1, told.append, CONFIG))
+    assert [index for index, _ in found] == list(range(5, 30))
+    for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
+        assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
+    assert told.count("tracking") == 25
+    # Windows end at frames 11 and 20 and at the last; each is gone back from there.
+    ends = np.array([11, 20, 24])
+    np.testing.assert_allclose(back.starts, BODY.rest_pose[0] + 0.01 * ends, atol=1e-9)
+    firsts = np.array([0, 9, 18])
+    expected = np.concatenate([
+        np.arange(end, first - 1, -1) for first, end in zip(firsts, ends, strict=True)
+    ])  # fmt: skip
+    np.testing.assert_allclose(back.seen, 0.01 * expected)
+    assert told.count("tracking back") == len(expected)
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
+def test_what_ends_the_frames_is_raised_after_them(
+    kept_as_it_is: None, ending: BaseException
+) -> None:
+    found, back = [], Follower()
+    with pytest.raises(type(ending)):
+        for one in both_ways(
+            NumpyDevice(), Forward(), [back], frames(7, ending), 1, lambda stage: None, CONFIG
+        ):
+            found.append(one)
+    assert len(found) == 7 and len(back.seen) == 7
+
+
+def test_an_interrupt_on_the_way_back_leaves_the_way_ahead(kept_as_it_is: None) -> None:
+    def progress(stage: str) -> None:
+        if stage == "tracking back":
+            raise KeyboardInterrupt
+
+    found = []
+    with pytest.raises(KeyboardInterrupt):
+        for one in both_ways(
+            NumpyDevice(), Forward(), [Follower()], frames(7), 1, progress, CONFIG
+        ):
+            found.append(one)
+    assert len(found) == 7
+
+
+def test_errors_are_the_twins(device: Device) -> None:
+    method = Method.of(n_particles=40, n_layers=2, n_points=300)
+    world, found = World(device), []
+    wrong = moved(world.pose(0), l_upper_arm__rx=-0.9)
+    for own, voxels in ((device, world.voxels(0)), (NumpyDevice(), world.twin(0))):
+        tracker = tracker_for(world.scene(own), method)
+        tracker.start(world.pose(0))
+        tracker.step(voxels)
+        found.append(tracker.errors_of(exchanged(BODY, world.pose(0), wrong)))
+    np.testing.assert_allclose(found[0], found[1], atol=0.01)
+    left = limb_names(BODY).index("left arm")
+    # The wrong arm fits worse, on whichever pose it is.
+    assert found[0][1] > found[0][0] + 0.05
+    assert found[0][2 + left] > found[0][0] + 0.05
+    assert found[0][2 + N_LIMBS + left] < found[0][1] - 0.05
+
+
+def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> None:
+    method = Method.of(n_particles=60, n_layers=4, limb_search_rounds=0)
+    scene = Scene(device, scenes.ring(4), GRID, SONG)
+    forward = SeparateRuns([watched(scene, method)])
+    forward.start(moved(walker(0), l_upper_arm__rx=-0.7))
+    alone = []
+
+    class Heard:
+        def step(self, observation: object) -> list[Estimate]:
+            alone.append(forward.step(observation))
+            return alone[-1]
+
+    seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
+    back = [watched(scene, method)]
+    found = list(both_ways(device, Heard(), back, seen, 1, lambda stage: None))
+    wrist = SONG.joint_names.index("l_wrist")
+    true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
+    by_one, by_both = (
+        np.linalg.norm(np.stack([one[0].joints[wrist] for one in way]) - true, axis=1)
+        for way in (alone, [estimates for _, estimates in found])
+    )
+    assert by_one[0] > 0.12 and by_one[-1] < 0.08
+    assert by_both.max() < 0.08
