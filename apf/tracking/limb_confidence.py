@@ -33,9 +33,9 @@ LOST = 0.5
 @dataclass(frozen=True)
 class Regression:
     """The log-odds that a limb is right, as a sum. Fitted by logistic regression on limbs beyond
-    200 mm and within 150 mm, as many of either, of seven tracks of box, jacks, kick and run in the
-    shared suite; the constant so that 4 % of the right ones count as lost. Of the wrong ones 86 %
-    do; 85 % on tracks of pickup, salsa and walks, with 4 % of the right ones."""
+    200 mm and within 150 mm, which weigh alike, of five tracks of box, jacks and run in the shared
+    suite; the constant so that 4 % of the right ones count as lost. Of the wrong ones 86 % do; 85 %
+    on five tracks of pickup, salsa and a walk, with 4 % of the right ones."""
 
     constant: float = -12.9
     """Log-odds of what has neither margin nor jitter."""
