@@ -61,10 +61,15 @@ def write_thesis(path: Path, results: Results) -> None:
     frames = max((run.frames for run in results.runs), default=0)
     about = f"{frames} frames; {_made_on(results)}. {_NOTE}"
     parts = ["# Errors by the tables of Rymut's thesis", papers()["rymut2016"]["citation"], about]
+    absent = [number for number in TABLES if not _has_runs(number, results)]
     for number in TABLES:
+        if number in absent:
+            continue
         parts.append(f"## {FIGURES.get(number, f'Thesis table {number}')}")
         parts += [] if number in FIGURES else [_theirs(number).markdown()]
         parts.append(_ours(number, results).markdown())
+    if absent:
+        parts.append(f"Not run: tables {', '.join(absent)} (`accuracy.py FOLDER --thesis`).")
     with written_whole(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n")
 
@@ -108,14 +113,25 @@ def _with_deviation(table: dict[str, Any], row: list[Any], place: int) -> str:
     return f"{shown} ± {quoted(row[place + 1])}" if beside else shown
 
 
-def _ours(number: str, results: Results) -> Grid:
-    sequence = _sequence(results)
-    table, varied = _table(number), TABLES[number]
-    *heads, across = varied
+def _settings_of(number: str, results: Results) -> list[Setting]:
+    """The table's settings on the sequence, the cameras and by the preset of the runs."""
     cameras = max((run.setting.cameras for run in results.runs), default=0)
     preset = next((run.setting.preset for run in results.runs), "")
+    return _settings(number, _sequence(results), cameras, preset)
+
+
+def _has_runs(number: str, results: Results) -> bool:
+    """Are there runs of a table, and not only a few that it has in common with another?"""
+    settings = _settings_of(number, results)
+    return 4 * sum(bool(results.of(setting)) for setting in settings) >= len(settings)
+
+
+def _ours(number: str, results: Results) -> Grid:
+    table, varied = _table(number), TABLES[number]
+    *heads, across = varied
+    preset = next((run.setting.preset for run in results.runs), "")
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for setting in _settings(number, sequence, cameras, preset):
+    for setting in _settings_of(number, results):
         summary = Summary.of(results.of(setting))
         row = cells.setdefault(table.row_of(setting)[1:], {})
         row[table.column_of(setting)] = str(summary) if summary else NONE

@@ -174,8 +174,15 @@ def test_tables_of_the_thesis(tmp_path: Path) -> None:
     assert "abacus, 20" in text and "c0ffee" in text
     assert "| particle filter (PF) | 96.0 ± 0.0 | 204.0 ± 0.0 | - | - |" in text
     assert "| PF | 112.4 ± 42.2 |" in text  # the thesis's own
+    assert "Not run: tables 6.1, 6.5, 6.8, 6.9 (" in text
+    for of in thesis_plan(tmp_path / "walk", 4, ["6.8", "6.9"]).values():
+        for setting in of:
+            results.add(a_run(setting, 0, 30.0))
+    write_thesis(tmp_path / "thesis.md", results)
+    text = (tmp_path / "thesis.md").read_text()
     assert "| CUDA-OpenGL | 500 | 37.6 ± 7.6 |" in text
     assert "## Thesis figures 6.9 and 6.19 to 6.21\n" in text
+    assert "Not run: tables 6.1, 6.5 (" in text
     assert "| PSO, 10 iterations | - |" in thesis_headline(results)
     assert "abacus" in thesis_headline(results)
     results.add(a_run(replace(BASE, sequence="run"), 0, 1.0))
