@@ -103,15 +103,22 @@ def median_moments(
     rows = max(1, _BAND_BYTES // frames[:, 0].size)
     for top in range(0, height, rows):
         band = frames[:, top : top + rows].copy()
-        middle = _sorted(band)[count // 2].copy()
+        middle = sorted_stack(band)[count // 2].copy()
         mean[top : top + rows] = middle
         deviation = np.maximum(band, middle) - np.minimum(band, middle)
-        spread[top : top + rows] = _sorted(deviation)[count // 2]
+        spread[top : top + rows] = sorted_stack(deviation)[count // 2]
     std = with_prior((1.4826 * spread.astype(np.float32)) ** 2, count, config)
     return mean.astype(np.float32), std.astype(np.float32)
 
 
-def _sorted(stack: np.ndarray) -> np.ndarray:
+def stack_median(stack: np.ndarray) -> np.ndarray:
+    """Return the median (...) float64 along the first axis of (n, ...), as np.median does."""
+    ordered, count = sorted_stack(stack.copy()), len(stack)
+    middle: np.ndarray = 0.5 * (ordered[(count - 1) // 2].astype(float) + ordered[count // 2])
+    return middle
+
+
+def sorted_stack(stack: np.ndarray) -> np.ndarray:
     """Sort along the first axis, in place: odd-even transposition, whole rows at a time, which
     is eight times as fast as np.sort or np.partition across the first axis.
     """

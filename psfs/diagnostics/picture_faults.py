@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from psfs.background.gaussian import stack_median
 from psfs.cameras.names import listed
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
@@ -84,7 +85,7 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
     if views.pictures is None or views.plates is None or not sequence.footage.background:
         return
     names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
-    typical = np.median(views.pictures, axis=0)
+    typical = stack_median(views.pictures)
     alike = np.full((len(names), len(names)), -1.0)
     for a, size in enumerate(sizes):
         for b, plate in enumerate(views.plates):
@@ -211,8 +212,9 @@ def _is_ghost(
 ) -> bool:
     """Does a background (h, w) hold somebody whom pictures (S, h, w) lack? usual: area of a
     silhouette, px."""
-    typical = np.median(pictures, axis=0)
-    still = np.median(np.abs(pictures - typical), axis=0) < config.still
+    typical = stack_median(pictures)
+    apart = np.abs(2 * pictures.astype(np.int16) - (2 * typical).astype(np.int16))
+    still = stack_median(apart) < 2 * config.still
     steady = (silhouettes.mean(axis=0) >= config.steady) & still
     there = _edges(plate)
     if max(_rim_ratios(steady, there, typical, config.ghost_area * usual)) > config.ghost_edges:
