@@ -32,7 +32,8 @@ class Estimate:
     candidates: (K, D), candidate_errors: (K,), what the limb search chose the pose from, see
     `LimbSearch`; one where no limb was looked for. misfit: of the pose, see
     `VoxelLikelihood.misfit_launcher`; NaN of a likelihood that knows none.
-    confidence, lost, restart: see `apf.tracking.recovery`, which fills them in.
+    confidence, lost, restart: see `apf.tracking.recovery`, which fills them in. disagreement: (L,)
+    m, see `apf.tracking.two_way`; None of what was tracked one way.
     """
 
     body: BodyModel
@@ -48,6 +49,7 @@ class Estimate:
     confidence: float = float("nan")
     lost: bool = False
     restart: int = 0
+    disagreement: np.ndarray | None = None
 
     @property
     def joints(self) -> np.ndarray:

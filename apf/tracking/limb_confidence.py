@@ -91,7 +91,7 @@ def limb_confidence(
     """Return (F, L) the probability that each limb is right, NaN where no margin is known.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
-    disagreement: (F, L) m, to the same ends of another track.
+    disagreement: (F, L) m, to the same ends of another track, NaN where there is none.
     """
     capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     steps = np.diff(times)
@@ -100,7 +100,7 @@ def limb_confidence(
     odds = odds + regression.jitter * _averaged(_jitter(ends, times, regression.at_rest), n)
     if disagreement is not None:
         apart = np.maximum(disagreement, regression.least) / regression.agreed
-        odds = odds + regression.disagreement * np.log(apart)
+        odds = odds + regression.disagreement * np.nan_to_num(np.log(apart))
     confidence: np.ndarray = 1 / (1 + np.exp(-odds))
     return confidence
 

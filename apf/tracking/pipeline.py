@@ -273,6 +273,8 @@ def track_of(
     )
     chosen_from = stacked("candidates"), stacked("candidate_errors")
     diagnostics["limb_margin"] = limb_margins(body, poses, *chosen_from)
+    if estimates[0].disagreement is not None:
+        diagnostics["limb_disagreement"] = stacked("disagreement")
     return Track(
         body_name=body.name,
         dof_names=body.dof_names,

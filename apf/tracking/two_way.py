@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from apf.body.kinematics import posed_joints
-from apf.body.limbs import limb_joints, limb_masks
+from apf.body.limbs import limb_ends, limb_joints, limb_masks
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import stored
@@ -94,7 +94,7 @@ def both_ways(
         try:
             final = _smoothed(back, window, n_final, config, lambda: progress("tracking back"))
         except KeyboardInterrupt as error:
-            ended, final = error, [estimates for _, _, estimates in window]
+            ended, final = error, [[_alone(one) for one in estimates] for _, _, estimates in window]
         for (index, _, _), estimates in zip(window, final, strict=False):
             yield index, estimates
         if ended is not None:
@@ -139,6 +139,22 @@ def _smoothed(
     return [list(estimates) for estimates in zip(*by_run, strict=True)]
 
 
+def _alone(estimate: Estimate) -> Estimate:
+    """An estimate that no other way agrees or disagrees with."""
+    unknown = np.full(len(limb_ends(estimate.body)), np.nan)
+    return _of_both(estimate, (estimate, estimate), disagreement=unknown)
+
+
+def _of_both(estimate: Estimate, both: tuple[Estimate, Estimate], **changes: Any) -> Estimate:
+    """An estimate with what both ways chose from, and some `changes`."""
+    return replace(
+        estimate,
+        candidates=np.concatenate([of.candidates for of in both]),
+        candidate_errors=np.concatenate([of.candidate_errors for of in both]),
+        **changes,
+    )
+
+
 def exchanged(body: BodyModel, ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:
     """Return the poses (2 + 2 L, D) that are compared: both ways' (D,), then `ahead` with each of
     the L limbs of `behind`, and the other way round."""
@@ -158,7 +174,8 @@ def combined(
     """Return the estimates of frames on end by both ways, one of each way per frame.
 
     errors: (F, 2 + 2 L) of the poses that `exchanged` returns. Trunk and limbs are chosen one by
-    one. Half of what the ways differ adds to the deviations, as independent of them.
+    one. Half of what the ways differ adds to the deviations, as independent of them; `disagreement`
+    is how far the ends of the limbs are apart.
     """
     ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
@@ -173,15 +190,18 @@ def combined(
         taken = ways.taken(ways.better(by_way, joints), joints)
         pose[:, dofs], deviation[:, dofs] = (values[:, dofs] for values in taken)
     return [
-        (ahead, behind)[way][row] if ways.lost[row].all()
-        else replace((ahead, behind)[way][row], pose=pose[row], deviation=deviation[row])
+        _of_both(
+            (ahead, behind)[way][row], (ahead[row], behind[row]), disagreement=ways.apart[row],
+            **({} if ways.lost[row].all() else {"pose": pose[row], "deviation": deviation[row]}),
+        )
         for row, way in enumerate(whole)
     ]  # fmt: skip
 
 
 class _Ways:
     """Both ways' poses and deviations (2, F, D) and joints (2, F, J, 3) m, what is between both,
-    and in which frames (F, 2) they have lost the person."""
+    in which frames (F, 2) they have lost the person, and how far the limbs' ends (F, L) are apart,
+    m."""
 
     def __init__(
         self, ahead: Sequence[Estimate], behind: Sequence[Estimate], config: TwoWayConfig
@@ -194,6 +214,9 @@ class _Ways:
         self.joints = np.stack([posed_joints(body, poses) for poses in self.poses])
         self.mean = self.poses.mean(0)
         self.middle = posed_joints(body, self.mean)
+        ends = self.joints[:, :, limb_ends(body)]
+        self.apart = np.linalg.norm(ends[0] - ends[1], axis=-1)
+        self.apart[self.lost.any(1)] = np.nan
 
     def better(self, misfits: np.ndarray, of: np.ndarray) -> np.ndarray:
         """Return the better way (F,), 0 or 1, by misfits (F, 2) and jumps of the joints `of`
