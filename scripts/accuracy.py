@@ -46,7 +46,7 @@ from accuracy.suite import (
 )
 from accuracy.suite_report import publish_suite, suite_grid, suite_rows, write_suite
 from accuracy.thesis import TABLES as THESIS
-from accuracy.thesis import thesis_headline, thesis_plan, write_thesis
+from accuracy.thesis import publish_thesis, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
 from timings.results import checked_out_commit
 from timings.tables.grid import Grid
@@ -283,8 +283,7 @@ def _update_readme(args: argparse.Namespace) -> None:
     """Write README's table from a suite, the Markdown and docs/accuracy.md's from other runs."""
     results = Results.read(args.out / "results.json")
     if args.thesis is not None:
-        write_thesis(args.out / "thesis.md", results)
-        replace_marked(_ROOT / "docs" / "accuracy.md", "thesis", thesis_headline(results))
+        publish_thesis(_ROOT, results)
         return
     if (args.out / "suite.md").is_file():
         publish_suite(_ROOT, results)

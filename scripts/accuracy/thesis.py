@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from timings.report.readme import replace_marked
 from timings.tables.grid import NONE, Grid, quoted
 from timings.tables.whole import papers
 
@@ -72,6 +73,14 @@ def write_thesis(path: Path, results: Results) -> None:
         parts.append(f"Not run: tables {', '.join(absent)} (`accuracy.py FOLDER --thesis`).")
     with written_whole(path) as temporary:
         temporary.write_text("\n\n".join(parts) + "\n")
+
+
+def publish_thesis(root: Path, results: Results) -> None:
+    """Write thesis.md beside the results and, where they have it, table 6.4 into
+    docs/accuracy.md."""
+    write_thesis(results.path.with_name("thesis.md"), results)
+    if _has_runs("6.4", results):
+        replace_marked(root / "docs" / "accuracy.md", "thesis", thesis_headline(results))
 
 
 def thesis_headline(results: Results) -> str:
