@@ -174,8 +174,7 @@ def combined(
     """Return the estimates of frames on end by both ways, one of each way per frame.
 
     errors: (F, 2 + 2 L) of the poses that `exchanged` returns. Trunk and limbs are chosen one by
-    one. Half of what the ways differ adds to the deviations, as independent of them; `disagreement`
-    is how far the ends of the limbs are apart.
+    one. `disagreement` is how far the ends of the limbs are apart.
     """
     ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
@@ -235,10 +234,9 @@ class _Ways:
         off = np.linalg.norm(self.middle - self.joints.mean(0), axis=-1)[:, of].max(1)
         agree = (apart < near) & (off < near / 4) & ~self.lost.any(1)
         of_mean = np.linalg.norm(self.deviations, axis=0) / 2
-        half = np.abs(self.poses[0] - self.poses[1]) / 2
         poses = np.where(agree[:, None], self.mean, self.poses[way, rows])
         spread = np.where(agree[:, None], of_mean, self.deviations[way, rows])
-        return poses, np.hypot(spread, half)
+        return poses, spread
 
 
 def _turned(body: BodyModel, change: np.ndarray) -> np.ndarray:

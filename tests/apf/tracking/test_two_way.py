@@ -69,9 +69,7 @@ def test_ways_that_agree_give_their_mean() -> None:
     found = combined(
         [estimate(p) for p in ahead], [estimate(p) for p in behind], np.zeros((4, 2 + 2 * N_LIMBS))
     )
-    dof = BODY.dof_names.index("r_forearm.ry")
-    assert found[0].deviation[dof] == pytest.approx(np.hypot(0.02 / np.sqrt(2), 0.1))
-    assert found[0].deviation[0] == pytest.approx(0.02 / np.sqrt(2))
+    np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
     apart = np.array([one.disagreement for one in found])
     assert apart[:, RIGHT_ARM].min() > 0.02 and np.delete(apart, RIGHT_ARM, 1).max() < 1e-9
 
