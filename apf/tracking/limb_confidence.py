@@ -1,16 +1,16 @@
 """How far each limb of a track is to be believed, judged without truth.
 
 A wrong arm mostly lies inside the silhouettes, laid along the body or into the trunk, and fits them
-about as well as a right one: what gives it away is that the limb fits nearly as well elsewhere, and
-that its end trembles. The limb search tries every limb elsewhere in every frame, so that both are
-known without computing anything more on the device:
+about as well as a right one. A take that was tracked both ways gives it away: where they have a
+limb's end apart, one of them is wrong at least. Of what was tracked one way, as live, it is that
+the limb fits nearly as well elsewhere, and that its end trembles. The limb search tries every limb
+elsewhere in every frame, so that both are known without computing anything more on the device:
 
 - the margin: by what share the error rises when the limb's end is moved, to the best other place
   that the search found,
-- the jitter: the acceleration of the limb's end over its speed,
+- the jitter: the acceleration of the limb's end over its speed.
 
-and of a take that was tracked both ways how far the ways have the limb's end apart, all as means
-over a moment. They add up to log-odds by a logistic regression.
+Each is a mean over a moment, and they add up to log-odds by a logistic regression.
 """
 
 from __future__ import annotations
@@ -32,36 +32,36 @@ LOST = 0.5
 
 @dataclass(frozen=True)
 class Regression:
-    """The log-odds that a limb is right, as a sum."""
+    """The log-odds that a limb is right. Fitted by logistic regression on limbs beyond 200 mm and
+    within 150 mm, as many of either, of tracks of box, jacks, kick and run in the shared suite;
+    constants so that 4 % of the right ones count as lost.
 
-    constant: float
-    """Log-odds of what has neither margin nor jitter, where tracks agree as well as usual."""
-    margin: float
+    One way, of seven runs, 86 % of the wrong ones do; 85 % on pickup, salsa and walks, with 4 % of
+    the right ones. Both ways, of 20 runs, 96 of 98; on pickup, salsa and a walk, 15 runs, 23 of 24,
+    with 4 %. Margin and jitter add nothing to that, and count real limbs as lost that are right.
+    """
+
+    constant: float = -12.9
+    """One way, log-odds of what has neither margin nor jitter."""
+    margin: float = 36.1
     """Per root of the margin."""
-    jitter: float
+    jitter: float = -0.033
     """Per 1/s of jitter."""
-    disagreement: float
-    """Per factor e of the distance to another track's end beyond `agreed`."""
-    window: float = 0.4
-    """s over which all are averaged."""
     most_margin: float = 0.3
     """Larger margins say no more."""
     at_rest: float = 0.5
     """m/s that is added to the speed, so that an end at rest does not tremble. By hand."""
-    agreed: float = 0.1
-    """m between two tracks' ends, by hand,"""
+    apart: float = 0.063
+    """m between both ways' ends, at which a limb is as likely wrong as right."""
+    disagreement: float = -6.6
+    """Log-odds per factor e of the distance beyond it."""
     least: float = 0.02
-    """and below which a smaller distance says no more."""
+    """m, a smaller distance says no more. By hand."""
+    window: float = 0.4
+    """s over which all are averaged, of distances the logarithms."""
 
 
-#: Fitted by logistic regression on limbs beyond 200 mm and within 150 mm, as many of either, of
-#: tracks of box, jacks, kick and run in the shared suite; the constants so that 4 % of the right
-#: ones count as lost. Of a single track: of seven runs, 86 % of the wrong ones do; 85 % on pickup,
-#: salsa and walks, with 4 % of the right ones.
-ONE_WAY = Regression(constant=-12.9, margin=36.1, jitter=-0.033, disagreement=0.0)
-#: Of one that was tracked both ways: of 20 runs, 97 of 98 wrong ones; on pickup, salsa and a walk,
-#: 15 runs, 24 of 24, with 4 % of the right ones.
-BOTH_WAYS = Regression(constant=-5.56, margin=10.46, jitter=-0.0148, disagreement=-5.25)
+REGRESSION = Regression()
 
 
 def limb_margins(
@@ -89,22 +89,22 @@ def limb_confidence(
     ends: np.ndarray,
     times: np.ndarray,
     disagreement: np.ndarray | None = None,
-    regression: Regression | None = None,
+    regression: Regression = REGRESSION,
 ) -> np.ndarray:
-    """Return (F, L) the probability that each limb is right, NaN where no margin is known.
+    """Return (F, L) the probability that each limb is right, NaN where nothing is known.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
-    disagreement: (F, L) m, to the same ends of another track, NaN where there is none.
+    disagreement: (F, L) m between the ends of both ways; where it is known it says all.
     """
-    regression = regression or (ONE_WAY if disagreement is None else BOTH_WAYS)
-    capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     steps = np.diff(times)
     n = 1 if not len(steps) else max(1, round(regression.window / float(np.median(steps))))
+    capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     odds = regression.constant + regression.margin * _averaged(capped, n)
     odds = odds + regression.jitter * _averaged(_jitter(ends, times, regression.at_rest), n)
     if disagreement is not None:
-        apart = np.maximum(disagreement, regression.least) / regression.agreed
-        odds = odds + regression.disagreement * _averaged(np.nan_to_num(np.log(apart)), n)
+        far = np.log(np.maximum(disagreement, regression.least) / regression.apart)
+        known = _averaged(far, n)
+        odds = np.where(np.isfinite(known), regression.disagreement * known, odds)
     confidence: np.ndarray = 1 / (1 + np.exp(-odds))
     return confidence
 

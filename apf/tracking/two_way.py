@@ -141,18 +141,7 @@ def _smoothed(
 
 def _alone(estimate: Estimate) -> Estimate:
     """An estimate that no other way agrees or disagrees with."""
-    unknown = np.full(len(limb_ends(estimate.body)), np.nan)
-    return _of_both(estimate, (estimate, estimate), disagreement=unknown)
-
-
-def _of_both(estimate: Estimate, both: tuple[Estimate, Estimate], **changes: Any) -> Estimate:
-    """An estimate with what both ways chose from, and some `changes`."""
-    return replace(
-        estimate,
-        candidates=np.concatenate([of.candidates for of in both]),
-        candidate_errors=np.concatenate([of.candidate_errors for of in both]),
-        **changes,
-    )
+    return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
 def exchanged(body: BodyModel, ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:
@@ -189,9 +178,10 @@ def combined(
         taken = ways.taken(ways.better(by_way, joints), joints)
         pose[:, dofs], deviation[:, dofs] = (values[:, dofs] for values in taken)
     return [
-        _of_both(
-            (ahead, behind)[way][row], (ahead[row], behind[row]), disagreement=ways.apart[row],
-            **({} if ways.lost[row].all() else {"pose": pose[row], "deviation": deviation[row]}),
+        _alone((ahead, behind)[way][row]) if ways.lost[row].all()
+        else replace(
+            (ahead, behind)[way][row],
+            pose=pose[row], deviation=deviation[row], disagreement=ways.apart[row],
         )
         for row, way in enumerate(whole)
     ]  # fmt: skip

@@ -10,7 +10,7 @@ from helpers import tracks
 
 from apf.body import load_body
 from apf.body.limbs import limb_ends, limb_names
-from apf.tracking.limb_confidence import BOTH_WAYS, LOST, ONE_WAY, limb_confidence, limb_margins
+from apf.tracking.limb_confidence import LOST, Regression, limb_confidence, limb_margins
 from apf.tracking.smoothing import smoothed
 from apf.tracking.track import Track
 
@@ -56,29 +56,26 @@ def test_what_speaks_against_a_limb() -> None:
         margins = np.full((n, 4), 0.3)
         margins[n // 2 :, 0] = 0.02
         ends[n // 2 :, 1, 2] += 0.06 * (-1.0) ** np.arange(n - n // 2)
-        apart = np.full((n, 4), 0.1)
-        apart[n // 2 :, 2] = 1.0
-        strict = replace(ONE_WAY, constant=-18.4, disagreement=-1.5)
-        believed = limb_confidence(margins, ends, times, apart, strict)
-        assert believed[: n // 4].min() > 0.75 and believed[:, 3].min() > 0.75
-        assert believed[3 * n // 4 :, :3].max() < 0.45
-        crossing = [int(np.argmax(believed[:, k] < LOST)) / n for k in range(3)]
+        strict = Regression(constant=-18.4)
+        believed = limb_confidence(margins, ends, times, regression=strict)
+        assert believed[: n // 4].min() > 0.75 and believed[:, 2:].min() > 0.75
+        assert believed[3 * n // 4 :, :2].max() < 0.45
+        crossing = [int(np.argmax(believed[:, k] < LOST)) / n for k in range(2)]
         np.testing.assert_allclose(crossing, 0.5, atol=0.1)
     one = limb_confidence(np.full((1, 4), np.inf), np.zeros((1, 4, 3)), np.zeros(1))
     assert one.shape == (1, 4) and one.min() > 0.9  # of a single frame
 
 
 def test_ways_that_disagree_are_not_believed() -> None:
-    """A regression of its own; where no other track is known a frame speaks for nothing."""
+    """Whatever else there is; where the other way is not known, margin and jitter say it."""
     margins, ends, times = np.full((30, 4), 0.3), np.zeros((30, 4, 3)), np.arange(30) / 30
+    margins[:, ARM + 1] = np.nan
     apart = np.full((30, 4), 0.03)
-    agreed = limb_confidence(margins, ends, times, apart)
-    np.testing.assert_array_equal(agreed, limb_confidence(margins, ends, times, apart, BOTH_WAYS))
     apart[:, ARM] = 0.4
     apart[:, ARM - 1] = np.nan
-    found = limb_confidence(margins, ends, times, apart)
-    assert agreed.min() > 0.9 and found[:, ARM].max() < 0.1
-    assert np.all(found[:, ARM - 1] < agreed[:, ARM - 1]) and np.isfinite(found).all()
+    found, alone = (limb_confidence(margins, ends, times, other) for other in (apart, None))
+    assert np.delete(found, ARM, 1).min() > 0.9 and found[:, ARM].max() < 0.1
+    np.testing.assert_array_equal(found[:, ARM - 1], alone[:, ARM - 1])
 
 
 def test_a_track_keeps_what_it_said(tmp_path) -> None:
