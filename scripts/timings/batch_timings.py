@@ -65,7 +65,8 @@ def run(args: argparse.Namespace) -> None:
         measured = clusters(args.quick, args.at_once)
         first = next(iter(measured.values()))
         compiled = Path(folder) / "compiled"
-        results.plan("compiling", partial(throughput, first, takes, compiled, flags, True))
+        once = partial(throughput, first[: len(takes)], takes, compiled, flags, True, 1)
+        results.plan("compiling", once)
         for label, shares in measured.items():
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
             measure = partial(throughput, shares, takes, out, flags, start == "true")
@@ -113,10 +114,11 @@ def decoding(take: Path) -> dict[str, float]:
 
 
 def throughput(
-    shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool
-) -> dict[str, Any]:
-    """Takes per minute of workers with these shares, after a short take on each; s that a
-    take spends in each stage, and s of a core that it costs."""
+    shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool,
+    per_worker: int = _PER_WORKER,
+) -> dict[str, Any]:  # fmt: skip
+    """Takes per minute of workers with these shares, after a short take on each if they do
+    several; s that a take spends in each stage, and s of a core that it costs."""
 
     def job(name: str, number: int, *more: str) -> Task:
         take = takes[number % len(takes)]
@@ -124,9 +126,10 @@ def throughput(
         words = (*flags, *init, *more)
         return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
 
-    n_takes = max(len(takes), _PER_WORKER * len(shares))
+    n_takes = max(len(takes), per_worker * len(shares))
+    n_short = len(shares) if per_worker > 1 else 0
     with embedded_cluster(shares) as client:
-        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(len(shares))])
+        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(n_short)])
         began = time.perf_counter()
         done = _all(Pool(client), [job(f"take{k}", k) for k in range(n_takes)])
         seconds = time.perf_counter() - began
