@@ -148,8 +148,8 @@ class LimbSearchConfig:
     """Share by which it must fall for a limb to be moved anywhere. Tuned: with 0.03 limbs were
     moved that had been right."""
     least_recall: float = 2.0
-    """Least weight of the silhouette recall in that error: two legs may hide in the silhouette of
-    one. Tuned on the synthetic walks."""
+    """Least weight of the silhouette recall when the best are compared: two legs may hide in the
+    silhouette of one. Tuned on the synthetic walks."""
     point_steps: int = 6
     """Gauss-Newton steps by observed points alone, whose pose of each limb is among those tried."""
     point_reach: float = 60.0

@@ -103,11 +103,8 @@ class LimbSearch:
         likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
             return []
-        least_recall, stride = (
-            self.config.limb_search.least_recall,
-            self.config.likelihood.samples.point_turns,
-        )
         if self._n_limbs:
+            stride = self.config.likelihood.samples.point_turns
             errors = likelihood.errors
             launches = []
             if self._by_points is not None:
@@ -115,13 +112,14 @@ class LimbSearch:
             for round in range(1 + self.config.limb_search.rounds):
                 launches += [
                     self._propose(frame, result, self._poses, round),
-                    *likelihood.rescoring_launcher(self._poses, errors, stride, least_recall),
+                    *likelihood.rescoring_launcher(self._poses, errors, stride),
                     self._choose(),
                 ]
         else:
             launches = [self._propose(frame, result, candidates)]
         launches += self._refinement.launcher(likelihood.points, candidates)
         if self._n_limbs:
+            least_recall = self.config.limb_search.least_recall
             launches += likelihood.rescoring_launcher(candidates, self.errors, 1, least_recall)
         return [*launches, self._accept(result)]
 

@@ -75,14 +75,11 @@ def searched(
         if likelihood.observed is not None:
             met = refined(body, mean, None, config.by_points, likelihood.observed, judge_last=False)
             seen = met[0] - mean
-        least_recall, stride = (
-            config.limb_search.least_recall,
-            config.likelihood.samples.point_turns,
-        )
+        stride = config.likelihood.samples.point_turns
         tried: np.ndarray | None = None
         for round in range(1 + config.limb_search.rounds):
             poses, kinds = propose(body, mean, config, frame, seen, round, tried)
-            errors = likelihood.rescore(poses, stride, least_recall)
+            errors = likelihood.rescore(poses, stride)
             of_kind = [np.flatnonzero(kinds == kind) for kind in range(2 * n_limbs)]
             tried = np.stack(
                 [poses[of[errors[of].argmin()]] if len(of) else mean for of in of_kind]
