@@ -96,8 +96,8 @@ def limb_confidence(
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
     disagreement: (F, L) m between the ends of both ways; where it is known it says all.
     """
-    steps = np.diff(times)
-    n = 1 if not len(steps) else max(1, round(regression.window / float(np.median(steps))))
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    n = max(1, round(regression.window / step)) if step > 0 else 1
     capped = np.sqrt(np.clip(margins, 0.0, regression.most_margin))
     odds = regression.constant + regression.margin * _averaged(capped, n)
     odds = odds + regression.jitter * _averaged(_jitter(ends, times, regression.at_rest), n)

@@ -74,7 +74,7 @@ def both_ways(
     forward: the runs, which have started (`WatchedRuns`, say); back: a tracker for each of them.
     frame_bytes: of what is observed of a frame. progress: called with "tracking" or "tracking back"
     after each frame. What ends the frames early, an interrupt or an error, is raised after those
-    before it; an interrupt on the way back leaves the window as it was tracked forward.
+    before it; one on the way back leaves the window as it was tracked forward.
     """
     config = config or TwoWayConfig()
     room, window, frames = config.room(frame_bytes), list[Seen](), iter(seen)
@@ -93,7 +93,7 @@ def both_ways(
         n_final = len(window) if whole else room - config.overlap
         try:
             final = _smoothed(back, window, n_final, config, lambda: progress("tracking back"))
-        except KeyboardInterrupt as error:
+        except (KeyboardInterrupt, UserError) as error:
             ended, final = error, [[_alone(one) for one in estimates] for _, _, estimates in window]
         for (index, _, _), estimates in zip(window, final, strict=False):
             yield index, estimates

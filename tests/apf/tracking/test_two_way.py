@@ -22,7 +22,7 @@ from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import watched
 from apf.tracking.two_way import TwoWayConfig, best_path, both_ways, combined, exchanged
-from cl import Device, InputError, NumpyDevice
+from cl import Device, DeviceError, InputError, NumpyDevice
 
 BODY = load_body("song31")
 N_LIMBS = len(limb_masks(BODY))
@@ -187,13 +187,16 @@ def test_what_ends_the_frames_is_raised_after_them(
     assert len(found) == 7 and len(back.seen) == 7
 
 
-def test_an_interrupt_on_the_way_back_leaves_the_way_ahead(kept_as_it_is: None) -> None:
+@pytest.mark.parametrize("ending", [KeyboardInterrupt(), DeviceError("the device is lost")])
+def test_what_ends_the_way_back_leaves_the_way_ahead(
+    kept_as_it_is: None, ending: BaseException
+) -> None:
     def progress(stage: str) -> None:
         if stage == "tracking back":
-            raise KeyboardInterrupt
+            raise ending
 
     found = []
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(type(ending)):
         for one in both_ways(
             NumpyDevice(), Forward(), [Follower()], frames(7), 1, progress, CONFIG
         ):
