@@ -237,6 +237,7 @@ def _calibrated(
         confidence=levels,
         error=errors,
         factor=np.clip(factor, 0.3, 4.0),
+        usual=float(np.median(known.sum((0, 2)))),
     )
     scale = model.scale(np.nan_to_num(seen[..., 2]))
     return replace(views, inverse_scale=np.where(known, 1 / scale, 0.0)), model

@@ -16,7 +16,8 @@ class KeypointModel:
     columns: (P,) int, their numbers among the K. bone: (P,) int, that each is on. position: (P, 3)
     m in its frame. partner: (P,) int, the same point of the other side, -1 in the middle.
     confidence, error: (B,) ascending confidences, and px by which a coordinate errs there; between
-    them it is interpolated. factor: (P,) of that, some points are harder than others.
+    them it is interpolated. factor: (P,) of that, some points are harder than others. usual: how
+    many of them all cameras see in a frame together; 0 where that is not known.
     """
 
     columns: np.ndarray
@@ -26,6 +27,7 @@ class KeypointModel:
     confidence: np.ndarray
     error: np.ndarray
     factor: np.ndarray
+    usual: float = 0.0
 
     def scale(self, confidence: np.ndarray) -> np.ndarray:
         """Return (..., P) px by which a coordinate errs at these confidences (..., P)."""
@@ -47,4 +49,5 @@ class KeypointModel:
             pixel=seen[camera, point, :2],
             inverse_scale=1 / scale[camera, point],
             most=seen.shape[0] * seen.shape[1],
+            usual=self.usual,
         )

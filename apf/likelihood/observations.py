@@ -25,6 +25,7 @@ class PointObservations:
     them was seen. partner: (N,) int, the point that it may have been taken for, a left one for the
     right one; -1 for none. camera: (N,) int. pixel: (N, 2), undistorted. inverse_scale: (N,) 1 /
     px, of the error of a coordinate. most: sightings there could have been; N where not stated.
+    usual: as many as a frame usually has; 0 where that is not known.
     Raises InputError where shapes disagree or a number makes no sense.
     """
 
@@ -36,6 +37,7 @@ class PointObservations:
     pixel: np.ndarray
     inverse_scale: np.ndarray
     most: float = 0.0
+    usual: float = 0.0
 
     def __post_init__(self) -> None:
         n_points, n = np.size(self.bone), np.size(self.point)
@@ -58,6 +60,12 @@ class PointObservations:
 
     def __len__(self) -> int:
         return len(self.point)
+
+    @property
+    def few(self) -> bool:
+        """Whether there are less than half as many as usual, too few to say that somebody is
+        elsewhere: what two cameras of six see wrongly fits some pose, too."""
+        return len(self) < 0.5 * self.usual
 
     def check(self, body: BodyModel, rig: CameraRig) -> None:
         """Raise InputError unless all bones and cameras are those of `body` and `rig`."""
@@ -108,7 +116,7 @@ def joined(parts: Sequence[PointObservations]) -> PointObservations:
     return PointObservations(
         all_of("bone"), all_of("position"), numbers("point"), numbers("partner"),
         all_of("camera"), all_of("pixel"), all_of("inverse_scale"),
-        sum(part.most for part in parts),
+        sum(part.most for part in parts), sum(part.usual for part in parts),
     )  # fmt: skip
 
 

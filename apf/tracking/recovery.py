@@ -103,7 +103,8 @@ class Watched:
 
     wide: makes the tracker that looks around the last good pose when the person is lost, with
     wider noise and more layers. everywhere: poses (D,) to look from when that fails, given what is
-    observed; None where nothing can find them. Estimates of lost frames hold the last good pose.
+    observed; None where nothing can find them. enough: whether an observation shows enough to look
+    for the person by it; always by default. Estimates of lost frames hold the last good pose.
     """
 
     def __init__(
@@ -112,8 +113,9 @@ class Watched:
         wide: Callable[[], Any],
         everywhere: Callable[[Any], Iterable[np.ndarray]] | None = None,
         config: RecoveryConfig | None = None,
+        enough: Callable[[Any], bool] = lambda observation: True,
     ) -> None:
-        self._judge = Judge(config)
+        self._judge, self._enough = Judge(config), enough
         self._tracker, self._make_wide, self._everywhere = tracker, wide, everywhere
         self._wide: Any = None
 
@@ -147,6 +149,12 @@ class Watched:
 
     def _recovered(self, observation: Any, lost: Estimate) -> Estimate:
         """The estimate from a new start, or `lost` if none is good."""
+        found = self._looked_for(observation, lost) if self._enough(observation) else lost
+        # In either case the next frame starts from where the person was last seen.
+        self._tracker.start(self._pose if found.lost else found.pose)
+        return found
+
+    def _looked_for(self, observation: Any, lost: Estimate) -> Estimate:
         if self._wide is None:
             self._wide = self._make_wide()
         found = self._looked_from(self._pose, observation, LOCAL_RESTART)
@@ -157,10 +165,7 @@ class Watched:
                 for pose in self._everywhere(observation)
             ]
             found = min([found, *tried], key=lambda estimate: estimate.misfit)
-        found = lost if found.lost else _as_long(found, lost)
-        # In either case the next frame starts from where the person was last seen.
-        self._tracker.start(self._pose if found.lost else found.pose)
-        return found
+        return lost if found.lost else _as_long(found, lost)
 
     def _looked_from(self, pose: np.ndarray, observation: Any, restart: int) -> Estimate:
         self._wide.start(pose)

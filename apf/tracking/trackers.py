@@ -54,9 +54,10 @@ def watched(
 
     def everywhere(observation: Any) -> list[np.ndarray]:
         shown, points = parted(observation)
-        by_points = None if points is None else pose_of_points(scene.body, scene.rig, points)
-        if by_points is not None:
-            return [by_points]
+        if points is not None and not points.few:
+            by_points = pose_of_points(scene.body, scene.rig, points)
+            if by_points is not None:
+                return [by_points]
         if not method.uses_voxels:
             return []
         voxels = stored(scene.device, shown)
@@ -69,9 +70,14 @@ def watched(
             return []  # nobody is there, or the body cannot be found by itself
         return [found.pose]
 
+    def enough(observation: Any) -> bool:
+        points = parted(observation).points
+        return method.uses_voxels or points is None or not points.few
+
     return Watched(
         tracker or tracker_for(scene, method),
         lambda: tracker_for(scene, wider),
         everywhere if method.uses_voxels or method.uses_keypoints else None,
         config,
+        enough,
     )

@@ -168,14 +168,16 @@ def combined(
     ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     rows, trunk = np.arange(len(ahead)), ~np.any(of_limb, axis=0)
-    whole = ways.better(errors[:, :2], trunk)
+    whole = ways.better(errors[:, :2], ways.joints[:, :, trunk])
     pose, deviation = ways.taken(whole, trunk)
     own = errors[rows, whole]
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
         # The limb of the other way on the trunk of the chosen one.
         other = errors[rows, 2 + len(limbs) * whole + limb]
         by_way = np.where(whole[:, None] == [0, 1], own[:, None], other[:, None])
-        taken = ways.taken(ways.better(by_way, joints), joints)
+        # There it jumps, too, where the trunk's way changes.
+        places = [posed_joints(body, np.where(dofs, way, pose))[:, joints] for way in ways.poses]
+        taken = ways.taken(ways.better(by_way, np.stack(places)), joints)
         pose[:, dofs], deviation[:, dofs] = (values[:, dofs] for values in taken)
     return [
         _alone((ahead, behind)[way][row]) if ways.lost[row].all()
@@ -207,12 +209,11 @@ class _Ways:
         self.apart = np.linalg.norm(ends[0] - ends[1], axis=-1)
         self.apart[self.lost.any(1)] = np.nan
 
-    def better(self, misfits: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Return the better way (F,), 0 or 1, by misfits (F, 2) and jumps of the joints `of`
-        (J,)."""
+    def better(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return the better way (F,), 0 or 1, by misfits (F, 2) and the jumps of joints, whose
+        `places` (2, F, K, 3) are those of each way, m."""
         costs = misfits / self._config.misfit
         costs += 1e6 * (self.lost & ~self.lost.all(1, keepdims=True))
-        places = self.joints[:, :, of]
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
         return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
 

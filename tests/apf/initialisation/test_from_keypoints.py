@@ -104,7 +104,9 @@ def test_observations_are_those_of_the_frame() -> None:
     poses = poses_of(body, 6)
     found = start_from_keypoints(RIG, of_poses(RIG, body, poses), TEMPLATE, range(6))
     seen = found.observations(2)
-    assert len(seen) == seen.most == 4 * 33
+    assert len(seen) == seen.most == seen.usual == 4 * 33
+    few = found.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
+    assert found.model.observations(few).few and not seen.few and not no_observations().few
     own = points_on(TEMPLATE, found.keypoints.names)
     assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
     row = seen.point == own.names.index("l_knee")

@@ -79,6 +79,24 @@ def test_the_lost_are_found_by_their_keypoints(device: Device) -> None:
     assert np.linalg.norm(track.joints[7:] - truth, axis=-1).mean() < 0.05
 
 
+def test_two_cameras_of_six_move_nobody(device: Device) -> None:
+    """Two that see him elsewhere, in a frame in which the others see nobody: he is lost there, and
+    stays where he was."""
+    rig = scenes.ring(6, size=(640, 480), radius=4.0)
+    still = np.tile(BODY.rest_pose, (N, 1))
+    points = of_poses(rig, BODY, still).points.copy()
+    points[2:, 5] = np.nan
+    points[:2, 5] = of_poses(rig, BODY, still + 0.6 * (np.arange(BODY.n_dof) == 0)).points[:2, 5]
+    keypoints = replace(of_poses(rig, BODY, still), points=points)
+    sequence = Blind()
+    sequence.rig = rig
+    method = Method.of(objective="keypoints", n_particles=60, n_layers=5)
+    track = track_take(device, sequence, method, keypoints=keypoints).tracks[0]  # type: ignore[arg-type]
+    assert np.flatnonzero(track.lost).tolist() == [5]
+    away = np.linalg.norm(track.joints - posed_joints(BODY, still), axis=-1)
+    assert away.mean(1).max() < 0.05
+
+
 def test_a_method_with_keypoints_needs_some(device: Device) -> None:
     with pytest.raises(InputError, match="none were given"):
         track_take(device, Blind(), Method.of(objective="keypoints"))  # type: ignore[arg-type]

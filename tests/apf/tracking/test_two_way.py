@@ -96,6 +96,18 @@ def test_a_limb_is_of_the_way_that_fits_over_the_frames() -> None:
         np.testing.assert_allclose(found, n * [rest], atol=1e-12)
 
 
+def test_a_limb_goes_with_its_trunk() -> None:
+    """Where the trunk changes its way, so do limbs that fit both trunks nearly as badly: that they
+    stay on the way they were on saves no jump."""
+    rest, away = BODY.rest_pose, moved(BODY.rest_pose, pelvis__tx=0.6, r_upper_arm__rx=-0.6)
+    errors = np.zeros((6, 2 + 2 * N_LIMBS))
+    errors[:3, 1] = errors[3:, 0] = 9.0
+    errors[:3, 2 : 2 + N_LIMBS] = 9.0
+    errors[3:, 2 + N_LIMBS :] = 0.05
+    found = together(6 * [away], 6 * [rest], errors)
+    np.testing.assert_allclose(found, 3 * [away] + 3 * [rest], atol=1e-12)
+
+
 def test_a_lost_way_says_nothing() -> None:
     rest, other = BODY.rest_pose, moved(BODY.rest_pose, pelvis__tx=0.05)
     errors = np.zeros((3, 2 + 2 * N_LIMBS))
