@@ -6,6 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from apf.body.jacobian import bone_point_jacobian
+from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 
 #: The joints at the ends of a person's limbs and head.
@@ -16,6 +18,10 @@ LIMB_ENDS = {
     "right leg": "r_ankle",
     "head": "head_top",
 }
+#: m: joints that are nearer to the places that they reach for stay.
+_AT_PLACE = 0.02
+#: Of the steps towards them, m^2 / rad^2.
+_REACHING_STEPS, _DAMPING = 3, 1e-3
 #: Words in the names of a limb's angles.
 _ANGLES = {"arm": {"shoulder", "arm", "elbow"}, "leg": {"hip", "knee", "ankle"}}
 
@@ -95,6 +101,40 @@ def limb_joints(body: BodyModel) -> np.ndarray:
             if joint.bone == chain[0] and not np.any(joint.position):
                 joints[limb, number] = False
     return joints
+
+
+def reaching(
+    body: BodyModel, poses: np.ndarray, dofs: np.ndarray, joints: np.ndarray, places: np.ndarray
+) -> np.ndarray:
+    """Return poses (N, D) whose degrees of freedom `dofs`, (D,) or (N, D) bool, bring the `joints`,
+    (J,) or (N, J) bool, as near as they can to their `places` (N, J, 3) m, by a few damped steps
+    (Levenberg 1944). Poses that have them there within 2 cm stay as they are.
+
+    The angles of a limb say where it is on its own trunk alone: on another, a few degrees of a
+    chest take a hand elsewhere.
+    """
+    poses, joints = poses.copy(), np.broadcast_to(joints, places.shape[:2])
+    off = np.linalg.norm(posed_joints(body, poses) - places, axis=-1)
+    far = np.flatnonzero(np.any(joints & (off > _AT_PLACE), axis=1))
+    if not far.size:
+        return poses
+    moved, free = poses[far], np.broadcast_to(dofs, poses.shape)[far]
+    some = np.any(joints[far], axis=0)
+    wanted, goals = joints[far][:, some, None, None], places[far][:, some]
+    bones = np.array([joint.bone for joint in body.joints])[some]
+    for _ in range(_REACHING_STEPS):
+        now = posed_joints(body, moved)[:, some]
+        slopes = bone_point_jacobian(body, moved, bones, now)
+        slopes *= wanted * free[:, None, :, None]
+        rows = slopes.swapaxes(1, 2).reshape(*moved.shape, -1)
+        matrix = rows @ rows.swapaxes(1, 2) + _DAMPING * np.eye(body.n_dof)
+        gap = rows @ (now - goals).reshape(len(moved), -1, 1)
+        moved = np.where(free, moved - np.linalg.solve(matrix, gap)[..., 0], moved)
+        moved = np.where(free, np.clip(moved, body.lower, body.upper), moved)
+    moved_off = np.linalg.norm(posed_joints(body, moved) - places[far], axis=-1)
+    nearer = np.sum(joints[far] * moved_off, 1) < np.sum(joints[far] * off[far], 1)
+    poses[far] = np.where(nearer[:, None], moved, poses[far])
+    return poses
 
 
 def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from apf.body.kinematics import posed_joints
-from apf.body.limbs import limb_ends, limb_joints, limb_masks
+from apf.body.limbs import limb_ends, limb_joints, limb_masks, reaching
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import stored
@@ -127,7 +127,7 @@ def _smoothed(
     for _, observation, estimates in reversed(window):
         for way, tracker, ahead in zip(ways, back, estimates, strict=True):
             behind = tracker.step(observation)
-            errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose))
+            errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose, config))
             way.append((behind, errors))
         progress()
     by_run, final = [], slice(n_final)
@@ -144,14 +144,22 @@ def _alone(estimate: Estimate) -> Estimate:
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
-def exchanged(body: BodyModel, ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:
+def exchanged(
+    body: BodyModel, ahead: np.ndarray, behind: np.ndarray, config: TwoWayConfig | None = None
+) -> np.ndarray:
     """Return the poses (2 + 2 L, D) that are compared: both ways' (D,), then `ahead` with each of
-    the L limbs of `behind`, and the other way round."""
-    limbs = limb_masks(body)
-    return np.stack([
-        ahead, behind,
-        *np.where(limbs, behind, ahead), *np.where(limbs, ahead, behind),
-    ])  # fmt: skip
+    the L limbs of `behind` where that has it, and the other way round; by their angles those that
+    are at nearly the same places, for their mean is taken."""
+    both, limbs, joints = np.stack([ahead, behind]), limb_masks(body), limb_joints(body)
+    mixed = np.concatenate([np.where(limbs, behind, ahead), np.where(limbs, ahead, behind)])
+    places = posed_joints(body, both)
+    apart = np.linalg.norm(places[0] - places[1], axis=-1)
+    far = np.any(joints & (apart > (config or TwoWayConfig()).near / 2), axis=1)
+    for way, other in enumerate(places[::-1]):
+        rows = way * len(limbs) + np.flatnonzero(far)
+        there = np.tile(other, (len(rows), 1, 1))
+        mixed[rows] = reaching(body, mixed[rows], limbs[far], joints[far], there)
+    return np.concatenate([both, mixed])
 
 
 def combined(
@@ -168,17 +176,23 @@ def combined(
     ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     rows, trunk = np.arange(len(ahead)), ~np.any(of_limb, axis=0)
-    whole = ways.better(errors[:, :2], ways.joints[:, :, trunk])
-    pose, deviation = ways.taken(whole, trunk)
+    whole = ways.better(errors[:, :2], ways.joints[:2, :, trunk])
+    taken = ways.taken(whole, trunk)
+    pose, deviation = ways.poses[taken, rows], ways.deviations[taken, rows]
     own = errors[rows, whole]
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
         # The limb of the other way on the trunk of the chosen one.
         other = errors[rows, 2 + len(limbs) * whole + limb]
         by_way = np.where(whole[:, None] == [0, 1], own[:, None], other[:, None])
+        poses = np.stack([
+            reaching(body, np.where(dofs, limb_of, pose), dofs, joints, places)
+            for limb_of, places in zip(ways.poses, ways.joints, strict=True)
+        ])  # fmt: skip
         # There it jumps, too, where the trunk's way changes.
-        places = [posed_joints(body, np.where(dofs, way, pose))[:, joints] for way in ways.poses]
-        taken = ways.taken(ways.better(by_way, np.stack(places)), joints)
-        pose[:, dofs], deviation[:, dofs] = (values[:, dofs] for values in taken)
+        places = np.stack([posed_joints(body, way)[:, joints] for way in poses[:2]])
+        taken = ways.taken(ways.better(by_way, places), joints)
+        pose[:, dofs] = poses[taken, rows][:, dofs]
+        deviation[:, dofs] = ways.deviations[taken, rows][:, dofs]
     return [
         _alone((ahead, behind)[way][row]) if ways.lost[row].all()
         else replace(
@@ -190,23 +204,26 @@ def combined(
 
 
 class _Ways:
-    """Both ways' poses and deviations (2, F, D) and joints (2, F, J, 3) m, what is between both,
-    in which frames (F, 2) they have lost the person, and how far the limbs' ends (F, L) are apart,
+    """Poses and deviations (3, F, D) and joints (3, F, J, 3) m of both ways and their mean, in
+    which frames (F, 2) they have lost the person, and how far the limbs' ends (F, L) are apart,
     m."""
 
     def __init__(
         self, ahead: Sequence[Estimate], behind: Sequence[Estimate], config: TwoWayConfig
     ) -> None:
         self._config, body, ways = config, ahead[0].body, (ahead, behind)
-        self.poses = np.stack([[estimate.pose for estimate in way] for way in ways])
-        self.poses[1] = self.poses[0] + _turned(body, self.poses[1] - self.poses[0])
-        self.deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
+        poses = np.stack([[estimate.pose for estimate in way] for way in ways])
+        poses[1] = poses[0] + _turned(body, poses[1] - poses[0])
+        deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
+        joints = np.stack([posed_joints(body, of) for of in poses])
         self.lost = np.array([[estimate.lost for estimate in way] for way in ways]).T
-        self.joints = np.stack([posed_joints(body, poses) for poses in self.poses])
-        self.mean = self.poses.mean(0)
-        self.middle = posed_joints(body, self.mean)
-        ends = self.joints[:, :, limb_ends(body)]
-        self.apart = np.linalg.norm(ends[0] - ends[1], axis=-1)
+        self.poses = np.stack([*poses, poses.mean(0)])
+        self.deviations = np.stack([*deviations, np.linalg.norm(deviations, axis=0) / 2])
+        self.joints = np.stack([*joints, joints.mean(0)])
+        off = posed_joints(body, self.poses[2]) - self.joints[2]
+        self._mean_off = np.linalg.norm(off, axis=-1)
+        self._apart = np.linalg.norm(joints[0] - joints[1], axis=-1)
+        self.apart = self._apart[:, limb_ends(body)]
         self.apart[self.lost.any(1)] = np.nan
 
     def better(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -217,17 +234,12 @@ class _Ways:
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
         return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
 
-    def taken(self, way: np.ndarray, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses and deviations (F, D) of a way (F,), or the mean where both ways have the
-        joints `of` (J,) at the same places and the mean pose has them between these."""
-        near, rows = self._config.near, np.arange(len(way))
-        apart = np.linalg.norm(self.joints[0] - self.joints[1], axis=-1)[:, of].max(1)
-        off = np.linalg.norm(self.middle - self.joints.mean(0), axis=-1)[:, of].max(1)
-        agree = (apart < near) & (off < near / 4) & ~self.lost.any(1)
-        of_mean = np.linalg.norm(self.deviations, axis=0) / 2
-        poses = np.where(agree[:, None], self.mean, self.poses[way, rows])
-        spread = np.where(agree[:, None], of_mean, self.deviations[way, rows])
-        return poses, spread
+    def taken(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
+        """Return a way (F,), or 2, the mean, where both ways have the joints `of` (J,) at the same
+        places and the mean pose has them between these."""
+        near = self._config.near
+        agreed = (self._apart[:, of].max(1) < near) & (self._mean_off[:, of].max(1) < near / 4)
+        return np.where(agreed & ~self.lost.any(1), 2, way)
 
 
 def _turned(body: BodyModel, change: np.ndarray) -> np.ndarray:

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from apf.body import load_body
-from apf.body.limbs import limb_chains, limb_masks, swinging_bones, trunk_mask
+from apf.body import load_body, posed_joints
+from apf.body.limbs import (
+    limb_chains,
+    limb_joints,
+    limb_masks,
+    reaching,
+    swinging_bones,
+    trunk_mask,
+)
 
 
 def test_the_trunk_is_what_branches() -> None:
@@ -46,3 +53,19 @@ def test_limbs_swing_from_their_upper_bones_whatever_carries_these(
     assert [body.bones[bone].name for bone in swinging_bones(body)] == expected
     for chain in limb_chains(body):
         assert [body.bones[child].parent for child in chain[1:]] == list(chain[:-1])
+
+
+def test_a_limb_reaches_for_places() -> None:
+    """Within its limits and as far as it can; what is there already stays."""
+    body = load_body("song31")
+    limbs, joints = limb_masks(body), limb_joints(body)
+    poses = np.tile(body.rest_pose, (len(limbs), 1))
+    wanted = np.where(limbs, poses + 0.3, poses).clip(body.lower, body.upper)
+    places = posed_joints(body, wanted)
+    found = reaching(body, poses, limbs, joints, places)
+    away = np.linalg.norm(posed_joints(body, found) - places, axis=-1)
+    assert away[joints].max() < 0.01
+    np.testing.assert_array_equal(found[~limbs], poses[~limbs])
+    np.testing.assert_array_equal(reaching(body, wanted, limbs, joints, places), wanted)
+    far = reaching(body, poses, limbs, joints, places + 9.0)
+    assert np.all((far >= body.lower) & (far <= body.upper)) and np.isfinite(far).all()
