@@ -176,6 +176,7 @@ def combined(
     ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
     rows, trunk = np.arange(len(ahead)), ~np.any(of_limb, axis=0)
+    trunk |= ~trunk.any()  # of a body that has no joint but its limbs'
     whole = ways.better(errors[:, :2], ways.joints[:2, :, trunk])
     taken = ways.taken(whole, trunk)
     pose, deviation = ways.poses[taken, rows], ways.deviations[taken, rows]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from helpers import scenes
+from helpers import bodies, scenes
 from helpers.walkers import GRID, SONG, surface_voxels, walker
 from helpers.worlds import World
 
@@ -72,6 +72,19 @@ def test_ways_that_agree_give_their_mean() -> None:
     np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
     apart = np.array([one.disagreement for one in found])
     assert apart[:, RIGHT_ARM].min() > 0.02 and np.delete(apart, RIGHT_ARM, 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["song31", "rymut31_upper", "stick"])
+def test_every_body_has_both_ways(name: str) -> None:
+    """Those without limbs, or without a joint beside them, too."""
+    body = bodies.named(name)
+    poses = bodies.random_poses(body, 3)
+    ones = np.ones(2)
+    way = [Estimate(body, pose, np.full(body.n_dof, 0.02), ones, ones, ones) for pose in poses]
+    errors = np.zeros((3, 2 + 2 * len(limb_masks(body))))
+    found = combined(way, way, errors)
+    np.testing.assert_allclose([one.pose for one in found], poses, atol=1e-12)
+    assert exchanged(body, poses[0], poses[1]).shape == (errors.shape[1], body.n_dof)
 
 
 def test_whole_turns_are_no_difference() -> None:
