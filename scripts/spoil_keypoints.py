@@ -38,9 +38,7 @@ _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="spoil_keypoints.py", description=__doc__.splitlines()[0]
-    )
+    parser = argparse.ArgumentParser(prog="spoil_keypoints.py", description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--alone", action="store_true", help="keypoints alone, without voxels")
     parser.add_argument("--camera", type=int, default=1, metavar="N", help="the spoilt one (1)")
