@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from cl import Array, Device, NumpyDevice
@@ -55,6 +57,76 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
         return None if array is None else device.to_device(array.get(), "what a start keeps")
 
     return StoredVoxels(device, voxels.cloud(), kept(voxels.evidence), kept(voxels.pictures()))
+
+
+#: Pixels about the foreground that are kept, share of the pictures' larger side: farther away no
+#: body is looked for that fits.
+_MARGIN = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class CroppedVoxels:
+    """A frame's surface voxels on the host, with the part of its evidence maps and pictures about
+    the foreground, of each camera: for many frames that are held at once, a fifth of the memory.
+
+    shape: (H, W) of the pictures. corners: (V, 2) row and column of the first pixel of each part;
+    evidence: V of (h, w) int8; pictures: V of (h, w, 3) uint8, None where there are none.
+    """
+
+    cloud: VoxelCloud
+    shape: tuple[int, int]
+    corners: np.ndarray
+    evidence: Sequence[np.ndarray]
+    pictures: Sequence[np.ndarray] | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of maps and pictures."""
+        return sum(part.nbytes for part in (*self.evidence, *(self.pictures or ())))
+
+    def restored(self, device: Device) -> StoredVoxels:
+        """Return the voxels as they were; away from the foreground maps and pictures go on as they
+        are at the rim of what was kept."""
+
+        def whole(parts: Sequence[np.ndarray]) -> Array:
+            full = []
+            for (top, left), part in zip(self.corners.tolist(), parts, strict=True):
+                below = self.shape[0] - top - part.shape[0]
+                right = self.shape[1] - left - part.shape[1]
+                border = (top, below, left, right, cv2.BORDER_REPLICATE)
+                full.append(cv2.copyMakeBorder(part, *border))
+            return device.to_device(np.stack(full), "a kept frame")
+
+        pictures = None if self.pictures is None else whole(self.pictures)
+        return StoredVoxels(device, self.cloud, whole(self.evidence), pictures)
+
+
+def cropped(
+    device: Device | NumpyDevice, voxels: Voxels | HostVoxels
+) -> CroppedVoxels | StoredVoxels | HostVoxels:
+    """What remains of `voxels` in little memory when their reconstructor goes on to the next frame;
+    those of NumPy, and those carved without maps, as `stored` has them."""
+    if isinstance(voxels, HostVoxels) or voxels.evidence is None:
+        return stored(device, voxels)
+    evidence, device_pictures = voxels.evidence.get(), voxels.pictures()
+    pictures = None if device_pictures is None else device_pictures.get()
+    height, width = evidence.shape[1:]
+    margin = round(_MARGIN * max(height, width))
+    corners, parts, shown = [], [], []
+    for view, of in enumerate(evidence):
+        rows, columns = np.flatnonzero((of > 0).any(1)), np.flatnonzero((of > 0).any(0))
+        if not len(rows):  # nobody: a corner says what all of it is
+            rows = columns = np.zeros(1, int)
+        top, left = max(0, int(rows[0]) - margin), max(0, int(columns[0]) - margin)
+        part = slice(top, int(rows[-1]) + margin + 1), slice(left, int(columns[-1]) + margin + 1)
+        corners.append((top, left))
+        parts.append(of[part].copy())
+        if pictures is not None:
+            shown.append(pictures[view][part].copy())
+    return CroppedVoxels(
+        voxels.cloud(), (height, width), np.array(corners), parts,
+        None if pictures is None else shown,
+    )  # fmt: skip
 
 
 def between(

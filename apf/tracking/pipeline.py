@@ -108,7 +108,7 @@ def track_seeds(
     report = progress or (lambda stage: None)
     if method.goes_back:
         back = [watched(scene, of) for of in seeded(scaled, seeds)]
-        found = both_ways(device, tracker, back, seen, _observed_bytes(sequence, method), report)
+        found = both_ways(device, tracker, back, seen, report)
     else:
         found = one_way(tracker, seen, report)
     provenance: dict[str, Any] = {
@@ -132,12 +132,6 @@ def track_seeds(
         ]
 
     return _tracked(found, tracks_of, keep)
-
-
-def _observed_bytes(sequence: Sequence, method: Method) -> int:
-    """Of what is observed of a frame: pictures and evidence, or a few points."""
-    rig = sequence.rig
-    return 4 * len(rig) * rig.width * rig.height if method.uses_voxels else 4096
 
 
 def one_way(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, reaching
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.initialisation.kept_voxels import stored
+from apf.initialisation.kept_voxels import CroppedVoxels, cropped
 from apf.likelihood.observations import Observed, parted
 from apf.tracking.recovery import Watched
 from cl import Device, NumpyDevice, UserError
@@ -46,18 +47,22 @@ class TwoWayConfig:
     """... which costs as much as this error, in the likelihood's unit, in one frame. Three times as
     much or as little changes nothing."""
     overlap: int = 30
-    """Frames that the way back goes before a window's poses are final."""
-    memory: float = 1.0
-    """GB of observations in a window, at most; it has three times the overlap at least."""
+    """Frames that the way back goes before a window's poses are final; a third of a short one's."""
+    memory: float = 0.5
+    """GB of observations in a window: of 4 cameras of 640 x 480 some 500 frames, of 8 of 1920 x
+    1080 about 40."""
+    longest: int = 1000
+    """Frames of a window, at most."""
 
     def __post_init__(self) -> None:
         for name in ("near", "jump", "misfit", "memory"):
             check_range(f"two ways: {name}", getattr(self, name), 0)
-        check_range("two ways: overlap", self.overlap, 1, ends=True)
+        for name in ("overlap", "longest"):
+            check_range(f"two ways: {name}", getattr(self, name), 1, ends=True)
 
-    def room(self, n_bytes: int) -> int:
-        """Return the frames of a window whose observations have `n_bytes` each."""
-        return max(3 * self.overlap, int(1e9 * self.memory / n_bytes))
+    def full(self, n_frames: int, n_bytes: int) -> bool:
+        """Return whether a window of so many frames and bytes has room for no other."""
+        return n_frames >= self.longest or (n_frames > 2 and n_bytes > 1e9 * self.memory)
 
 
 def both_ways(
@@ -65,34 +70,38 @@ def both_ways(
     forward: Any,
     back: Sequence[Watched],
     seen: Iterable[tuple[int, Any]],
-    frame_bytes: int,
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
 ) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield number and each run's estimate of every frame of `seen`.
 
     forward: the runs, which have started (`WatchedRuns`, say); back: a tracker for each of them.
-    frame_bytes: of what is observed of a frame. progress: called with "tracking" or "tracking back"
-    after each frame. What ends the frames early, an interrupt or an error, is raised after those
-    before it; one on the way back leaves the window as it was tracked forward.
+    progress: called with "tracking" or "tracking back" after each frame. What ends the frames
+    early, an interrupt or an error, is raised after those before it; one on the way back leaves the
+    window as it was tracked forward.
     """
     config = config or TwoWayConfig()
-    room, window, frames = config.room(frame_bytes), list[Seen](), iter(seen)
+    window, frames = list[Seen](), iter(seen)
     ended: BaseException | None = None
+    whole = False
     while True:
+        n_bytes = sum(_n_bytes(kept) for _, kept, _ in window)
         try:
             for index, shown in frames:
                 estimates = forward.step(shown)
                 window.append((index, _kept(device, shown), estimates))
+                n_bytes += _n_bytes(window[-1][1])
                 progress("tracking")
-                if len(window) == room:
+                if config.full(len(window), n_bytes):
                     break
-            whole = len(window) < room
+            else:
+                whole = True
         except (KeyboardInterrupt, UserError) as error:
             ended, whole = error, True
-        n_final = len(window) if whole else room - config.overlap
+        n_final = len(window) if whole else len(window) - min(config.overlap, len(window) // 3)
         try:
-            final = _smoothed(back, window, n_final, config, lambda: progress("tracking back"))
+            told = partial(progress, "tracking back")
+            final = _smoothed(device, back, window, n_final, config, told)
         except (KeyboardInterrupt, UserError) as error:
             ended, final = error, [[_alone(one) for one in estimates] for _, _, estimates in window]
         for (index, _, _), estimates in zip(window, final, strict=False):
@@ -107,11 +116,26 @@ def both_ways(
 def _kept(device: Device | NumpyDevice, observation: Any) -> Any:
     """What remains of an observation when the next one is made."""
     shown, points = parted(observation)
-    kept = None if shown is None else stored(device, shown)
+    kept = None if shown is None else cropped(device, shown)
     return kept if points is None else Observed(kept, points)
 
 
+def _n_bytes(kept: Any) -> int:
+    shown = parted(kept).shown
+    return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
+
+
+def _restored(device: Device | NumpyDevice, kept: Any) -> Any:
+    """The observation again."""
+    shown, points = parted(kept)
+    if isinstance(shown, CroppedVoxels):
+        assert isinstance(device, Device)
+        shown = shown.restored(device)
+    return shown if points is None else Observed(shown, points)
+
+
 def _smoothed(
+    device: Device | NumpyDevice,
     back: Sequence[Watched],
     window: list[Seen],
     n_final: int,
@@ -124,7 +148,8 @@ def _smoothed(
     ways: list[list[tuple[Estimate, np.ndarray]]] = [[] for _ in back]
     for tracker, last in zip(back, window[-1][2], strict=True):
         tracker.start(last.pose)
-    for _, observation, estimates in reversed(window):
+    for _, kept, estimates in reversed(window):
+        observation = _restored(device, kept)
         for way, tracker, ahead in zip(ways, back, estimates, strict=True):
             behind = tracker.step(observation)
             errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose, config))

@@ -18,6 +18,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.filters.base import Estimate
 from apf.filters.method import Method
+from apf.initialisation.kept_voxels import CroppedVoxels, cropped
 from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import watched
@@ -182,15 +183,15 @@ def frames(n: int, ending: BaseException | None = None) -> Iterator[tuple[int, f
 
 @pytest.fixture
 def kept_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("apf.tracking.two_way.stored", lambda device, shown: shown)
+    monkeypatch.setattr("apf.tracking.two_way.cropped", lambda device, shown: shown)
 
 
-CONFIG = TwoWayConfig(overlap=3, memory=12e-9)  # windows of 12 frames of a byte
+CONFIG = TwoWayConfig(overlap=3, longest=12)
 
 
 def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
     back, told = Follower(), list[str]()
-    found = list(both_ways(NumpyDevice(), Forward(), [back], frames(25), 1, told.append, CONFIG))
+    found = list(both_ways(NumpyDevice(), Forward(), [back], frames(25), told.append, CONFIG))
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -206,6 +207,39 @@ def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
     assert told.count("tracking back") == len(expected)
 
 
+def test_windows_end_with_the_memory() -> None:
+    config = TwoWayConfig(memory=1e-6)  # 1000 bytes
+    assert not config.full(9, 1000) and config.full(9, 1001)
+    assert not config.full(2, 9000)  # a way back needs frames
+    assert config.full(config.longest, 0)
+
+
+def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
+    """Bit by bit there; away from it, where nobody is, they go on as at the rim."""
+    rig, random = scenes.ring(3), np.random.default_rng(0)
+    shape = (len(rig), rig.height, rig.width)
+    evidence = random.integers(-90, 0, shape).astype(np.int8)
+    evidence[0, 40:60, 70:90] = 50
+    evidence[1, : rig.height // 2, -5:] = 50  # and nobody before the last camera
+    pictures = random.integers(0, 255, (*shape, 3)).astype(np.uint8)
+    before = surface_voxels(device, walker(0))
+    before.evidence = device.to_device(evidence)
+    before.pictures = lambda: device.to_device(pictures)  # type: ignore[method-assign]
+    kept = cropped(device, before)
+    assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
+    after = kept.restored(device)
+    np.testing.assert_array_equal(after.surface.get(), before.surface.get())
+    found, shown = after.evidence.get(), after.pictures().get()
+    margin = round(0.05 * rig.width)
+    for view, (rows, columns) in enumerate((
+        (slice(40 - margin, 60 + margin), slice(70 - margin, 90 + margin)),
+        (slice(0, rig.height // 2 + margin), slice(-5 - margin, None)),
+    )):  # fmt: skip
+        np.testing.assert_array_equal(found[view, rows, columns], evidence[view, rows, columns])
+        np.testing.assert_array_equal(shown[view, rows, columns], pictures[view, rows, columns])
+    assert (found > 0).sum() == (evidence > 0).sum()
+
+
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
 def test_what_ends_the_frames_is_raised_after_them(
     kept_as_it_is: None, ending: BaseException
@@ -213,7 +247,7 @@ def test_what_ends_the_frames_is_raised_after_them(
     found, back = [], Follower()
     with pytest.raises(type(ending)):
         for one in both_ways(
-            NumpyDevice(), Forward(), [back], frames(7, ending), 1, lambda stage: None, CONFIG
+            NumpyDevice(), Forward(), [back], frames(7, ending), lambda stage: None, CONFIG
         ):
             found.append(one)
     assert len(found) == 7 and len(back.seen) == 7
@@ -229,9 +263,7 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found = []
     with pytest.raises(type(ending)):
-        for one in both_ways(
-            NumpyDevice(), Forward(), [Follower()], frames(7), 1, progress, CONFIG
-        ):
+        for one in both_ways(NumpyDevice(), Forward(), [Follower()], frames(7), progress, CONFIG):
             found.append(one)
     assert len(found) == 7 and np.isnan(found[3][1][0].disagreement).all()
 
@@ -267,7 +299,7 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
     back = [watched(scene, method)]
-    found = list(both_ways(device, Heard(), back, seen, 1, lambda stage: None))
+    found = list(both_ways(device, Heard(), back, seen, lambda stage: None))
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
     by_one, by_both = (
