@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -53,7 +54,7 @@ class TaskProgress:
         self.n_frames = 0
         self._task, self._batch = task, batch
         self._stage, self._sent = "", 0.0
-        self._done: dict[str, int] = {}
+        self._done: Counter[str] = Counter()
         self.worker = f"{platform.node()}:{os.getpid()}"
         self.seconds: dict[str, float] = {}
         self._begun = time.monotonic()
@@ -63,7 +64,7 @@ class TaskProgress:
             raise KeyboardInterrupt
         if stage != self._stage:
             self._enter(stage)
-        self._done[stage] = self._done.get(stage, 0) + 1
+        self._done[stage] += 1
         if time.monotonic() > self._sent + _APART:
             self._send()
 
@@ -90,7 +91,7 @@ class TaskProgress:
         if self._batch:
             from distributed import get_worker
 
-            done = self._done.get(self._stage, 0)
+            done = self._done[self._stage]
             said = Progress(self._task, self._stage, done, self.n_frames, self.worker)
             get_worker().log_event(self._batch, asdict(said))
 

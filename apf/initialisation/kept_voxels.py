@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from cl import Array, Device, NumpyDevice
-from psfs.common.regions import large_parts
+from psfs.common.regions import bounding_box, large_parts
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -114,11 +114,10 @@ def cropped(
     margin = round(_MARGIN * max(height, width))
     corners, parts, shown = [], [], []
     for view, of in enumerate(evidence):
-        rows, columns = np.flatnonzero((of > 0).any(1)), np.flatnonzero((of > 0).any(0))
-        if not len(rows):  # nobody: a corner says what all of it is
-            rows = columns = np.zeros(1, int)
-        top, left = max(0, int(rows[0]) - margin), max(0, int(columns[0]) - margin)
-        part = slice(top, int(rows[-1]) + margin + 1), slice(left, int(columns[-1]) + margin + 1)
+        # Nobody: a corner says what all of it is.
+        rows, columns = bounding_box(of > 0) or (slice(0, 1), slice(0, 1))
+        top, left = max(0, rows.start - margin), max(0, columns.start - margin)
+        part = slice(top, rows.stop + margin), slice(left, columns.stop + margin)
         corners.append((top, left))
         parts.append(of[part].copy())
         if pictures is not None:

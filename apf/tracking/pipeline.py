@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Items
@@ -153,7 +154,7 @@ def _tracked(
     parts: list[Items[Track | Path]] = []
     stopped = None
     while True:
-        frames, estimates, more, error = _part(found)
+        frames, estimates, more, error = _part(found, PART_SECONDS)
         if not estimates and not parts:
             raise error or InputError("there is no frame to track; expected at least one")
         if estimates:
@@ -173,13 +174,13 @@ def _tracked(
 
 
 def _part(
-    found: Iterator[tuple[int, list[Estimate]]],
+    found: Iterator[tuple[int, Any]], seconds: float
 ) -> tuple[list[int], list[Any], bool, BaseException | None]:
-    """Track for about `PART_SECONDS`. Return frames, estimates, whether there may be more, and what
+    """Track for about `seconds`. Return frames, estimates, whether there may be more, and what
     ended them early."""
     frames: list[int] = []
     estimates: list[Any] = []
-    until = time.perf_counter() + PART_SECONDS
+    until = time.perf_counter() + seconds
     try:
         for index, estimate in found:
             frames.append(index)
@@ -216,10 +217,7 @@ def observed(observe: Callable[[Frame], Any], frames: Iterable[Frame]) -> Iterat
 
 
 def track_voxels(
-    tracker: Any,
-    pose: np.ndarray,
-    voxels: Iterable[tuple[int, Any]],
-    progress: Callable[[], object] | None = None,
+    tracker: Any, pose: np.ndarray, voxels: Iterable[tuple[int, Any]]
 ) -> tuple[list[int], list[Any]]:
     """Return frame numbers and what `step` returned, of a tracker or of runs that start at `pose`
     (D,) and are shown `voxels`.
@@ -228,19 +226,10 @@ def track_voxels(
     none.
     """
     tracker.start(pose)
-    frames: list[int] = []
-    estimates: list[Any] = []
-    try:
-        for index, shown in voxels:
-            estimate = tracker.step(shown)
-            frames.append(index)
-            estimates.append(estimate)
-            if progress is not None:
-                progress()
-    except KeyboardInterrupt:
-        if not estimates:
-            raise
-        frames = frames[: len(estimates)]
+    found = one_way(tracker, voxels, lambda stage: None)
+    frames, estimates, _, error = _part(found, math.inf)
+    if error is not None and (not estimates or not isinstance(error, KeyboardInterrupt)):
+        raise error
     return frames, estimates
 
 

@@ -95,10 +95,11 @@ def _with_feet_held(
 
 
 def unwrapped(poses: np.ndarray, body: BodyModel) -> np.ndarray:
-    """Return a copy of `poses` (F, D) whose angles without limits do not jump by whole turns."""
+    """Return a copy of `poses` (F, .., D) whose angles without limits do not jump by whole turns
+    from one to the next along the first axis."""
     poses = np.array(poses, np.float64)
     free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
-    poses[:, free] = np.unwrap(poses[:, free], axis=0)
+    poses[..., free] = np.unwrap(poses[..., free], axis=0)
     return poses
 
 

@@ -27,6 +27,7 @@ from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, cropped
 from apf.likelihood.observations import Observed, parted
 from apf.tracking.recovery import Watched
+from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
 from psfs.common.ranges import check_range
 
@@ -49,8 +50,8 @@ class TwoWayConfig:
     overlap: int = 30
     """Frames that the way back goes before a window's poses are final; a third of a short one's."""
     memory: float = 0.5
-    """GB of observations in a window: of 4 cameras of 640 x 480 some 500 frames, of 8 of 1920 x
-    1080 about 40."""
+    """GB of observations in a window: of 4 cameras of 640 x 480 some 500 frames where silhouettes
+    are clean, of 4 of 1920 x 1080 with specks all over 17."""
     longest: int = 1000
     """Frames of a window, at most."""
 
@@ -239,7 +240,7 @@ class _Ways:
     ) -> None:
         self._config, body, ways = config, ahead[0].body, (ahead, behind)
         poses = np.stack([[estimate.pose for estimate in way] for way in ways])
-        poses[1] = poses[0] + _turned(body, poses[1] - poses[0])
+        poses = unwrapped(poses, body)  # from one way to the other
         deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
         joints = np.stack([posed_joints(body, of) for of in poses])
         self.lost = np.array([[estimate.lost for estimate in way] for way in ways]).T
@@ -266,14 +267,6 @@ class _Ways:
         near = self._config.near
         agreed = (self._apart[:, of].max(1) < near) & (self._mean_off[:, of].max(1) < near / 4)
         return np.where(agreed & ~self.lost.any(1), 2, way)
-
-
-def _turned(body: BodyModel, change: np.ndarray) -> np.ndarray:
-    """Changes of poses (F, D) the short way round, where an angle has no limits."""
-    free = [dof for dof in body.angles if np.isinf([body.lower[dof], body.upper[dof]]).all()]
-    change = change.copy()
-    change[:, free] -= 2 * np.pi * np.round(change[:, free] / (2 * np.pi))
-    return change
 
 
 def best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:

@@ -36,6 +36,14 @@ def largest_part_box(occupied: np.ndarray) -> np.ndarray | None:
     return np.array([[s.start for s in part], [s.stop for s in part]])
 
 
+def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
+    """Return the rows and columns that hold all of `region` (H, W) bool, or None if it is empty."""
+    rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
+    if not rows.size:
+        return None
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
 def _labelled(occupied: np.ndarray) -> tuple[np.ndarray, int]:
     labels, count = ndimage.label(occupied, np.ones((3,) * occupied.ndim))
     return np.asarray(labels), int(count)

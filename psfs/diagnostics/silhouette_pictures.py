@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
+from psfs.common.regions import bounding_box
 from psfs.diagnostics.silhouettes import Silhouettes
 from psfs.output.preview import picture_of
 
@@ -62,10 +63,7 @@ def _part(camera: Camera, view: int, shown: Silhouettes) -> _Part:
     if truth is not None:
         region = region | truth
     width, height = camera.size
-    rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
-    if not rows.size:
-        return slice(0, height), slice(0, width)
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return bounding_box(region) or (slice(0, height), slice(0, width))
 
 
 def _size(part: _Part) -> tuple[int, int]:

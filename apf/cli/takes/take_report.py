@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,7 +52,7 @@ class TakeLine:
         self._bar, self._check = bar, check
         self._prefix = f"{name}: " if name else ""
         self._stage, self.n_frames = "", 0
-        self._done: dict[str, int] = {}
+        self._done: Counter[str] = Counter()
         self._task = bar.add_task(f"{self._prefix}opening", total=None)
 
     def __call__(self, stage: str) -> None:
@@ -61,7 +62,7 @@ class TakeLine:
         if stage in _BY_FRAMES:
             self._bar.start()
             self._bar.advance(self._task)
-            self._done[stage] = self._done.get(stage, 0) + 1
+            self._done[stage] += 1
 
     def begin(self, stage: str) -> None:
         """Show that a stage has no frame yet."""
@@ -70,7 +71,7 @@ class TakeLine:
 
     def _show(self, stage: str) -> None:
         """Show a stage, which goes on where it was: tracking goes forward and back in turns."""
-        total, done = reports_of(stage, self.n_frames), self._done.get(stage, 0)
+        total, done = reports_of(stage, self.n_frames), self._done[stage]
         described = f"{self._prefix}{stage}"
         self._bar.reset(self._task, total=total, completed=done, description=described)
         self._stage = stage

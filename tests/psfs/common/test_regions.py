@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from psfs.common.regions import iou, large_parts, largest_part_box
+from psfs.common.regions import bounding_box, iou, large_parts, largest_part_box
 
 
 def test_iou() -> None:
@@ -32,3 +32,10 @@ def test_small_parts_go(dimensions: int) -> None:
 def test_nothing_has_no_parts() -> None:
     empty = np.zeros((4, 5), bool)
     assert not large_parts(empty, 0.5).any() and largest_part_box(empty) is None
+
+
+def test_bounding_box() -> None:
+    region = np.zeros((7, 9), bool)
+    assert bounding_box(region) is None
+    region[2, 5] = region[4, 3] = True
+    assert bounding_box(region) == (slice(2, 5), slice(3, 6))
