@@ -52,6 +52,7 @@ def embedded_cluster(shares: Sequence[Share]) -> Iterator[Any]:
     quiet = {
         "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
         "distributed.worker.daemon": False,  # so that a worker may start processes
+        "distributed.worker.profile.enabled": False,  # which stops the take 100 times a second
     }
     local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
     with TemporaryDirectory(prefix="apf-workers-") as scratch, dask.config.set(quiet):

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import traceback
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -46,8 +46,8 @@ class TaskProgress:
     """What a task reports to. It is the line of a take as `apf.cli.takes.take_report.TakeLine` is:
     called with the name of the stage in work, after every frame of those that go frame by frame.
 
-    worker: host and process. seconds: that each stage took. Calls raise KeyboardInterrupt in a task
-    that is to stop.
+    worker: host and process. seconds: that each stage took; core_seconds: of the process's CPU
+    time. Calls raise KeyboardInterrupt in a task that is to stop.
     """
 
     def __init__(self, task: str = "", batch: str = "") -> None:
@@ -56,8 +56,9 @@ class TaskProgress:
         self._stage, self._sent = "", 0.0
         self._done: Counter[str] = Counter()
         self.worker = f"{platform.node()}:{os.getpid()}"
-        self.seconds: dict[str, float] = {}
-        self._begun = time.monotonic()
+        self.seconds = defaultdict[str, float](float)
+        self.core_seconds = defaultdict[str, float](float)
+        self._begun = time.monotonic(), time.process_time()
 
     def __call__(self, stage: str) -> None:
         if self._batch in _stopped:
@@ -80,10 +81,11 @@ class TaskProgress:
         self._send()
 
     def end(self) -> None:
-        """Count the time since the stage began as its own, in `seconds` by stage."""
-        now = time.monotonic()
+        """Count the time since the stage began as its own."""
+        now = time.monotonic(), time.process_time()
         if self._stage:
-            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._begun
+            self.seconds[self._stage] += now[0] - self._begun[0]
+            self.core_seconds[self._stage] += now[1] - self._begun[1]
         self._begun = now
 
     def _send(self) -> None:

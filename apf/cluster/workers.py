@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 #: How many threads OpenCV and its decoder start: one for each core of the machine by themselves,
 #: which cost 22 s of 32 cores where one costs 6, in the same time. Views are decoded side by side.
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
+#: Of glibc's malloc.h; and more than a take allocates in one piece.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 2**28
 
 
 @dataclass(frozen=True)
@@ -25,9 +28,11 @@ class WorkerConfig:
     """How many workers an embedded cluster has. A worker is a process that does one take at a
     time."""
 
-    per_gpu: int = 4
-    """A take leaves a GPU idle while its host decodes and fits; contexts on one GPU take turns.
-    From `BatchConfig.on_gpu`."""
+    per_gpu: int = 8
+    """At most: a take leaves a GPU idle while its host decodes and fits; contexts on one GPU take
+    turns. Takes per minute of 1, 2, 4 and 8 are in `scripts/results/report.md`."""
+    beside_gpu: float = 2.0
+    """Cores for each worker of a GPU: what its take keeps busy, decoding and waiting."""
     cores: int = 1
     """Of a worker that computes on the CPU. By hand: a take's decoding and start use one core."""
 
@@ -65,7 +70,8 @@ def shares_of_machine(
         if device in ("auto", "gpu"):
             n_gpus = sum(info.kind == "gpu" for info in list_devices())
             names = [f"gpu:{number}" for number in range(n_gpus)]
-        n_workers = n_workers or config.per_gpu * len(names)
+        room = int(len(own_cores()) / config.beside_gpu / len(names))
+        n_workers = n_workers or min(config.per_gpu, max(1, room)) * len(names)
         return [Share(names[k % len(names)]) for k in range(n_workers)]
     cores = own_cores()
     n_workers = n_workers or max(1, len(cores) // config.cores)
@@ -90,8 +96,22 @@ def set_up(ignore_interrupts: bool) -> None:
     threads = str(len(stated or own_cores()))  # PoCL counts the machine's cores, not the process's
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before and from PoCL 4 on
         os.environ.setdefault(name, threads)
+    keep_memory()
     if ignore_interrupts:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def keep_memory() -> None:
+    """Have memory that pictures leave kept for the next ones, where there is glibc.
+
+    Dask's workers give it back at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel clears the pages
+    of every picture anew: in the look at 120 frames of 8 cameras and 10 tracked ones 1.3 million
+    page faults and 3.2 s of a core, kept 0.06 million and 0.6 s.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
+    if mallopt is not None:
+        mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)
+        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
 def worker_device(asked: str) -> Device | NumpyDevice:

@@ -12,7 +12,8 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,10 +134,6 @@ def throughput(
         began = time.perf_counter()
         done = _all(Pool(client), [job(f"take{k}", k) for k in range(n_takes)])
         seconds = time.perf_counter() - began
-    stages: dict[str, float] = {}
-    for one in done:
-        for stage, took in one.stages.items():
-            stages[stage] = stages.get(stage, 0.0) + took / n_takes
     frames = sum(row["frames"] for one in done for row in one.rows)
     return {
         "workers": len(shares),
@@ -145,9 +142,18 @@ def throughput(
         "seconds": seconds,
         "per_minute": 60 * n_takes / seconds,
         "frames_per_s": frames / seconds,
-        "stages": stages,
-        "core_s": sum(one.core_seconds for one in done) / n_takes,
+        "stages": _means([one.seconds for one in done]),
+        "core_stages": (core_stages := _means([one.core_seconds for one in done])),
+        "core_s": sum(core_stages.values()),
     }
+
+
+def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """The mean of every stage."""
+    sums: Counter[str] = Counter()
+    for stages in of_takes:
+        sums.update(stages)
+    return {stage: total / len(of_takes) for stage, total in sums.items()}
 
 
 def _all(pool: Pool, tasks: Sequence[Task]) -> list[TakeDone]:

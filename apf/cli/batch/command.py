@@ -48,7 +48,8 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--workers",
         type=int,
         metavar="N",
-        help=f"on this machine (default: {config.per_gpu} for each GPU, or one for each core)",
+        help=f"on this machine (default: for each GPU {config.per_gpu}, or as many as there are "
+        f"{config.beside_gpu:g} cores each; without GPU one for each core)",
     )
     group.add_argument(
         "--scheduler",

@@ -74,13 +74,13 @@ class _TakeParser(CommandParser):
 
 @dataclass(frozen=True)
 class TakeDone:
-    """What became of a take: the rows of its tracks. kept: it was finished already. stages: s that
-    each stage took. core_seconds: of the process's CPU time meanwhile."""
+    """What became of a take: the rows of its tracks. kept: it was finished already. seconds: that
+    each stage took. core_seconds: of the process's CPU time."""
 
     rows: tuple[Mapping[str, Any], ...]
     kept: bool
-    stages: Mapping[str, float] = field(default_factory=dict)
-    core_seconds: float = 0.0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    core_seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def finished(job: TakeJob) -> TakeDone | None:
@@ -119,7 +119,7 @@ def written_take(
     its name when the record and all else that a take has are in it. facts: for `TakeRow`."""
     progress.begin("reading")
     wanted = job.record()
-    began, worked = time.monotonic(), time.process_time()
+    began = time.monotonic()
     with whole_folder(job.out) as partial, output_folder(partial, "apf batch"):
         args = job.arguments(partial)
         device = worker_device(args.device)
@@ -135,7 +135,7 @@ def written_take(
         outputs = {str(path.relative_to(partial)): FileFacts.of(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
     progress.end()
-    return TakeDone(rows, False, progress.seconds, time.process_time() - worked)
+    return TakeDone(rows, False, dict(progress.seconds), dict(progress.core_seconds))
 
 
 def _written_rows(

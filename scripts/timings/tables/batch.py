@@ -21,6 +21,8 @@ def tables_of(results: Results) -> list[Grid]:
         if name.startswith("workers ")
     }
     grids = [throughput_table(rows), stages_table(rows)] if rows else []
+    if any("core_stages" in row for row in rows.values()):
+        grids.append(stages_table(rows, "core_stages", "CPU time of a take, s of a core"))
     if rows and "decoding" in results.sections:
         grids.append(decoding_table(results.sections["decoding"], rows))
     return grids
@@ -50,14 +52,17 @@ def _units(row: Any, first: Any) -> float:
     return max(1, row["gpus"]) / max(1, first["gpus"])
 
 
-def stages_table(rows: dict[str, Any]) -> Grid:
-    stages = list(dict.fromkeys(stage for row in rows.values() for stage in row["stages"]))
+def stages_table(
+    rows: dict[str, Any], of: str = "stages", title: str = "Where a take's time goes, s"
+) -> Grid:
+    """What each row says of every stage, under the key `of`."""
+    stages = list(dict.fromkeys(stage for row in rows.values() for stage in row.get(of, {})))
     spent = {
-        label: [number(row["stages"].get(stage, 0.0)) for stage in stages]
+        label: [number(row.get(of, {}).get(stage, 0.0)) for stage in stages]
         for label, row in rows.items()
     }
     found = [[label, *cells] for label, cells in spent.items()]
-    return Grid("Where a take's time goes, s", ["workers", *stages], found)
+    return Grid(title, ["workers", *stages], found)
 
 
 def decoding_table(decoding: Any, rows: dict[str, Any]) -> Grid:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -130,6 +134,42 @@ def test_workers_share_the_cores() -> None:
     assert [share.cores for share in more] == [(c,) for c in cores] + [tuple(cores)] * len(cores)
     with pytest.raises(InputError, match="--workers is 0"):
         shares_of_machine("cpu", 0)
+
+
+@pytest.mark.parametrize(
+    ("n_cores", "n_gpus", "expected"), [(16, 1, 8), (32, 2, 16), (12, 2, 6), (2, 4, 4), (128, 1, 8)]
+)
+def test_gpus_get_as_many_workers_as_cores_feed(
+    monkeypatch: pytest.MonkeyPatch, n_cores: int, n_gpus: int, expected: int
+) -> None:
+    gpu = SimpleNamespace(is_gpu=True, kind="gpu")
+    monkeypatch.setattr("apf.cluster.workers.select_device", lambda choice: gpu)
+    monkeypatch.setattr("apf.cluster.workers.list_devices", lambda: [gpu] * n_gpus)
+    monkeypatch.setattr("apf.cluster.workers.own_cores", lambda: list(range(n_cores)))
+    found = shares_of_machine()
+    assert found == [Share(f"gpu:{k % n_gpus}") for k in range(expected)]
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="no glibc")
+def test_workers_keep_memory_for_the_next_pictures() -> None:
+    program = """
+import resource, sys
+import numpy as np
+from apf.cluster.workers import keep_memory
+if sys.argv[1] == "kept":
+    keep_memory()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(50):
+    np.ones(300_000)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+    as_of_dask = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}
+    faults = {
+        way: int(subprocess.run([sys.executable, "-c", program, way], env=as_of_dask, text=True,
+                                check=True, capture_output=True).stdout)
+        for way in ("kept", "given back")
+    }  # fmt: skip
+    assert faults["kept"] < faults["given back"] / 5
 
 
 def test_no_scheduler(tmp_path: Path) -> None:
