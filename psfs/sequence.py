@@ -310,8 +310,10 @@ class Sequence:
         return mask
 
     def _padded(self, pictures: list[np.ndarray]) -> np.ndarray:
-        shape = (len(pictures), self.rig.height, self.rig.width, *pictures[0].shape[2:])
-        stacked = np.zeros(shape, np.uint8)
+        size = self.rig.height, self.rig.width
+        if all(picture.shape[:2] == size for picture in pictures):
+            return np.stack(pictures)
+        stacked = np.zeros((len(pictures), *size, *pictures[0].shape[2:]), np.uint8)
         for view, picture in enumerate(pictures):
             stacked[view, : picture.shape[0], : picture.shape[1]] = picture
         return stacked

@@ -11,7 +11,12 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import evidence_for
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
-from psfs.voxels.bounding_volume import default_voxel_size, largest_parts_box, reachable_box
+from psfs.voxels.bounding_volume import (
+    default_voxel_size,
+    largest_parts_box,
+    reachable_box,
+    without_speckle,
+)
 from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -65,7 +70,7 @@ def foreground_box(
         raise InputError(f"{sequence.folder}: the selected frames are none of {len(sequence)}")
     rig, volume = sequence.rig, volume_config(sequence, config)
     evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
-    evidence = [evidence_of(sequence.read(indices[int(i)])) for i in picked]
+    evidence = [without_speckle(evidence_of(sequence.read(indices[int(i)]))) for i in picked]
     min_cameras = config.occupancy.seeing_cameras(len(rig))
 
     def searched(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

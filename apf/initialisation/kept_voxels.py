@@ -89,13 +89,13 @@ class CroppedVoxels:
         are at the rim of what was kept."""
 
         def whole(parts: Sequence[np.ndarray]) -> Array:
-            full = []
-            for (top, left), part in zip(self.corners.tolist(), parts, strict=True):
+            full = np.empty((len(parts), *self.shape, *parts[0].shape[2:]), parts[0].dtype)
+            for out, (top, left), part in zip(full, self.corners.tolist(), parts, strict=True):
                 below = self.shape[0] - top - part.shape[0]
                 right = self.shape[1] - left - part.shape[1]
                 border = (top, below, left, right, cv2.BORDER_REPLICATE)
-                full.append(cv2.copyMakeBorder(part, *border))
-            return device.to_device(np.stack(full), "a kept frame")
+                cv2.copyMakeBorder(part, *border, dst=out)
+            return device.to_device(full, "a kept frame")
 
         pictures = None if self.pictures is None else whole(self.pictures)
         return StoredVoxels(device, self.cloud, whole(self.evidence), pictures)
@@ -108,8 +108,8 @@ def cropped(
     those of NumPy, and those carved without maps, as `stored` has them."""
     if isinstance(voxels, HostVoxels) or voxels.evidence is None:
         return stored(device, voxels)
-    evidence, device_pictures = voxels.evidence.get(), voxels.pictures()
-    pictures = None if device_pictures is None else device_pictures.get()
+    evidence = voxels.evidence.get()
+    pictures = None if voxels.frame is None else voxels.frame.images
     height, width = evidence.shape[1:]
     margin = round(_MARGIN * max(height, width))
     corners, parts, shown = [], [], []

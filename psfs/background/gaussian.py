@@ -16,6 +16,7 @@ from psfs.footage.media import Media
 
 _BAND_BYTES = 2**20  # worked on at a time: what fits into a cache
 _VIEWS_AT_ONCE = 4  # learnt by threads, at most; more would hold more frames at a time
+_HELD_BYTES = 2**26  # of a view's frames that are decoded once only
 _DEFAULT = PlateConfig()
 
 
@@ -34,7 +35,20 @@ def background_from_plates(
 ) -> Background:
     """Learn the background from all frames of an empty scene, one video or list of images per
     view."""
-    return _stacked(rig, plates, partial(clipped_moments, config=config), config)
+    return _stacked(rig, plates, partial(_plate_moments, config=config), config)
+
+
+def _plate_moments(view: Media, config: PlateConfig) -> tuple[np.ndarray, np.ndarray]:
+    """`clipped_moments` of a view: of few frames decoded once, band by band; the same numbers."""
+    width, height = view.size
+    if 3 * width * height * view.count > _HELD_BYTES:
+        return clipped_moments(view, config)
+    frames, rows = list(view), max(1, _BAND_BYTES // (16 * 3 * width))
+    mean, std = np.empty((2, height, width, 3), np.float32)
+    for top in range(0, height, rows):
+        band = slice(top, top + rows)
+        mean[band], std[band] = clipped_moments([frame[band] for frame in frames], config)
+    return mean, std
 
 
 def background_from_frames(
@@ -72,12 +86,13 @@ def _moments(
     """Return mean, variance and number of the values used, per pixel and channel; `clip` holds the
     centre and the largest deviation from it.
     """
-    total = squares = number = reference = np.zeros(0, np.float32)
+    total = squares = number = reference = difference = np.zeros(0, np.float32)
     for frame in frames:
         if not reference.size:  # sums of small differences stay exact enough in float32
             reference = frame.astype(np.float32) if clip is None else clip[0]
             total, squares, number = (np.zeros_like(reference) for _ in range(3))
-        difference = frame - reference
+            difference = np.empty_like(reference)
+        np.subtract(frame, reference, out=difference)
         if clip is None:
             number += 1
         else:

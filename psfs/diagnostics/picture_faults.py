@@ -137,8 +137,11 @@ def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
             )
             shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
             shift, _ = cv2.phaseCorrelate(plate, shown, window)
-            back = np.roll(shown, [-round(s) for s in shift[::-1]], axis=(0, 1))
-            better = _correlation(plate, back) > _correlation(plate, shown) + config.gain
+            back = [-round(s) for s in shift[::-1]]
+            better = any(back) and (
+                _correlation(plate, np.roll(shown, back, axis=(0, 1)))
+                > _correlation(plate, shown) + config.gain
+            )
             moves.append(shift if better else (0.0, 0.0))
         moved = np.array(moves)
         away = np.linalg.norm(moved, axis=1) > config.knocked

@@ -74,7 +74,7 @@ def small_views(
             silhouettes = evidence_of(small) > 0
             pairs = list(zip(shrink.small, silhouettes, strict=True))
             outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
-            foreground.append([mask.sum() / np.prod(c.size) for c, mask in pairs])
+            foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
             grey = None if small.images is None else _grey(small.images)
             gains.append(_gains(grey, plates, silhouettes))
             if number in kept:
@@ -119,12 +119,22 @@ def outline_of(mask: np.ndarray, least: int = 40) -> Outline | None:
     """Return the outline of a silhouette (h, w) bool after a 3x3 median; None if its largest part
     has fewer pixels than `least`."""
     smooth = cv2.medianBlur(mask.astype(np.uint8), 3)
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
+    x, y, width, height = cv2.boundingRect(smooth)
+    if not width:
+        return None
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(
+        smooth[y : y + height, x : x + width], connectivity=8
+    )
     areas = facts[1:count, cv2.CC_STAT_AREA]
     if not len(areas) or areas.max() < least:
         return None
-    rows, columns = np.nonzero(labels == 1 + int(areas.argmax()))
-    corners = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)).reshape(-1, 2)
+    part = 1 + int(areas.argmax())
+    left, top, width, height = facts[part, : cv2.CC_STAT_HEIGHT + 1]
+    rows = labels[top : top + height, left : left + width] == part
+    # The ends of the part's rows, of which it has some in each, have the hull of all of it.
+    ends = np.array([rows.argmax(1), width - 1 - rows[:, ::-1].argmax(1)]) + left
+    points = np.column_stack([ends.ravel(), np.tile(np.arange(top, top + height), 2)])
+    corners = cv2.convexHull(points.astype(np.int32)).reshape(-1, 2) + np.array([x, y])
     last = np.array(mask.shape[::-1]) - 2
     at_border = ((corners <= 1) | (corners >= last)).any(axis=1)
     return Outline(corners.astype(float), np.asarray(at_border), int(areas.max()))
@@ -182,6 +192,7 @@ def _gains(
         return [float("nan")] * len(silhouettes)
     gains = []
     for picture, plate, mask in zip(grey, plates, silhouettes, strict=True):
-        rest = ~mask & (plate > 0)
-        gains.append(picture[rest].mean() / plate[rest].mean() if rest.any() else float("nan"))
+        rest = np.where(mask, np.uint8(0), plate)
+        shown = cv2.mean(picture, rest)[0]
+        gains.append(shown / cv2.mean(plate, rest)[0] if rest.any() else float("nan"))
     return gains

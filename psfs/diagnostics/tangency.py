@@ -61,6 +61,7 @@ class Tangency:
         self._target = axes_meet_ahead(rig)
         self._planes: dict[tuple[int, int, int], np.ndarray] = {}
         self._rays: dict[tuple[int, int], np.ndarray] = {}
+        self._axes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = {}
         spans = [
             np.nanmedian(np.diff(planes))
             for a in range(len(rig))
@@ -158,12 +159,15 @@ class Tangency:
         """Return two directions across the line between two cameras, the first to the scene, and
         the scene's distance from that line."""
         low, high = min(a, b), max(a, b)
-        line = self.rig[high].centre - self.rig[low].centre
-        line = line / max(float(np.linalg.norm(line)), 1e-12)
-        across = self._target - self.rig[low].centre
-        across = across - line * (across @ line)
-        distance = max(float(np.linalg.norm(across)), 1e-12)
-        return across / distance, np.cross(line, across / distance), distance
+        if (low, high) not in self._axes:
+            line = self.rig[high].centre - self.rig[low].centre
+            line = line / max(float(np.linalg.norm(line)), 1e-12)
+            across = self._target - self.rig[low].centre
+            across = across - line * (across @ line)
+            distance = max(float(np.linalg.norm(across)), 1e-12)
+            second = np.cross(line, across / distance)
+            self._axes[low, high] = across / distance, second, distance
+        return self._axes[low, high]
 
     def _of_rays(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
         first, second, distance = self._axis(camera, other)

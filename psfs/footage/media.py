@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -98,9 +99,9 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
     if paths[0].suffix.lower() not in VIDEO_SUFFIXES:
         return Media(name, tuple(paths), picture_size(paths[0]), len(paths))
     path = paths[0]
-    size = picture_size(path)
     capture = _open_capture(path)
     try:
+        size = _first_size(capture, path)
         count = _true_count(capture, path)
         fps = capture.get(cv2.CAP_PROP_FPS)
     finally:
@@ -108,16 +109,30 @@ def open_media(name: str, paths: Sequence[Path]) -> Media:
     return Media(name, (path,), size, count, fps if fps > 0 else None)
 
 
+def opened_media(paths: Mapping[str, Sequence[Path]]) -> tuple[Media, ...]:
+    """Look into the videos or images of every camera, by name, at the same time. Raises
+    InputError as `open_media` does."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return tuple(pool.map(open_media, paths, paths.values()))
+
+
 def picture_size(path: Path) -> tuple[int, int]:
     """Return (width, height), px, of an image or of a video's first frame."""
     if path.suffix.lower() not in VIDEO_SUFFIXES:
-        image = read_picture(path)
-    else:
-        capture = _open_capture(path)
-        _, image = capture.read()
+        height, width = read_picture(path).shape[:2]
+        return width, height
+    capture = _open_capture(path)
+    try:
+        return _first_size(capture, path)
+    finally:
         capture.release()
-        if image is None:
-            raise InputError(f"{path}: no frame can be decoded; expected a video")
+
+
+def _first_size(capture: cv2.VideoCapture, path: Path) -> tuple[int, int]:
+    """Decode the first frame, and return its size."""
+    _, image = capture.read()
+    if image is None:
+        raise InputError(f"{path}: no frame can be decoded; expected a video")
     return image.shape[1], image.shape[0]
 
 

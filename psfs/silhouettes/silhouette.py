@@ -228,8 +228,9 @@ def background_planes(background: Background, config: BackgroundConfig) -> np.nd
     mean, std = (np.moveaxis(array, -1, 1) for array in (background.mean, background.std))
     planes = np.empty((len(mean), 8, *mean.shape[2:]), np.float32)
     planes[:, :3] = mean
-    sigma = np.maximum(std, np.float32(config.sigma_floor), order="C")
-    planes[:, 3:6] = sigma**-2
-    planes[:, 6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(1)
-    planes[:, 7] = config.shadow_width(np.moveaxis(planes[:, :3], 1, -1)) ** -2
+    for view, own in enumerate(planes):  # what is made on the way stays small
+        sigma = np.maximum(std[view], np.float32(config.sigma_floor), order="C")
+        own[3:6] = sigma**-2
+        own[6] = np.log(256 / (np.sqrt(2 * np.pi) * sigma)).sum(0)
+        own[7] = config.shadow_width(np.moveaxis(own[:3], 0, -1)) ** -2
     return planes

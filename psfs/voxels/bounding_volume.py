@@ -57,7 +57,8 @@ def reachable_box(
 def largest_parts_box(
     rig: CameraRig, evidence: list[np.ndarray], grid: VoxelGrid, min_cameras: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the box, m, around the largest connected part of every frame; None without any."""
+    """Return the box, m, around the largest connected part of every frame; None without any.
+    evidence: of every frame, as `without_speckle` leaves it."""
     centres = grid.centres()
     votes = np.zeros((len(evidence), grid.size), np.int32)
     seeing = np.zeros(grid.size, np.int32)
@@ -67,8 +68,9 @@ def largest_parts_box(
             continue
         seeing += inside
         covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
+        seen, pixels = np.flatnonzero(inside), row * rig.width + column
         for frame, maps in enumerate(evidence):
-            votes[frame, inside] += _widened(maps[view], covered)[row, column]
+            votes[frame, seen] += _widened(maps[view], covered).ravel()[pixels]
     occupied = (votes > 0) & (seeing >= min_cameras)
     parts = [largest_part_box(frame.reshape(grid.shape)) for frame in occupied]
     corners = np.array([part for part in parts if part is not None])
@@ -78,10 +80,23 @@ def largest_parts_box(
     return grid.origin + low * grid.voxel_size, grid.origin + high * grid.voxel_size
 
 
+def without_speckle(evidence: np.ndarray) -> np.ndarray:
+    """Return evidence maps (V, H, W) int8 after a 5x5 median."""
+    return np.stack([_of_bytes(cv2.medianBlur(_bytes(view), 5)) for view in evidence])
+
+
 def _widened(evidence: np.ndarray, pixels: float) -> np.ndarray:
-    """Return evidence (H, W) without speckle, its foreground widened to voxels `pixels` across."""
-    offset = np.uint8(128)  # between int8 and the 0..255 that OpenCV wants
-    smooth = cv2.medianBlur(evidence.view(np.uint8) ^ offset, 5)
+    """Return evidence (H, W), its foreground widened to voxels `pixels` across."""
     size = max(1, round(pixels))
-    wide = np.asarray(cv2.dilate(smooth, np.ones((size, size), np.uint8)), np.uint8)
-    return (wide ^ offset).view(np.int8)
+    return _of_bytes(cv2.dilate(_bytes(evidence), np.ones((size, size), np.uint8)))
+
+
+def _bytes(evidence: np.ndarray) -> np.ndarray:
+    """Return int8 as the 0..255 that OpenCV wants, in the same order."""
+    raised: np.ndarray = evidence.view(np.uint8) ^ np.uint8(128)
+    return raised
+
+
+def _of_bytes(raised: object) -> np.ndarray:
+    lowered: np.ndarray = (np.asarray(raised, np.uint8) ^ np.uint8(128)).view(np.int8)
+    return lowered

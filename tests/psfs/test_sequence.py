@@ -11,12 +11,14 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from helpers import footage
+from helpers import footage, scenes
 from helpers.shared import shared_data
 
 from cl import InputError
+from psfs.background import gaussian
 from psfs.background.config import PlateConfig
 from psfs.background.gaussian import (
+    background_from_plates,
     clipped_moments,
     median_moments,
 )
@@ -211,6 +213,24 @@ def test_background_moments() -> None:
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
     assert (mean == 9).all() and (std >= PlateConfig().std_floor).all()
+
+
+def test_plates_are_the_same_held_in_bands_or_decoded_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random, rig = np.random.default_rng(5), scenes.ring(1, (64, 48))
+    for number in range(5):
+        picture = random.integers(0, 255, (48, 64, 3)).astype(np.uint8)
+        assert cv2.imwrite(str(tmp_path / f"{number}.png"), picture)
+    media = [open_media("c0", sorted(tmp_path.iterdir()))]
+    found = []
+    for n_bytes in (0, 2**26):
+        monkeypatch.setattr(gaussian, "_HELD_BYTES", n_bytes)
+        monkeypatch.setattr(gaussian, "_BAND_BYTES", 2**15)  # ten rows
+        found.append(background_from_plates(rig, media))
+    assert found[0].mean.std() > 1 and found[0].std.std() > 1
+    np.testing.assert_array_equal(found[0].mean, found[1].mean)
+    np.testing.assert_array_equal(found[0].std, found[1].std)
 
 
 def test_prefetch_stops_cleanly_and_passes_errors_on() -> None:

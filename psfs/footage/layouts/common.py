@@ -11,7 +11,7 @@ from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import matched
 from psfs.cameras.units import Unit
-from psfs.footage.media import Media, open_media, picture_size
+from psfs.footage.media import Media, opened_media, picture_size
 from psfs.footage.settings import Settings
 
 #: Files by camera name, as found in a folder.
@@ -80,7 +80,7 @@ def assigned(
     rig = chosen(calibrated, settings)
     wanted = rig.names if subset else None
     pairs, note = matched(calibrated.names, list(found), str(where), wanted)
-    media = tuple(open_media(name, found[pairs[name]]) for name in rig.names)
+    media = opened_media({name: found[pairs[name]] for name in rig.names})
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:
             raise InputError(

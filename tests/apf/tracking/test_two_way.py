@@ -24,6 +24,7 @@ from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import watched
 from apf.tracking.two_way import TwoWayConfig, best_path, both_ways, combined, exchanged
 from cl import Device, DeviceError, InputError, NumpyDevice
+from psfs.sequence import Frame
 
 BODY = load_body("song31")
 N_LIMBS = len(limb_masks(BODY))
@@ -224,7 +225,7 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     pictures = random.integers(0, 255, (*shape, 3)).astype(np.uint8)
     before = surface_voxels(device, walker(0))
     before.evidence = device.to_device(evidence)
-    before.pictures = lambda: device.to_device(pictures)  # type: ignore[method-assign]
+    before.frame = Frame(0, pictures, None)
     kept = cropped(device, before)
     assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
     after = kept.restored(device)
