@@ -20,12 +20,19 @@ def tables_of(results: Results) -> list[Grid]:
         for name, section in results.sections.items()
         if name.startswith("workers ")
     }
+    # From the least to compute on up, in whichever order they were measured.
+    rows = dict(sorted(rows.items(), key=_size))
     grids = [throughput_table(rows), stages_table(rows)] if rows else []
     if any("core_stages" in row for row in rows.values()):
         grids.append(stages_table(rows, "core_stages", "CPU time of a take, s of a core"))
     if rows and "decoding" in results.sections:
         grids.append(decoding_table(results.sections["decoding"], rows))
     return grids
+
+
+def _size(row: tuple[str, Any]) -> tuple[int, int, bool]:
+    label, of = row
+    return of["gpus"], of["workers"], "not" in label
 
 
 def throughput_table(rows: dict[str, Any]) -> Grid:
