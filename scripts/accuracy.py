@@ -6,15 +6,14 @@
     scripts/accuracy.py FOLDER --thesis [--seconds 250] [-o OUT]
 
     scripts/accuracy.py --suite FOLDER [--seeds 5] [--start found true] [--processes 4]
-        [--by triangulation voxels keypoints both] [--preset song] [-o OUT]
+        [--by triangulation voxels keypoints both] [--preset song] [--ablation] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
 first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others
 
 write OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
-and print tables.
-Without folders they film walks of its own. A second call with the same OUT goes on where the first
-stopped.
+and print tables. Without folders they film walks of its own. A second call with the same OUT goes
+on where the first stopped.
 """
 
 from __future__ import annotations
@@ -29,7 +28,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from accuracy.ablation import ABLATIONS
 from accuracy.processes import do_jobs, workers_of
+from accuracy.published import publish_suite
 from accuracy.recordings import Recording, record
 from accuracy.report import grids, headline, joints, plot, write_summary, write_tables
 from accuracy.runs import Results, run, together
@@ -44,7 +45,7 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import publish_suite, suite_grid, suite_rows, write_suite
+from accuracy.suite_report import suite_grid, suite_rows, write_suite
 from accuracy.thesis import TABLES as THESIS
 from accuracy.thesis import publish_thesis, thesis_plan, write_thesis
 from timings.report.readme import replace_marked
@@ -124,11 +125,9 @@ def main() -> int:
         action="append",
         default=[],
         choices=list(PRESETS),
-        help="a paper's settings, too, beside the defaults, with --suite; with --thesis in their "
-        "place; several times for several",
+        help="a paper's settings, too, with --suite; with --thesis in the defaults' place",
     )
-    alone = "with --suite: without the defaults"
-    parser.add_argument("--presets-only", action="store_true", help=alone)
+    parser.add_argument("--presets-only", action="store_true", help="without the defaults")
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument(
@@ -139,13 +138,15 @@ def main() -> int:
         help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
         "place, both; those of keypoints where a sequence has some (voxels)",
     )
+    ablated = "the defaults without each of their parts, too"
+    group.add_argument("--ablation", action="store_true", help=ablated)
     group.add_argument("--processes", type=int, default=1, metavar="P", help="at once (1)")
     group.add_argument("--scheduler", metavar="ADDRESS", help="on the workers of a Dask cluster")
     parser.add_argument(
         "--readme",
         action="store_true",
         help="instead of any run: the README's table from OUT/results.json of a suite; of presets "
-        "alone, beside OUT/../suite, and of other runs the tables of docs/accuracy.md",
+        "alone, beside OUT/../suite, of an ablation, and of others the tables of docs/accuracy.md",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"
@@ -230,6 +231,7 @@ def _run_suite(args: argparse.Namespace, device: Device) -> None:
     varied = ("method", "objective", "particles", "layers")
     first = {name: getattr(args, name)[0] for name in varied}
     presets = ([] if args.presets_only else [""]) + args.preset
+    presets += list(ABLATIONS) if args.ablation else []
     settings = dict(suite_settings(folders, args.start, args.by, first, presets))
     conditions = _conditions(args, device, folders)
     results = Results.resumed(args.out / "results.json", conditions)

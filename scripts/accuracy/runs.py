@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from accuracy.ablation import settings_of
 from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
 from apf.filters.method import OBJECTIVES, Method
 from apf.formats.trc import JointSeries
-from apf.presets import preset
 from apf.results.evaluate import evaluate
 from apf.scene import Scene
 from apf.tracking.pipeline import track_of, track_voxels
@@ -88,7 +88,7 @@ def method_of(setting: Setting, seed: int) -> Method:
     likelihood joined by +, such as edge+silhouette. Raises InputError."""
     objective, _, vertices = setting.objective.partition("@")
     if setting.preset:
-        settings = preset(setting.preset, search=setting.method, objective=objective)
+        settings = settings_of(setting.preset, search=setting.method, objective=objective)
         return _shaped(_sized(settings.method, setting, seed), vertices)
     weights: dict[str, Any] = {}
     if objective not in OBJECTIVES:

@@ -15,7 +15,8 @@ class Setting:
     """All that distinguishes runs but their seed. step: every so many frames are used. start: the
     first pose, "true" from the true joints, "found" from the pictures alone, "none" for
     triangulation, which has no pose. witness: what is looked at, one of `WITNESSES`. preset: whose
-    settings all others are, but for those that the rest of this says; "" for the defaults."""
+    settings all others are, a paper's or those of `ABLATIONS`, but for those that the rest of this
+    says; "" for the defaults."""
 
     sequence: str
     cameras: int

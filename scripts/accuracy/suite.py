@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import tomllib
 
+from accuracy.ablation import settings_of
 from accuracy.recordings import opened
 from accuracy.runs import Results, Run, method_of, run_of
 from accuracy.settings import Setting
@@ -25,7 +26,7 @@ from apf.body.stature import stature
 from apf.formats.trc import JointSeries
 from apf.initialisation import StartError
 from apf.keypoints import Keypoints
-from apf.presets import Preset, preset
+from apf.presets import Preset
 from apf.results.evaluate import (
     LIMB_ENDS,
     LOST_JOINT,
@@ -69,7 +70,7 @@ class Job:
     def settings(self) -> Preset:
         """The preset's, or the defaults."""
         name = self.setting.preset if self.setting is not None else self.preset
-        return preset(name) if name else Preset()
+        return settings_of(name) if name else Preset()
 
     @property
     def silhouettes(self) -> str:
@@ -289,7 +290,7 @@ class KeptSilhouettes:
 
 def of_preset(name: str) -> dict[str, Any]:
     """What a preset's runs are told from others by. Raises InputError for an unknown one."""
-    method = preset(name).method
+    method = settings_of(name).method
     search = method.filter.search
     size = {"particles": search.n_particles, "layers": search.n_layers}
     return {"method": method.search, "objective": method.objective, "preset": name, **size}

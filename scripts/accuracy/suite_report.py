@@ -14,13 +14,12 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Patch
-from timings.report.readme import replace_marked
 from timings.tables.grid import NONE, Grid
 
+from accuracy.ablation import ABLATIONS
 from accuracy.runs import Results, Run
-from accuracy.settings import WITNESSES, Setting
+from accuracy.settings import Setting
 from apf.results.flags import FlagCounts
-from cl import InputError
 from psfs.common.files import written_whole
 
 _NOTE = (
@@ -165,76 +164,8 @@ def suite_grid(rows: Sequence[Row]) -> Grid:
     for group in _groups(rows):
         of = [row for row in rows if row.group == group]
         if len(of) > 1:
-            cells.append(["all", "", *_mean_row(of).cells()[2:]])
+            cells.append(["all", "", *mean_row(of).cells()[2:]])
     return Grid("Errors over the suite", _COLUMNS, cells, _NOTE)
-
-
-def suite_headline(results: Results) -> str:
-    """Markdown for the README: means of the default's runs from their own start. Raises InputError
-    if there are none."""
-    settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
-    rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
-    voxels = {row.sequence: row for row in rows if row.witness == "voxels"}
-    if not voxels:
-        raise InputError("the results hold no runs of a suite by voxels from a start of their own")
-    witnesses = [w for w in WITNESSES if any(row.witness == w for row in rows)]
-    cells = []
-    for name, own in sorted(voxels.items()):
-        by = {row.witness: row for row in rows if row.sequence == name}
-        shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in witnesses]
-        cells.append([name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *shown])
-    own = list(voxels.values())
-    means = [np.mean([r.limbs for r in rows if r.witness == w]) for w in witnesses]
-    mean = f"{np.mean([row.mean for row in own]):.1f}"
-    cells.append(["mean", "", mean, *(f"{value:.1f}" for value in means)])
-    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in witnesses)]
-    about = (
-        f"{own[0].runs} seeds, from a start of their own; "
-        f"{results.conditions['device']}, {results.made}, commit "
-        f"{results.conditions['commit'] or 'unknown'}. Keypoints are of a pose network; "
-        "triangulation has nothing else, both: voxels and keypoints."
-    )
-    return Grid("Mean error, mm", columns, cells, about).markdown()
-
-
-def publish_suite(root: Path, results: Results) -> None:
-    """Write the README's table, or that of presets, where there is nothing else, into
-    docs/accuracy.md, beside the defaults' in the folder `suite` next to theirs."""
-    if any(not run.setting.preset for run in results.runs):
-        replace_marked(root / "README.md", "accuracy", suite_headline(results))
-        return
-    defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
-    replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
-
-
-def presets_headline(results: Results, defaults: Results) -> str:
-    """Markdown: mean error from a start of their own, of the defaults and of each preset."""
-    columns: dict[str, dict[str, Row]] = {"default": {}}
-    for run in (*defaults.runs, *results.runs):
-        setting, source = run.setting, results if run.setting.preset else defaults
-        if setting.witness == "voxels" and setting.start == "found":
-            row = Row.of(setting, source.of(setting), float("nan"))
-            columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
-    cells = [
-        [name, *(_of_preset(of[name]) if name in of else NONE for of in columns.values())]
-        for name in sorted({name for of in columns.values() for name in of})
-    ]
-    about = "; ".join(
-        f"{what}: {of.conditions['device']}, {of.made}, commit {of.conditions['commit']}, "
-        f"up to {max(run.seed for run in of.runs) + 1} seeds"
-        for what, of in (("default", defaults), ("presets", results))
-    )
-    note = f"mm, ± between seeds; far: beyond 150 mm. {about}."
-    return Grid(
-        "Mean error from a start of their own", ["sequence", *columns], cells, note
-    ).markdown()
-
-
-def _of_preset(row: Row) -> str:
-    if row.failed == row.runs:
-        return "nobody found"
-    deviation = f" ± {row.std:.1f}" if row.runs - row.failed > 1 else ""
-    return f"{row.mean:.1f}{deviation}, {100 * row.lost_joints:.0f} % far"
 
 
 def _groups(rows: Sequence[Row]) -> list[Group]:
@@ -242,7 +173,7 @@ def _groups(rows: Sequence[Row]) -> list[Group]:
     return list(dict.fromkeys(row.group for row in rows))
 
 
-def _mean_row(rows: Sequence[Row]) -> Row:
+def mean_row(rows: Sequence[Row]) -> Row:
     """Means over sequences, sums of counts, no cameras; the deviation is that between sequences,
     the stature's error without its sign."""
 
@@ -293,7 +224,9 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
 
 
 def _plot(path: Path, results: Results, rows: Sequence[Row]) -> None:
-    """A row per sequence; a dot per run, a bar for the mean of its preset, witness and start."""
+    """A row per sequence; a dot per run, a bar for the mean of its preset, witness and start. Those
+    of an ablation are too many."""
+    rows = [row for row in rows if row.preset not in ABLATIONS] or rows
     sequences, groups = list(dict.fromkeys(row.sequence for row in rows)), _groups(rows)
     size = (12, 1.4 + len(sequences) * max(0.55, 0.2 * len(groups)))
     panels: tuple[tuple[str, Callable[[Run], float]], ...] = (

@@ -21,6 +21,7 @@ from helpers.shared import ROOT
 import psfs
 from apf.body import load_body
 from apf.formats.trc import JointSeries
+from apf.presets import Preset
 from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
@@ -30,6 +31,8 @@ from cl import Device, InputError
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import accuracy.suite as suite
+from accuracy.ablation import ABLATIONS, settings_of
+from accuracy.published import ablation_table, presets_headline, suite_headline
 from accuracy.runs import Results, Run
 from accuracy.settings import Setting
 from accuracy.suite import (
@@ -40,14 +43,7 @@ from accuracy.suite import (
     suite_folders,
     suite_settings,
 )
-from accuracy.suite_report import (
-    Row,
-    presets_headline,
-    suite_grid,
-    suite_headline,
-    suite_rows,
-    write_suite,
-)
+from accuracy.suite_report import Row, suite_grid, suite_rows, write_suite
 
 SCRIPT = ROOT / "scripts" / "accuracy.py"
 FRAMES = 3
@@ -286,6 +282,30 @@ def test_presets_beside_the_defaults(tmp_path: Path) -> None:
     shown = presets_headline(results, defaults)
     assert "| sequence | default | song | rymut |" in shown
     assert "| walk | 42.0 ± 2.8, 25 % far | 70.0, 25 % far | nobody found |" in shown
+
+
+def test_every_ablation_changes_the_defaults() -> None:
+    found = [settings_of(name, search="apf", objective="voxel") for name in ABLATIONS]
+    assert all(one.method != Preset().method or one.reconstruction != Preset().reconstruction
+               for one in found)  # fmt: skip
+    changed = {repr((one.method, one.reconstruction)) for one in found}
+    assert len(changed) == len(ABLATIONS)
+    with pytest.raises(InputError, match="by no such name"):
+        settings_of("by no such name")
+
+
+def test_the_table_of_an_ablation(tmp_path: Path) -> None:
+    conditions = {"device": "abacus", "commit": "c0ffee"}
+    results = Results(tmp_path / "results.json", conditions)
+    for name, mean in (("no rim", 41.0), ("no contours", 50.0)):
+        results.add(a_run(replace(FOUND, preset=name), 0, mean))
+    with pytest.raises(InputError, match="no runs of the defaults"):
+        ablation_table(results)
+    results.add(a_run(FOUND, 0, 40.0))
+    rows = [line for line in ablation_table(results).splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[:2] for row in rows[2:]] == [
+        ["| the defaults", "40.0"], ["| no contours", "50.0"], ["| no rim", "41.0"],
+    ]  # fmt: skip
 
 
 def test_headings_by_the_hips() -> None:

@@ -1,0 +1,60 @@
+"""What the default does without one of its parts: settings by name, like presets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from apf.filters.method import Method
+from apf.presets import Preset, preset
+from psfs.common.configs import changed_config
+
+
+def _filter(settings: Preset, **changes: Any) -> Preset:
+    changed = settings.method.filter.changed(**changes)
+    return replace(settings, method=replace(settings.method, filter=changed))
+
+
+def _method(settings: Preset, **changes: Any) -> Preset:
+    return replace(settings, method=replace(settings.method, **changes))
+
+
+def _silhouettes(settings: Preset, part: str, **changes: Any) -> Preset:
+    changed = changed_config(settings.reconstruction, {"silhouette": {part: changes}})
+    return replace(settings, reconstruction=changed)
+
+
+#: What is left out, and how.
+ABLATIONS: dict[str, Callable[[Preset], Preset]] = {
+    "no edges": partial(_filter, edge_weight=0.0),
+    "no silhouettes": partial(_filter, silhouette_weight=0.0),
+    "no surface": partial(_filter, surface_weight=0.0),
+    "no contours": partial(_filter, contour_weight=0.0),
+    "no colours of parts": partial(_filter, part_colour_weight=0.0),
+    "no overlap": partial(_filter, overlap_weight=0.0),
+    "no posture prior": partial(_filter, posture_prior_weight=0.0),
+    "no velocity": partial(_filter, velocity=0.0),
+    "no trunk first": partial(_filter, trunk_layers=0),
+    "no refinement, no limb search": partial(_filter, refinement_steps=0),
+    "no limb search": partial(_filter, limb_search_reach=0.0),
+    "no rounds of it": partial(_filter, limb_search_rounds=0),
+    "no silhouette recall": partial(_filter, limb_search_least_recall=0.0),
+    "no way back": partial(_method, both_ways=False),
+    "no recovery": partial(_method, recover=False),
+    "no holes filled": partial(_filter, foreground_join_on=False),
+    "no floor's shadows": partial(_silhouettes, part="floor", on=False),
+    "no rim": partial(_silhouettes, part="rim", on=False),
+    "no smoothing": partial(_silhouettes, part="smoothing", reach=0),
+    "no learning": partial(_silhouettes, part="appearance", learn=False),
+    "50 particles x 5 layers": partial(_filter, n_particles=50, n_layers=5),
+}
+
+
+def settings_of(name: str, **choice: Any) -> Preset:
+    """Return the defaults without a part, by its name in `ABLATIONS`, or a preset; with another
+    `search` or `objective` if one is stated. Raises InputError for an unknown name."""
+    if name not in ABLATIONS:
+        return preset(name, **choice)
+    return ABLATIONS[name](Preset(name, Method.of(**choice)))

@@ -1,0 +1,117 @@
+"""The tables of suites in README and docs/accuracy.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from timings.report.readme import replace_marked
+from timings.tables.grid import NONE, Grid
+
+from accuracy.ablation import ABLATIONS
+from accuracy.runs import Results
+from accuracy.settings import WITNESSES
+from accuracy.suite_report import Row, mean_row, suite_rows
+from cl import InputError
+
+
+def suite_headline(results: Results) -> str:
+    """Markdown for the README: means of the default's runs from their own start. Raises InputError
+    if there are none."""
+    settings = dict.fromkeys(run.setting for run in results.runs if not run.setting.preset)
+    rows = [r for r in suite_rows(results, list(settings), lambda _: np.nan) if r.start != "true"]
+    voxels = {row.sequence: row for row in rows if row.witness == "voxels"}
+    if not voxels:
+        raise InputError("the results hold no runs of a suite by voxels from a start of their own")
+    witnesses = [w for w in WITNESSES if any(row.witness == w for row in rows)]
+    cells = []
+    for name, own in sorted(voxels.items()):
+        by = {row.witness: row for row in rows if row.sequence == name}
+        shown = [f"{by[w].limbs:.1f}" if w in by else NONE for w in witnesses]
+        cells.append([name, str(own.cameras), f"{own.mean:.1f} ± {own.std:.1f}", *shown])
+    own = list(voxels.values())
+    means = [np.mean([r.limbs for r in rows if r.witness == w]) for w in witnesses]
+    mean = f"{np.mean([row.mean for row in own]):.1f}"
+    cells.append(["mean", "", mean, *(f"{value:.1f}" for value in means)])
+    columns = ["sequence", "cameras", "15 joints: voxels", *(f"12 joints: {w}" for w in witnesses)]
+    about = (
+        f"{own[0].runs} seeds, from a start of their own; "
+        f"{results.conditions['device']}, {results.made}, commit "
+        f"{results.conditions['commit'] or 'unknown'}. Keypoints are of a pose network; "
+        "triangulation has nothing else, both: voxels and keypoints."
+    )
+    return Grid("Mean error, mm", columns, cells, about).markdown()
+
+
+def publish_suite(root: Path, results: Results) -> None:
+    """Write the README's table; or into docs/accuracy.md that of an ablation, or of presets, where
+    there is nothing else, beside the defaults' in the folder `suite` next to theirs."""
+    if any(run.setting.preset in ABLATIONS for run in results.runs):
+        replace_marked(root / "docs" / "accuracy.md", "ablation", ablation_table(results))
+        return
+    if any(not run.setting.preset for run in results.runs):
+        replace_marked(root / "README.md", "accuracy", suite_headline(results))
+        return
+    defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
+    replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
+
+
+def ablation_table(results: Results) -> str:
+    """Markdown: means over the sequences, and each one's mean error, of the defaults and without
+    each of their parts, the most missed first. Raises InputError without the defaults' runs."""
+    settings = dict.fromkeys(run.setting for run in results.runs)
+    rows = suite_rows(results, list(settings), lambda _: np.nan)
+    groups = {name: [r for r in rows if r.preset == name] for name in ("", *ABLATIONS)}
+    if not groups[""]:
+        raise InputError("the results hold no runs of the defaults beside those of an ablation")
+    means = {name: mean_row(of) for name, of in groups.items() if of}
+    own = means.pop("")
+    names = sorted({row.sequence for row in groups[""]})
+
+    def cells(shown: str, mean: Row, of: Sequence[Row]) -> list[str]:
+        by = {row.sequence: f"{row.mean:.1f}" for row in of}
+        figures = [f"{mean.mean:.1f}", f"{mean.rest:.1f}", f"{100 * mean.lost_joints:.1f} %"]
+        return [shown, *figures, f"{mean.wrists:.0f}", *(by.get(name, NONE) for name in names)]
+
+    table = [cells("the defaults", own, groups[""])]
+    for name, mean in sorted(means.items(), key=lambda of: -of[1].mean):
+        table.append(cells(name, mean, groups[name]))
+    starts = {"found": "a start of their own", "true": "the true first joints"}
+    about = (
+        f"mm; far: beyond 150 mm. From {' and '.join(starts[s] for s in {r.start for r in rows})}, "
+        f"up to {max(run.seed for run in results.runs) + 1} seeds; "
+        f"{results.conditions['device']}, {results.made}, commit {results.conditions['commit']}."
+    )
+    columns = ("without", "mean", "free", "far", "wrists", *names)
+    return Grid("Without a part", columns, table, about).markdown()
+
+
+def presets_headline(results: Results, defaults: Results) -> str:
+    """Markdown: mean error from a start of their own, of the defaults and of each preset."""
+    columns: dict[str, dict[str, Row]] = {"default": {}}
+    for run in (*defaults.runs, *results.runs):
+        setting, source = run.setting, results if run.setting.preset else defaults
+        if setting.witness == "voxels" and setting.start == "found":
+            row = Row.of(setting, source.of(setting), float("nan"))
+            columns.setdefault(setting.preset or "default", {})[setting.sequence] = row
+    cells = [
+        [name, *(_of_preset(of[name]) if name in of else NONE for of in columns.values())]
+        for name in sorted({name for of in columns.values() for name in of})
+    ]
+    about = "; ".join(
+        f"{what}: {of.conditions['device']}, {of.made}, commit {of.conditions['commit']}, "
+        f"up to {max(run.seed for run in of.runs) + 1} seeds"
+        for what, of in (("default", defaults), ("presets", results))
+    )
+    note = f"mm, ± between seeds; far: beyond 150 mm. {about}."
+    return Grid(
+        "Mean error from a start of their own", ["sequence", *columns], cells, note
+    ).markdown()
+
+
+def _of_preset(row: Row) -> str:
+    if row.failed == row.runs:
+        return "nobody found"
+    deviation = f" ± {row.std:.1f}" if row.runs - row.failed > 1 else ""
+    return f"{row.mean:.1f}{deviation}, {100 * row.lost_joints:.0f} % far"
