@@ -131,10 +131,7 @@ def main() -> int:
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument(
-        "--by",
-        nargs="+",
-        choices=WITNESSES,
-        default=["voxels"],
+        "--by", nargs="+", choices=WITNESSES, default=["voxels"],
         help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
         "place, both; those of keypoints where a sequence has some (voxels)",
     )
