@@ -9,9 +9,8 @@
         [--by triangulation voxels keypoints both] [--preset song] [--ablation] [-o OUT]
 
 tracks every sequence with truth.npz in FOLDER, from nothing but its pictures and from the true
-first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others
-
-write OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
+first joints: OUT/suite.md, suite.csv, suite.png, runs.csv, results.json. The others write
+OUT/results.json (all runs), runs.csv, tables.csv, tables.md (or thesis.md) and accuracy.png,
 and print tables. Without folders they film walks of its own. A second call with the same OUT goes
 on where the first stopped.
 """
@@ -131,7 +130,10 @@ def main() -> int:
     group = parser.add_argument_group("of --suite")
     group.add_argument("--start", nargs="+", choices=STARTS, default=list(STARTS), help="both")
     group.add_argument(
-        "--by", nargs="+", choices=WITNESSES, default=["voxels"],
+        "--by",
+        nargs="+",
+        choices=WITNESSES,
+        default=["voxels"],
         help="what is looked at, side by side: keypoints triangulated, voxels, keypoints in their "
         "place, both; those of keypoints where a sequence has some (voxels)",
     )
