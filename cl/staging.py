@@ -1,13 +1,16 @@
-"""Uploads of the next frame while the device works on this one."""
+"""What is made of the next frame while the device works on this one, its upload first."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pyopencl
 
 from cl import Array, Device
+from cl.errors import failing_as_device
 
 
 class Uploads:
@@ -57,6 +60,45 @@ class Uploads:
         )
         self._device.record("copy", self._taken[self._next])
         self._next = 1 - self._next
+
+
+class Ahead:
+    """Arrays of so many `shapes` and types that are `written`, zero before, for the next frame
+    while those of this one are still `read`. `show()` makes what is written what is read.
+
+    On a GPU both lie in one piece of memory each, so that showing is one copy (17 MB: 12 us); on a
+    CPU, which does one thing at a time, they are the same arrays.
+    """
+
+    def __init__(
+        self, device: Device, shapes: Sequence[tuple[tuple[int, ...], Any]], what: str
+    ) -> None:
+        self._device = device
+        if not device.is_gpu:
+            self.read = self.written = [device.zeros(*each, what) for each in shapes]
+            return
+        align = max(1, device.handle.mem_base_addr_align // 8)
+        sizes = [math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes]
+        places = np.cumsum([0, *(-(-max(1, size) // align) * align for size in sizes)])
+        self._whole = [device.zeros((int(places[-1]),), np.uint8, what) for _ in range(2)]
+        self.written, self.read = (
+            [
+                Array(device, whole.buffer.get_sub_region(int(place), max(1, size)), *each)
+                for place, size, each in zip(places[:-1], sizes, shapes, strict=True)
+            ]
+            for whole in self._whole
+        )
+
+    def show(self) -> None:
+        """Enqueue the copy of what is written; what reads it waits before and goes on behind."""
+        if self.read is self.written:
+            return
+        source, target = self._whole
+        with failing_as_device(self._device.name, "a copy"):
+            event = pyopencl.enqueue_copy(
+                self._device.queue, target.buffer, source.buffer, byte_count=source.nbytes
+            )
+        self._device.record("copy", event)
 
 
 def pinned(device: Device, shape: tuple[int, ...], dtype: Any = np.uint8) -> np.ndarray:

@@ -90,7 +90,7 @@ def pack_body(body: BodyModel) -> np.ndarray:
     for bone, level in zip(body.bones, bone_levels(body), strict=True):
         links = [bone.parent, len(axes), len(bone.axes), level]
         bones.append(np.concatenate([links, bone.rest.ravel(), bone.offset]))
-        axes += [(AXES.index(axis.kind), axis.sign, axis.dof, 0) for axis in bone.axes]
+        axes += [(AXES.index(axis.kind), axis.sign, axis.dof, bone.parent) for axis in bone.axes]
     cones = np.zeros((len(body.cones), CONE_FLOATS))
     for row, cone in zip(cones, body.cones, strict=True):
         axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)

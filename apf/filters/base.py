@@ -152,8 +152,9 @@ class DeviceTracker(Tracker):
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
+            show = self.likelihood.prepare(observation)
             self.device.wait_for(queue)
-            self.observe(observation)
+            show()
             if under_way is not None:
                 yield under_way()
             with self.device.on(queue):
@@ -208,10 +209,13 @@ class DeviceTracker(Tracker):
         """Return the launches of a frame that starts from the particles in set `source`."""
         particles, limb_search, likelihood = self.particles, self._limb_search, self.likelihood
         assert self._misfits is not None
+        misfits: list[Launch] = []
+        if not limb_search.tells_misfits:
+            misfits = likelihood.misfit_launcher(particles.result)
         return [
             *self._search(source),
             *limb_search.launcher(particles.frame, particles.result),
-            *likelihood.misfit_launcher(particles.result),
+            *misfits,
             *likelihood.learning_launcher(particles.result),
             particles.end_frame(
                 limb_search.shift, limb_search.information, limb_search.candidates,

@@ -15,7 +15,8 @@ from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch
 
-_GROUP = 64
+#: Items that choose, and move the poses chosen from.
+_GPU_GROUP, _CPU_GROUP = 256, 64
 
 
 def limb_ranges(body: BodyModel) -> np.ndarray:
@@ -44,7 +45,7 @@ class LimbSearch:
     (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
     `candidates` (R K, D) and `errors` (R K,) are what each run's estimate was chosen from, and how
     badly it fits: the refined mean, then what each limb's two searches found; with K = 1 no limb is
-    looked for.
+    looked for. tells_misfits: whether the search fills in the likelihood's `misfits`.
     """
 
     def __init__(
@@ -76,6 +77,11 @@ class LimbSearch:
             )
         self.candidates = device.zeros((n_candidates, n), np.float32)
         self.errors = device.zeros((n_candidates,), np.float32)
+        self.tells_misfits = self._n_limbs > 0 and likelihood.misfits_of_all
+        self._all_misfits = None
+        if self.tells_misfits:
+            self._all_misfits = device.zeros((n_candidates,), np.float32)
+        self._group = _GPU_GROUP if device.is_gpu else _CPU_GROUP
         self._limbs = device.to_device(np.array([*limbs, np.zeros(n, bool)], np.uint8))
         n_poses = n_runs * self._n_particles if self._n_limbs else 1
         self._poses = device.empty((n_poses, n), np.float32, "the limbs' poses")
@@ -109,21 +115,23 @@ class LimbSearch:
             launches = []
             if self._by_points is not None:
                 launches = self._by_points.shift_launcher(None, result)
+            launches.append(self._propose(frame, result, self._poses))
             for round in range(1 + self.config.limb_search.rounds):
                 launches += [
-                    self._propose(frame, result, self._poses, round),
                     *likelihood.rescoring_launcher(self._poses, errors, stride),
-                    self._choose(),
+                    self._choose(frame, round),
                 ]
         else:
             launches = [self._propose(frame, result, candidates)]
         launches += self._refinement.launcher(likelihood.points, candidates)
         if self._n_limbs:
             least_recall = self.config.limb_search.least_recall
-            launches += likelihood.rescoring_launcher(candidates, self.errors, 1, least_recall)
+            launches += likelihood.rescoring_launcher(
+                candidates, self.errors, 1, least_recall, self._all_misfits
+            )
         return [*launches, self._accept(result)]
 
-    def _propose(self, frame: Array, result: Array, poses: Array, round: int = 0) -> Launch:
+    def _propose(self, frame: Array, result: Array, poses: Array) -> Launch:
         n = poses.shape[0] // self._n_runs
         return self.device.launch(
             self._kernel("propose"),
@@ -131,8 +139,8 @@ class LimbSearch:
             None,
             n=n,
             n_near=n_near(n),
-            layer=self.config.search.n_layers + round,
-            reach=self.config.limb_search.reaches[round],
+            layer=self.config.search.n_layers,
+            reach=self.config.limb_search.reaches[0],
             seeds=self._seeds,
             frames=frame,
             sigma=self._sigma,
@@ -141,17 +149,25 @@ class LimbSearch:
             limbs=self._limbs,
             result=result,
             seen=self._by_points.shift if self._by_points is not None else None,
-            best=self.candidates if round else None,
             poses=poses,
         )
 
-    def _choose(self) -> Launch:
+    def _choose(self, frame: Array, round: int) -> Launch:
+        """Return what ends a round, and moves the poses on to the next one, if there is one."""
+        reaches, following = self.config.limb_search.reaches, round + 1
         return self.device.launch(
             self._kernel("choose"),
-            (_GROUP * self._per_run, self._n_runs),
-            (_GROUP, 1),
+            (self._group * self._per_run, self._n_runs),
+            (self._group, 1),
             n=self._n_particles,
             n_near=n_near(self._n_particles),
+            layer=self.config.search.n_layers + following,
+            reach=reaches[following] if following < len(reaches) else 0.0,
+            seeds=self._seeds,
+            frames=frame,
+            sigma=self._sigma,
+            limits=self._limits,
+            limbs=self._limbs,
             errors=self.likelihood.errors,
             poses=self._poses,
             candidates=self.candidates,
@@ -166,6 +182,8 @@ class LimbSearch:
             errors=self.errors,
             candidates=self.candidates,
             informations=self._refinement.information,
+            all_misfits=self._all_misfits,
+            misfits=self.likelihood.misfits if self.tells_misfits else None,
             result=result,
             shift=self.shift,
             information=self.information,
@@ -178,5 +196,5 @@ class LimbSearch:
             N_DOF=self.n_dof,
             N_LIMBS=max(1, self._n_limbs),
             CANDIDATES=self._per_run,
-            GROUP=_GROUP,
+            GROUP=self._group,
         )

@@ -36,15 +36,16 @@ def contrast_of(config: ContourConfig) -> int:
 class Contours:
     """The contours of the pictures that `maps` (V, H, W, 2) are silhouettes of.
 
-    `contours` (V, 4, H, W) uint8 are those of the latest frame, along each normal; `known` tells
-    whether it had pictures. Twin: reference/likelihood/contour.py.
+    `contours` (V, 4, H, W) uint8, zero before, become those of the latest frame, along each normal;
+    `known` tells whether it had pictures. Twin: reference/likelihood/contour.py.
     """
 
-    def __init__(self, device: Device, rig: CameraRig, maps: Array, config: ContourConfig) -> None:
+    def __init__(
+        self, device: Device, rig: CameraRig, maps: Array, contours: Array, config: ContourConfig
+    ) -> None:
         self.device, self._rig, self._maps, self._config = device, rig, maps, config
         views, *size = len(rig), rig.height, rig.width
-        # The borders stay 0.
-        self.contours = device.zeros((views, N_NORMALS, *size), np.uint8, "the pictures' contours")
+        self.contours = contours  # whose borders stay 0
         self._gradients = device.zeros((views, 2, *size), np.int16, "the pictures' gradients")
         self.known = False
         self._has_room = min(size) >= 2 * OUTER_MARGIN + _STRIP

@@ -3,6 +3,7 @@ keypoints.cl)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -50,31 +51,48 @@ class KeypointLikelihood(Likelihood):
         self.observed = self._seen if base is None or base.refines else None
         if base is not None:
             self.errors, self.points, self.misfits = base.errors, base.points, base.misfits
+            self.misfits_of_all = base.misfits_of_all
         else:
             self.errors = self.device.empty((n_runs * n_particles,), np.float32, "the errors")
             self.misfits = self.device.zeros((n_runs,), np.float32)
+        # Without launches of its own, where the other takes the term into its own.
+        self._is_taken = base is not None and base.take_points(self._seen, config)
 
     def observe(self, observation: Any) -> None:
         """Enqueue the preparation of a frame."""
+        self.prepare(observation)()
+
+    def prepare(self, observation: Any) -> Callable[[], None]:
+        """Enqueue the other likelihood's preparation of a frame; return what enqueues the rest."""
         shown, points = parted(observation)
-        if self.base is not None:
-            self.base.observe(shown)
-        self._seen.set(points or no_observations())
+        rest = self.base.prepare(shown) if self.base is not None else None
+
+        def finished() -> None:
+            if rest is not None:
+                rest()
+            self._seen.set(points or no_observations())
+
+        return finished
 
     def launcher(self, poses: Array) -> list[Step]:
         """Return the launches that score `poses` (N, D) float32 into `errors`."""
         launches = self.base.launcher(poses) if self.base is not None else []
-        return [*launches, self._scored(poses, self.errors)]
+        return [*launches, *self._scored(poses, self.errors)]
 
     def rescoring_launcher(
-        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+        self,
+        poses: Array,
+        errors: Array,
+        stride: int = 1,
+        least_recall: float = 0.0,
+        misfits: Array | None = None,
     ) -> list[Launch]:
         """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same, see
         `Likelihood`."""
         launches = []
         if self.base is not None:
-            launches = self.base.rescoring_launcher(poses, errors, stride, least_recall)
-        return [*launches, self._scored(poses, errors)]
+            launches = self.base.rescoring_launcher(poses, errors, stride, least_recall, misfits)
+        return [*launches, *self._scored(poses, errors)]
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that put into `misfits` those of the first R of `poses`: the other
@@ -102,11 +120,14 @@ class KeypointLikelihood(Likelihood):
         if self.base is not None:
             self.base.forget(run)
 
-    def _scored(self, poses: Array, errors: Array) -> Launch:
-        return self._launch(
+    def _scored(self, poses: Array, errors: Array) -> list[Launch]:
+        if self._is_taken:
+            return []
+        launch = self._launch(
             poses.shape[0], poses, errors, adds=self.base is not None, per_seen=False,
             weight=self.unit * self.config.weight, posture_weight=self._posture_weight,
         )  # fmt: skip
+        return [launch]
 
     def _launch(
         self,

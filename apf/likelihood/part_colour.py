@@ -119,7 +119,8 @@ def _lab(colours: np.ndarray) -> np.ndarray:
 class PartColours:
     """The colours of a body's parts in the pictures that `maps` (V, H, W, 2) are silhouettes of.
 
-    `codes` (V, H, W) uint8 are those of the latest frame; `ratios` (R, P, N_CODES) int8 of R runs,
+    `codes` (V, H, W) uint8 become those of the latest frame, the first of two arrays; it is learnt
+    from the second, which may be the same, see `Ahead`. `ratios` (R, P, N_CODES) int8 of R runs,
     in steps, say how much likelier each code is on a part than on the mean part, and are 0 until
     something is learnt. `known` tells whether there are codes at all: frames without pictures, or
     without a person, have none. Twin: reference/likelihood/part_colour.py.
@@ -132,15 +133,16 @@ class PartColours:
         body: BodyModel,
         cameras: Array,
         maps: Array,
+        codes: tuple[Array, Array],
         config: PartColourConfig,
         n_runs: int = 1,
     ) -> None:
         self.device, self.config, self._maps, self._rig = device, config, maps, rig
         self._cameras, self._n_parts = cameras, len(part_names(body))
         self._group = pack_defines(device, _GROUP)["GROUP"]
-        shape = len(rig), rig.height, rig.width
-        self.codes = device.empty(shape, np.uint8, "the pictures' codes")
-        self.codes.fill(N_CODES - 1)
+        self.codes, self._learnt_from = codes
+        for each in codes:
+            each.fill(N_CODES - 1)
         self._palette = device.empty((N_COLOURS,), np.uint8)
         self.known = self._has_palette = False
         histograms = n_runs, self._n_parts, N_CODES
@@ -210,7 +212,7 @@ class PartColours:
                 cameras=self._cameras,
                 cones=self._kinematics.cones,
                 row_parts=self._rows,
-                codes=self.codes,
+                codes=self._learnt_from,
                 counts=self._counts,
             ),
             self.device.launch(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.likelihood.base import PointSubset
@@ -23,11 +21,14 @@ class SilhouetteRecall:
     1 less the silhouettes' recall.
 
     Song et al. eq. (15) asks only whether the body lies within the silhouettes: two legs may hide
-    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42). Twin:
+    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42). `pixels`: two
+    arrays (V, K, 2), of which `observe` writes the first and the launches read the second. Twin:
     reference/likelihood/silhouette_recall.py.
     """
 
-    def __init__(self, scene: Scene, cameras: Array, points: Array) -> None:
+    def __init__(
+        self, scene: Scene, cameras: Array, points: Array, pixels: tuple[Array, Array]
+    ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
         self.device, self.body = device, body
         self._n_views, self._n_points = len(rig), points.shape[0]
@@ -36,8 +37,7 @@ class SilhouetteRecall:
         together = min(_VIEWS, 1 << (len(rig) - 1).bit_length())
         self._defines |= rig.defines
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
-        shape = (len(rig), self._n_points, 2)
-        self._pixels = device.empty(shape, np.float32, "the projected surface samples")
+        self._pixels = pixels[1]
         self._kinematics: dict[int, Kinematics] = {}  # by number of poses: launches share buffers
         self.observe = device.launch(
             self._kernel("project_points"),
@@ -47,7 +47,7 @@ class SilhouetteRecall:
             n_views=self._n_views,
             points=points,
             cameras=cameras,
-            pixels=self._pixels,
+            pixels=pixels[0],
         )
 
     def change_body(self, body: BodyModel) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +13,10 @@ from apf.body.kinematics import CONE_FLOATS
 from apf.body.model import BodyModel
 from apf.body.posing import CONE_DEFINES, FRAME_FLOATS, SPAN_FLOATS, body_defines, pack_body
 from apf.likelihood.base import Likelihood, PointSubset
-from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.contour import Contours
+from apf.likelihood.config import KeypointConfig, LikelihoodConfig
+from apf.likelihood.contour import N_NORMALS, Contours
 from apf.likelihood.motion_prior import MotionPrior
+from apf.likelihood.observations import ObservedPoints
 from apf.likelihood.part_colour import (
     N_CODES,
     RATIO_STEPS,
@@ -25,16 +27,22 @@ from apf.likelihood.part_colour import (
 from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.scene import Scene
 from cl import Array, InputError, Launch
+from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size
+from psfs.cameras.camera import CameraRig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
-_GROUP = 256
+#: Most items that a GPU takes for a pose: most of them wait for memory most of the time.
+_GROUP = 512
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
 #: Fewest rows and columns of samples on a cone: the shortest one, too, shows its outline.
 _FEWEST_SAMPLES = (4, 3)
+#: Numbers that score_poses adds up per camera, and items that add up each; numbers that it keeps of
+#: a camera then.
+_SUMS, _ADDERS, _VIEW_FLOATS = 8, 8, 3
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
@@ -65,19 +73,32 @@ def posture_prior(body: BodyModel) -> np.ndarray:
     return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
 
 
+def _observed_shapes(rig: CameraRig, config: LikelihoodConfig) -> list[tuple[tuple[int, ...], Any]]:
+    """Return shapes and types of what is made of a frame: maps, contours and codes of colours, 1
+    number of those that are not looked for, surface samples, and their pixels."""
+    views, *size = len(rig), rig.height, rig.width
+    n_points = config.samples.n_points
+    contours = (views, N_NORMALS, *size) if config.contour.weight > 0 else (1,)
+    codes = (views, *size) if config.part_colour.weight > 0 else (1,)
+    bytes_ = [((views, *size, 2), np.uint8), (contours, np.uint8), (codes, np.uint8)]
+    return [*bytes_, ((n_points, 4), np.float32), ((views, n_points, 2), np.float32)]
+
+
 class VoxelLikelihood(Likelihood):
     """Scores poses of a scene's body by its voxels: by their reprojection into the cameras, and by
     the surface voxels themselves.
 
     `errors` is Song et al. eq. (16) with the sign put right, and more terms, see
     `LikelihoodConfig`. It has room for the particles of `n_runs` runs, `misfits` for one number
-    each. velocity: share of the last change that the motion prior expects again. Twin:
+    each. seen: the maps, contours and codes of the latest frame that poses are scored by. velocity:
+    share of the last change that the motion prior expects again. Twin:
     reference/likelihood/voxel.py. Raises InputError for several runs with terms that depend on the
     track so far.
     """
 
     points: Array
     misfits: Array
+    misfits_of_all = True
 
     def __init__(
         self,
@@ -97,9 +118,13 @@ class VoxelLikelihood(Likelihood):
         self.unit = float(len(rig))
         self._grid: VoxelGrid | None = None
         self._voxels: Voxels | None = None
-        self.reprojection = Reprojection(
-            device, rig, scene.voxel_grid, join=config.reprojection.foreground_join
+        self._ahead = Ahead(device, _observed_shapes(rig, config), "what is seen of a frame")
+        maps, contours, codes, points, self._pixels = zip(
+            self._ahead.written, self._ahead.read, strict=True
         )
+        join = config.reprojection.foreground_join
+        self.reprojection = Reprojection(device, rig, scene.voxel_grid, join=join, maps=maps[0])
+        self.seen = {"maps": maps[1], "contours": contours[1], "codes": codes[1]}
         self._body = device.to_device(pack_body(body), "the body model")
         rows = sample_rows(cone_sampling(body, config.reprojection.sample_spacing))
         self._rows = device.to_device(rows, "the cones' samples")
@@ -111,23 +136,26 @@ class VoxelLikelihood(Likelihood):
         self._cameras = device.to_device(rig.packed(), "the cameras")
         self.n_launchers = 0
         self._scores: list[Launch] = []
-        self.points = device.empty((config.samples.n_points, 4), np.float32, "the surface samples")
+        self._sampled, self.points = points
         self.errors = device.empty((n_runs * n_particles,), np.float32, "the errors")
         self.misfits = device.zeros((n_runs,), np.float32)
         self._recall: SilhouetteRecall | None = None
         if config.silhouette_recall_weight > 0:
-            self._recall = SilhouetteRecall(scene, self._cameras, self.points)
+            self._recall = self._silhouette_recall()
         self.part_colours: PartColours | None = None
         self.contours: Contours | None = None
         self._no_ratios = device.zeros((1,), np.int8)
         self._row_parts = device.to_device(scored_parts(body, rows))
+        self._point_arguments: dict[str, Any] = {
+            "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
+        }  # fmt: skip
         self._by_pictures: list[Launch] = []
         self._picture_weights = {"colour_weight": 0.0, "contour_weight": 0.0}
         if config.contour.weight > 0:
-            self.contours = Contours(device, rig, self.reprojection.maps, config.contour)
+            self.contours = Contours(device, rig, maps[0], contours[0], config.contour)
         if config.part_colour.weight > 0:
             self.part_colours = PartColours(
-                device, rig, body, self._cameras, self.reprojection.maps, config.part_colour, n_runs
+                device, rig, body, self._cameras, maps[0], codes, config.part_colour, n_runs
             )
         self.motion_prior: MotionPrior | None = None
         if config.motion_prior.weight > 0:
@@ -167,8 +195,16 @@ class VoxelLikelihood(Likelihood):
 
     def observe(self, voxels: Voxels) -> None:
         """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
+        self.prepare(voxels)()
+
+    def show(self) -> None:
+        """Make what was prepared what poses are scored by."""
+        self._ahead.show()
+
+    def prepare(self, voxels: Voxels) -> Callable[[], None]:
+        """Enqueue all of `observe` but `show`, which is returned."""
         if voxels is self._voxels and voxels.stays:
-            return
+            return self.show
         self.reprojection(voxels)
         if voxels is not self._voxels:
             self._voxels, self._grid = voxels, None
@@ -193,6 +229,7 @@ class VoxelLikelihood(Likelihood):
             self._picture_weights = weights
             for launch in self._by_pictures:
                 launch.set(**weights)
+        return self.show
 
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that score `poses` (N, D) float32 into `errors`.
@@ -207,26 +244,47 @@ class VoxelLikelihood(Likelihood):
         return self._every_term(poses, subset, self.errors, config.silhouette_recall_weight)
 
     def rescoring_launcher(
-        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+        self,
+        poses: Array,
+        errors: Array,
+        stride: int = 1,
+        least_recall: float = 0.0,
+        misfits: Array | None = None,
     ) -> list[Launch]:
         """Return the launches that score all of `poses` (n, D) into `errors` (n,) by every
         `stride`-th surface sample, the same in every frame, and by silhouette recall with a weight
-        of at least `least_recall`."""
+        of at least `least_recall`. `misfits` (n,) gets theirs, for a stride of 1."""
         recall_weight = max(self.config.silhouette_recall_weight, least_recall)
-        return self._every_term(poses, PointSubset(0, stride), errors, recall_weight)
+        return self._every_term(poses, PointSubset(0, stride), errors, recall_weight, misfits)
+
+    def take_points(self, observed: ObservedPoints, config: KeypointConfig) -> bool:
+        """Add the term of observed points to the errors of all launches asked for from now on."""
+        self._point_arguments = {
+            "observed": observed.table,
+            "point_weight": config.weight,
+            "point_reach": config.reach,
+            "exchange": config.exchange,
+        }
+        return True
 
     def _every_term(
-        self, poses: Array, subset: PointSubset, errors: Array, recall_weight: float
+        self,
+        poses: Array,
+        subset: PointSubset,
+        errors: Array,
+        recall_weight: float,
+        misfits: Array | None = None,
     ) -> list[Launch]:
         config = self.config
         weights = config.weights, config.posture_prior_weight
-        score = self._launch(poses.shape[0], poses, subset, *weights, errors)
+        points = self._point_arguments
+        score = self._launch(poses.shape[0], poses, subset, *weights, errors, points, misfits)
         self._by_pictures.append(score)
         score.set(**self._picture_weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
-                self._recall = SilhouetteRecall(self._scene, self._cameras, self.points)
+                self._recall = self._silhouette_recall()
             launches += self._recall.launcher(poses, subset, recall_weight, errors)
         n_views = len(self.rig)
         if self.motion_prior is not None:
@@ -238,9 +296,9 @@ class VoxelLikelihood(Likelihood):
         """Return the launches that put into `misfits` (R,) float32 those of the first R of `poses`
         (.., D): silhouette and surface term, means over the cameras, all other weights 0."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
-        return [
-            self._launch(self.misfits.size, poses, PointSubset(0, 1), weights, 0.0, self.misfits)
-        ]
+        points = {**self._point_arguments, "observed": None}
+        n, misfits = self.misfits.size, self.misfits
+        return [self._launch(n, poses, PointSubset(0, 1), weights, 0.0, misfits, points)]
 
     def _launch(
         self,
@@ -250,10 +308,12 @@ class VoxelLikelihood(Likelihood):
         weights: np.ndarray,
         posture_weight: float,
         errors: Array,
+        points: dict[str, Any],
+        misfits: Array | None = None,
     ) -> Launch:
-        """Return the launch that scores the first `n` of `poses` by a subset of the samples."""
-        config, colours, contours = self.config, self.part_colours, self.contours
-        maps = self.reprojection.maps
+        """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
+        the term of observed points."""
+        config, colours = self.config, self.part_colours
         launch = self.device.launch(
             self._kernel("score_poses"),
             pack_size(n, self._defines),
@@ -265,7 +325,7 @@ class VoxelLikelihood(Likelihood):
             width=self.rig.width,
             height=self.rig.height,
             cameras=self._cameras,
-            maps=maps,
+            **self.seen,
             **self._row_arguments(),
             n_points=config.samples.n_points,
             first_point=subset.first,
@@ -277,14 +337,14 @@ class VoxelLikelihood(Likelihood):
             posture=self._posture,
             weights=weights,
             posture_weight=posture_weight,
-            codes=colours.codes if colours is not None else maps,
             ratios=colours.ratios if colours is not None else self._no_ratios,
             n_per_run=max(1, n // self.misfits.size),
             table_size=0 if colours is None else int(np.prod(colours.ratios.shape[1:])),
             colour_weight=0.0,
-            contours=maps if contours is None else contours.contours,
             contour_weight=0.0,
+            **points,
             errors=errors,
+            misfits=misfits,
         )
         self._scores.append(launch)
         return launch
@@ -304,16 +364,17 @@ class VoxelLikelihood(Likelihood):
 
         Raises InputError if the body is too large even for one.
         """
-        defines = body_defines(body) | pack_defines(self.device, _GROUP)
+        group = min(_GROUP, self.device.handle.max_work_group_size)
+        defines = body_defines(body) | pack_defines(self.device, group)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}
         defines |= {"N_CODES": N_CODES, "RATIO_STEPS": RATIO_STEPS, "TRUNK": trunk_cone(body)}
         n_bones, n_cones, pack = len(body.bones), len(body.cones), 4 * defines["PACK"]
         posed = FRAME_FLOATS * n_bones + (CONE_FLOATS + SPAN_FLOATS) * n_cones
-        fixed = pack * (2 * body.n_dof + posed + 9 * defines["GROUP"])
-        fixed += self._body.nbytes + self._rows.nbytes
-        per_view = pack * (_OUTLINE_FLOATS * n_cones + 2)
+        items = _SUMS * (defines["GROUP"] + _SUMS) + defines["GROUP"]
+        fixed = pack * (2 * body.n_dof + posed + items) + self._body.nbytes + self._rows.nbytes
+        per_view = pack * (_OUTLINE_FLOATS * n_cones + _SUMS * (_ADDERS + 1) + _VIEW_FLOATS)
         room = self.device.handle.local_mem_size
         views = (room - fixed) // per_view
         if views < 1:
@@ -335,8 +396,11 @@ class VoxelLikelihood(Likelihood):
             ny=voxels.grid.shape[1],
             nz=voxels.grid.shape[2],
             origin_size=(0.0, 0.0, 0.0, 0.0),
-            points=self.points,
+            points=self._sampled,
         )
+
+    def _silhouette_recall(self) -> SilhouetteRecall:
+        return SilhouetteRecall(self._scene, self._cameras, self._sampled, self._pixels)
 
     def _kernel(self, name: str) -> Any:
         return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

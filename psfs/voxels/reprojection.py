@@ -22,8 +22,8 @@ class Reprojection:
     boundary pixel, 0 beyond `radius`. `scale` makes the maps smaller than the pictures: H and W
     are those of `rig.scaled(scale)`. sigma and radius: px of the maps, by default as `EdgeConfig`
     says. With `join`, the silhouettes are those of the voxels and of the foreground beside them in
-    the frame's evidence maps, where it has any, see `ForegroundJoin`. Raises InputError for a join
-    in smaller maps.
+    the frame's evidence maps, where it has any, see `ForegroundJoin`. `maps` are made
+    unless they are given. Raises InputError for a join in smaller maps.
     """
 
     def __init__(
@@ -35,6 +35,7 @@ class Reprojection:
         sigma: float | None = None,
         radius: int | None = None,
         join: ForegroundJoinConfig | None = None,
+        maps: Array | None = None,
     ) -> None:
         check_join(join, scale)
         self.device = device
@@ -44,7 +45,9 @@ class Reprojection:
         self._shape = grid.shape
         self._voxels: Voxels | None = None
         views, height, width = len(self.rig), self.rig.height, self.rig.width
-        self.maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
+        if maps is None:
+            maps = device.empty((views, height, width, 2), np.uint8, "the reprojected maps")
+        self.maps = maps
         # One row more before and behind, then the marks; cleared as words. CPUs read in lots.
         marks = -(-height // MARK) * -(-width // MARK)
         nbytes = (views * height + 2) * width + views * marks + LOT

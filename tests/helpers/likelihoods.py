@@ -83,7 +83,7 @@ class Setup:
 
     def errors(self, turn: int = 0) -> np.ndarray:
         self.likelihood.errors.fill(-7)
-        self.likelihood.reprojection.maps.set(self.maps)
+        self.likelihood.seen["maps"].set(self.maps)
         self.likelihood.n_launchers = turn
         for launch in self.likelihood.launcher(self.on_device):
             launch()

@@ -3,7 +3,7 @@
 //
 // The table of a body, BODY_FLOATS numbers: per bone its parent, first axis, number of axes, level
 // in the tree (0 for roots), rest rotation (row-major) and offset; per axis its kind (0-5 = tx ty
-// tz rx ry rz), sign, dof, 0; per cone CONE_FLOATS in its bone's frame, element CONE_BONE
+// tz rx ry rz), sign, dof, its bone's parent (-1 of roots); per cone CONE_FLOATS in its bone's frame, element CONE_BONE
 // holding the bone.
 #if !defined(AXIS_FLOATS) || !defined(BONE_FLOATS) || !defined(CONE_BONE) || \
     !defined(CONE_FLOATS) || !defined(FRAME_FLOATS) || !defined(GROUP) || !defined(N_BONES) || \
@@ -61,47 +61,74 @@ inline frame_row moved(frame_row row, bool slides, int k, __local const vfloat *
     return (frame_row){mixed_u, mixed_v, row.z, row.origin};
 }
 
-// Frames of all bones in the world, N_BONES x FRAME_FLOATS: three rows of the rotation, each with
-// the origin's coordinate behind it. One item per row, since W = W_parent L keeps rows apart.
+// Frames of all bones in their parents', N_BONES x FRAME_FLOATS: three rows of the rotation, each
+// with the origin's coordinate behind it. One item per row: axes keep rows apart. hinges: see
+// pose_bones; here they are in the parents' frames.
+inline void turn_bones(__local const vfloat *turns, __local const float *body,
+                       __local vfloat *frames, __local vfloat *hinges)
+{
+    for (int item = get_local_id(0); item < 3 * N_BONES; item += GROUP) {
+        const int b = item / 3, i = item % 3;
+        __local const float *bone = body + b * BONE_FLOATS, *rest = bone + 4;
+        const vfloat zero = 0.0f;
+        frame_row row = {zero + rest[3 * i], zero + rest[3 * i + 1], zero + rest[3 * i + 2],
+                         zero + rest[9 + i]};
+        const int first = (int)bone[1], end = first + (int)bone[2];
+        for (int a = first; a < end; ++a) {
+            __local const float *axis = body + BODY_AXES + a * AXIS_FLOATS;
+            const int kind = (int)axis[0], k = kind % 3;
+            if (hinges) {
+                __local vfloat *hinge = hinges + 6 * (int)axis[2];
+                hinge[i] = axis[1] * (k == 0 ? row.x : k == 1 ? row.y : row.z);
+                hinge[3 + i] = row.origin;
+            }
+            row = moved(row, kind < 3, k, turns + 2 * a);
+        }
+        __local vfloat *out = frames + b * FRAME_FLOATS + 4 * i;
+        out[0] = row.x;
+        out[1] = row.y;
+        out[2] = row.z;
+        out[3] = row.origin;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+// Turns the `step`-th numbers of a column, in a bone's frame, into the world's; a place, not a
+// direction, has the origin added.
+inline void to_world(__local const vfloat *frame, bool place, int step, __local vfloat *column)
+{
+    const vfloat x = column[0], y = column[step], z = column[2 * step];
+    for (int i = 0; i < 3; ++i) {
+        __local const vfloat *row = frame + 4 * i;
+        const vfloat turned = row[0] * x + row[1] * y + row[2] * z;
+        column[i * step] = place ? turned + row[3] : turned;
+    }
+}
+
+// Frames of all bones in the world, as turn_bones has them: W = W_parent L, level by level. One item
+// per column, which needs no other of its bone.
 // Where `hinges` is not null it gets, per degree of freedom, the axis in the world (with its sign)
 // and a point on it, 6 numbers.
 inline void pose_bones(__local const vfloat *turns, __local const float *body,
                        __local vfloat *frames, __local vfloat *hinges)
 {
-    for (int level = 0; level < N_LEVELS; ++level) {
-        for (int item = get_local_id(0); item < 3 * N_BONES; item += GROUP) {
-            const int b = item / 3, i = item % 3;
-            __local const float *bone = body + b * BONE_FLOATS, *rest = bone + 4;
-            if ((int)bone[3] != level) continue;
-            const vfloat zero = 0.0f;
-            frame_row row = {zero + rest[3 * i], zero + rest[3 * i + 1], zero + rest[3 * i + 2],
-                             zero + rest[9 + i]};
-            if (level > 0) {
-                __local const vfloat *p = frames + (int)bone[0] * FRAME_FLOATS + 4 * i;
-                row.x = p[0] * rest[0] + p[1] * rest[3] + p[2] * rest[6];
-                row.y = p[0] * rest[1] + p[1] * rest[4] + p[2] * rest[7];
-                row.z = p[0] * rest[2] + p[1] * rest[5] + p[2] * rest[8];
-                row.origin = p[3] + p[0] * rest[9] + p[1] * rest[10] + p[2] * rest[11];
-            }
-            const int first = (int)bone[1], end = first + (int)bone[2];
-            for (int a = first; a < end; ++a) {
-                __local const float *axis = body + BODY_AXES + a * AXIS_FLOATS;
-                const int kind = (int)axis[0], k = kind % 3;
-                if (hinges) {
-                    __local vfloat *hinge = hinges + 6 * (int)axis[2];
-                    hinge[i] = axis[1] * (k == 0 ? row.x : k == 1 ? row.y : row.z);
-                    hinge[3 + i] = row.origin;
-                }
-                row = moved(row, kind < 3, k, turns + 2 * a);
-            }
-            __local vfloat *out = frames + b * FRAME_FLOATS + 4 * i;
-            out[0] = row.x;
-            out[1] = row.y;
-            out[2] = row.z;
-            out[3] = row.origin;
+    turn_bones(turns, body, frames, hinges);
+    for (int level = 1; level < N_LEVELS; ++level) {
+        for (int item = get_local_id(0); item < 4 * N_BONES; item += GROUP) {
+            __local const float *bone = body + item / 4 * BONE_FLOATS;
+            if ((int)bone[3] == level)
+                to_world(frames + (int)bone[0] * FRAME_FLOATS, item % 4 == 3, 4,
+                         frames + item / 4 * FRAME_FLOATS + item % 4);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
+    for (int item = get_local_id(0); item < (hinges ? 2 * N_DOF : 0); item += GROUP) {
+        __local const float *axis = body + BODY_AXES + item / 2 * AXIS_FLOATS;
+        if (axis[3] >= 0.0f)
+            to_world(frames + (int)axis[3] * FRAME_FLOATS, item % 2 == 1, 1,
+                     hinges + 6 * (int)axis[2] + item % 2 * 3);
+    }
+    if (hinges) barrier(CLK_LOCAL_MEM_FENCE);
 }
 
 // The cones in the world, N_CONES x CONE_FLOATS as cones.h has them, from what pose_bones gave.

@@ -3,27 +3,8 @@
 #if !defined(CAMERA_FLOATS) || !defined(PACK)
 #error "tracking/keypoints.cl needs CAMERA_FLOATS and PACK"
 #endif
-#define NO_DISTORTION // what was seen has none any more
-#include "common/camera.h"
 #include "common/kinematics.h"
 #include "common/observed.h"
-
-// The share d^2 / (d^2 + reach^2) of the distance, in deviations, of the point `on` (bone, x, y, z)
-// from where a camera saw it; 1 behind the camera.
-inline vfloat missed(float4 on, float4 seen, float reach, __global const float *cameras,
-                     __local const vfloat *frames)
-{
-    __local const vfloat *frame = frames + (int)on.x * FRAME_FLOATS;
-    const vfloat x = frame[0] * on.y + (frame[1] * on.z + (frame[2] * on.w + frame[3]));
-    const vfloat y = frame[4] * on.y + (frame[5] * on.z + (frame[6] * on.w + frame[7]));
-    const vfloat z = frame[8] * on.y + (frame[9] * on.z + (frame[10] * on.w + frame[11]));
-    vfloat px, py;
-    const vfloat depth =
-        camera_project_pack(cameras + (int)seen.w * CAMERA_FLOATS, x, y, z, &px, &py);
-    const vfloat scale = seen.z / reach;
-    const vfloat u = scale * (px - seen.x), v = scale * (py - seen.y), square = u * u + v * v;
-    return depth > 0.0f ? square / (1.0f + square) : (vfloat)1.0f;
-}
 
 // Sums up what the observations of a frame miss, each at most 1, and adds to the errors `weight`
 // times the sum over the most there could be, or over their number where `per_seen` (1 without any); or puts
@@ -44,16 +25,7 @@ void score_points(int n_particles, int adds, int per_seen, float weight, float r
     take_body(table, body);
     take_pose(poses, first, n_particles, body, turns);
     pose_bones(turns, body, frames, 0);
-    vfloat sum = 0.0f;
-    for (int k = lane; k < n; k += GROUP) {
-        const observation one = observed_at(observed, k);
-        vfloat share = missed(one.own, one.seen, reach, cameras, frames);
-        if (one.other.x >= 0.0f) {
-            const vfloat as_other = missed(one.other, one.seen, reach, cameras, frames);
-            share = least(share, exchange + (1.0f - exchange) * as_other);
-        }
-        sum += share;
-    }
+    vfloat sum = missed_by_all(lane, reach, exchange, cameras, observed, frames);
     const float most_seen = per_seen ? (float)n : observed_most(observed);
     sum = n > 0 ? sum * (weight / most_seen) : (vfloat)(per_seen && lane == 0 ? weight : 0.0f);
     for (int dof = lane; dof < (posture_weight > 0.0f ? N_DOF : 0); dof += GROUP) {
@@ -62,15 +34,10 @@ void score_points(int n_particles, int adds, int per_seen, float weight, float r
 #undef VALUE
         sum += posture_weight * bent * bent;
     }
-    sums[lane] = sum;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int half_size = GROUP / 2; half_size > 0; half_size /= 2) {
-        if (lane < half_size) sums[lane] += sums[lane + half_size];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
+    sum = sum_over_items(sum, sums);
     if (lane == 0) {
         float lanes[PACK];
-        STORE_PACK(sums[0], lanes);
+        STORE_PACK(sum, lanes);
         for (int l = 0; l < PACK && first + l < n_particles; ++l)
             errors[first + l] = adds ? errors[first + l] + lanes[l] : lanes[l];
     }

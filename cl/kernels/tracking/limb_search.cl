@@ -6,20 +6,31 @@
 #endif
 #include "common/philox.h"
 
-// Particle 0 is the mean (in `result`); each of the others is the mean with one limb elsewhere. In
-// the first round, where `best` is null: reach by 1 (particle 1) to `reach` (particle n_near - 1)
-// sigma, evenly in the logarithm, or, from particle n_near on, anywhere in its ranges. In later
-// rounds: about where the `best` of the round before have it, the candidates of `choose`, with a
-// deviation of `reach` sigma; the first of each is that one itself. Limbs take turns. Every run has
-// n particles. limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or
-// how far the means would move to observed points, runs x N_DOF: then each limb's first particle
-// moves so. layer: tells the rounds' random numbers apart.
+// A degree of freedom's `value`, reflected at its limits.
+inline float reflected(float value, float2 limit)
+{
+    value = value < limit.x ? 2.0f * limit.x - value : value;
+    value = value > limit.y ? 2.0f * limit.y - value : value;
+    return clamp(value, limit.x, limit.y);
+}
+
+// The normal number that a round, told by `layer`, has for a particle's degree of freedom.
+inline float noise_of(uint frame, int layer, int particle, int dof, uint2 seed)
+{
+    const vwords counters = {frame, layer, particle, dof};
+    return LANE_OF(normal_pack(counters, seed), 0);
+}
+
+// The first round. Particle 0 is the mean (in `result`); each of the others is the mean with one
+// limb elsewhere: by 1 (particle 1) to `reach` (particle n_near - 1) sigma, evenly in the logarithm,
+// or, from particle n_near on, anywhere in its ranges. Limbs take turns. Every run has n particles.
+// limbs: N_LIMBS x N_DOF, 1 where a degree of freedom belongs to a limb. seen: null, or how far the
+// means would move to observed points, runs x N_DOF: then each limb's first particle moves so.
 __kernel void propose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
                       __global const uint *frames, __global const float *sigma,
                       __global const float2 *limits, __global const float2 *ranges,
                       __global const uchar *limbs, __global const float *result,
-                      __global const float *seen, __global const float *best,
-                      __global float *poses)
+                      __global const float *seen, __global float *poses)
 {
     const int dof = get_global_id(0), particle = get_global_id(1);
     const int run = get_global_id(2);
@@ -27,56 +38,50 @@ __kernel void propose(int n, int n_near, int layer, float reach, __global const 
     float value = result[run * N_DOF + dof];
     const int limb = (particle - 1) % N_LIMBS;
     if (particle > 0 && limbs[limb * N_DOF + dof]) {
-        const uint4 counter = {frames[run], layer, particle, dof};
-        const vwords counters = {counter.x, counter.y, counter.z, counter.w};
         const bool near = particle < n_near;
-        if (best) {
-            const int candidate = 1 + limb + (near ? 0 : N_LIMBS);
-            value = best[(run * CANDIDATES + candidate) * N_DOF + dof];
-            if (particle - (near ? 1 : n_near) >= N_LIMBS)
-                value += reach * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
-        } else if (seen && near && particle <= N_LIMBS) {
+        if (seen && near && particle <= N_LIMBS) {
             value += seen[run * N_DOF + dof];
         } else if (near) {
             const float scale = pow(reach, (float)(particle - 1) / (n_near > 2 ? n_near - 2 : 1));
-            value += scale * sigma[dof] * LANE_OF(normal_pack(counters, seeds[run]), 0);
+            value += scale * sigma[dof] * noise_of(frames[run], layer, particle, dof, seeds[run]);
         } else {
+            const uint4 counter = {frames[run], layer, particle, dof};
             const float share = uniform01(philox4x32(counter, seeds[run]).x);
             value = mix(ranges[dof].x, ranges[dof].y, share);
         }
-        const float2 limit = limits[dof];
-        value = value < limit.x ? 2.0f * limit.x - value : value;
-        value = value > limit.y ? 2.0f * limit.y - value : value;
-        value = clamp(value, limit.x, limit.y);
+        value = reflected(value, limits[dof]);
     }
     poses[(run * n + particle) * N_DOF + dof] = value;
 }
 
 // candidates: runs x CANDIDATES x N_DOF, the mean and, for every limb, the best of the poses that
-// moved it near where it was, then of those that moved it anywhere. One work-group per candidate
-// and run.
+// moved it near where it was, then of those that moved it anywhere. Where `reach` is positive, these
+// poses become those of the next round, told by `layer`: the limb about where the best has it, with
+// a deviation of `reach` sigma; the first is the best itself. One work-group per candidate and run.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
-void choose(int n, int n_near, __global const float *errors, __global const float *poses,
-            __global float *candidates)
+void choose(int n, int n_near, int layer, float reach, __global const uint2 *seeds,
+            __global const uint *frames, __global const float *sigma,
+            __global const float2 *limits, __global const uchar *limbs,
+            __global const float *errors, __global float *poses, __global float *candidates)
 {
-    __local float least[GROUP];
+    __local float least[GROUP], chosen[N_DOF];
     __local int where[GROUP];
     const int candidate = get_group_id(0), run = get_group_id(1), lane = get_local_id(0);
     errors += run * n;
     poses += run * n * N_DOF;
     candidates += (run * CANDIDATES + candidate) * N_DOF;
+    // The particles that moved the candidate's limb so, every N_LIMBS-th from `first` on.
+    const bool near = candidate <= N_LIMBS;
+    const int begin = near ? 1 : n_near, end = candidate == 0 ? 0 : near ? n_near : n;
+    const int limb = (candidate + N_LIMBS - 1) % N_LIMBS;
+    const int first = begin + (limb + N_LIMBS - (begin - 1) % N_LIMBS) % N_LIMBS;
     float mine = INFINITY;
     int best = 0;
-    if (candidate > 0) {
-        const bool near = candidate <= N_LIMBS;
-        const int end = near ? n_near : n, limb = (candidate - 1) % N_LIMBS;
-        for (int i = (near ? 1 : n_near) + lane; i < end; i += GROUP) {
-            if ((i - 1) % N_LIMBS == limb && errors[i] < mine) {
-                mine = errors[i];
-                best = i;
-            }
+    for (int i = first + lane * N_LIMBS; i < end; i += GROUP * N_LIMBS)
+        if (errors[i] < mine) {
+            mine = errors[i];
+            best = i;
         }
-    }
     least[lane] = mine;
     where[lane] = best;
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -89,16 +94,27 @@ void choose(int n, int n_near, __global const float *errors, __global const floa
         barrier(CLK_LOCAL_MEM_FENCE);
     }
     for (int dof = lane; dof < N_DOF; dof += GROUP)
-        candidates[dof] = poses[where[0] * N_DOF + dof];
+        candidates[dof] = chosen[dof] = poses[where[0] * N_DOF + dof];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const int n_items = reach > 0.0f && first < end ? (end - first + N_LIMBS - 1) / N_LIMBS * N_DOF : 0;
+    for (int item = lane; item < n_items; item += GROUP) {
+        const int dof = item % N_DOF, particle = first + item / N_DOF * N_LIMBS;
+        if (!limbs[limb * N_DOF + dof]) continue;
+        float value = chosen[dof];
+        if (particle != first)
+            value += reach * sigma[dof] * noise_of(frames[run], layer, particle, dof, seeds[run]);
+        poses[particle * N_DOF + dof] = reflected(value, limits[dof]);
+    }
 }
 
 // The best of a run's refined candidates becomes its estimate: candidate 0 unless another's error
 // is smaller by more than a share of it, margins.x where a limb moved near where it was, margins.y
 // where it moved anywhere. shift: by how much the estimate moved from the mean; information: of the
-// candidate taken, see refinement.cl.
+// candidate taken, see refinement.cl; misfits: null, or its, of those of all candidates.
 __kernel void accept(float2 margins, __global const float *errors,
                      __global const float *candidates, __global const float *informations,
-                     __global float *result, __global float *shift, __global float *information)
+                     __global const float *all_misfits, __global float *result,
+                     __global float *shift, __global float *information, __global float *misfits)
 {
     const int id = get_global_id(0), n_information = N_DOF * (N_DOF + 1) / 2;
     const int run = get_global_id(1), first = run * CANDIDATES;
@@ -119,4 +135,5 @@ __kernel void accept(float2 margins, __global const float *errors,
     }
     if (id < n_information)
         information[run * n_information + id] = informations[(first + best) * n_information + id];
+    if (id == 0 && misfits) misfits[run] = all_misfits[first + best];
 }

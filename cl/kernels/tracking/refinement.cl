@@ -320,30 +320,74 @@ inline void sum_parts(int n_parts, float weight, __global const vfloat *parts,
 
 // Solves the N_DOF equations of `system`, their right side in column N_DOF, by Gauss and Jordan's
 // method: no step reads what another item writes in it, and no matrix of this kind needs pivots.
-// What is left of it stays symmetric, so that the upper triangle suffices. Row i ends as diagonal
-// times the solution's element i. Some items share a row, so that they find its factor once.
-inline void solve(__local vfloat *system)
+// Row i ends as diagonal times the solution's element i. lines: room for 4 ROW numbers.
+#if GROUP > 1
+// Every item of a GPU keeps its part of the matrix, columns COLUMNS apart of rows ROWS apart, and
+// tells the others, in turns of `lines`, of the pivot's row and column.
+#define COLUMNS 32
+#define ROWS (GROUP / COLUMNS)
+#define OWN_ROWS ((N_DOF + ROWS - 1) / ROWS)
+#define OWN_COLUMNS ((ROW + COLUMNS - 1) / COLUMNS)
+inline void solve(__local vfloat *system, __local float *lines)
 {
     __local float *numbers = (__local float *)system;
-    const int share = GROUP < 8 ? GROUP : 8, lane = get_local_id(0);
+    const int left = get_local_id(0) % COLUMNS, top = get_local_id(0) / COLUMNS;
+    float own[OWN_ROWS][OWN_COLUMNS];
+#pragma unroll
+    for (int r = 0; r < OWN_ROWS; ++r)
+#pragma unroll
+        for (int c = 0; c < OWN_COLUMNS; ++c) {
+            const int i = min(top + r * ROWS, N_DOF - 1), j = min(left + c * COLUMNS, N_DOF);
+            own[r][c] = numbers[j < i ? j * ROW + i : i * ROW + j];
+        }
+    for (int k = 0; k < N_DOF; ++k) {
+        __local float *pivot = lines + k % 2 * 2 * ROW, *column = pivot + ROW;
+#pragma unroll
+        for (int r = 0; r < OWN_ROWS; ++r)
+#pragma unroll
+            for (int c = 0; c < OWN_COLUMNS; ++c) {
+                const int i = top + r * ROWS, j = left + c * COLUMNS;
+                if (i == k && j < ROW) pivot[j] = own[r][c];
+                if (j == k && i < N_DOF) column[i] = own[r][c];
+            }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        const float inverse = 1.0f / pivot[k];
+#pragma unroll
+        for (int r = 0; r < OWN_ROWS; ++r) {
+            const int i = min(top + r * ROWS, N_DOF - 1);
+            const float factor = i == k ? 0.0f : column[i] * inverse;
+#pragma unroll
+            for (int c = 0; c < OWN_COLUMNS; ++c) {
+                const int j = min(left + c * COLUMNS, N_DOF);
+                if (j > k) own[r][c] -= factor * pivot[j];
+            }
+        }
+    }
+#pragma unroll
+    for (int r = 0; r < OWN_ROWS; ++r)
+#pragma unroll
+        for (int c = 0; c < OWN_COLUMNS; ++c) {
+            const int i = top + r * ROWS, j = left + c * COLUMNS;
+            if (i < N_DOF && (j == i || j == N_DOF)) numbers[i * ROW + j] = own[r][c];
+        }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+#else
+// What is left of the matrix stays symmetric, so that the upper triangle suffices.
+inline void solve(__local vfloat *system, __local float *lines)
+{
+    __local float *numbers = (__local float *)system;
     for (int k = 0; k < N_DOF; ++k) {
         const float inverse = 1.0f / numbers[k * ROW + k];
-        for (int i = lane / share; i < N_DOF; i += GROUP / share) {
+        for (int i = 0; i < N_DOF; ++i) {
             if (i == k) continue;
             const float factor = numbers[i < k ? i * ROW + k : k * ROW + i] * inverse;
             __local vfloat *row = system + i * ROW_PACKS, *pivot = system + k * ROW_PACKS;
-            for (int j = (k + 1) / PACK + lane % share; j < ROW_PACKS; j += LINES * share) {
-                vfloat left[LINES];
-                for (int r = 0; r < LINES; ++r)
-                    if (j + r * share < ROW_PACKS)
-                        left[r] = row[j + r * share] - factor * pivot[j + r * share];
-                for (int r = 0; r < LINES; ++r)
-                    if (j + r * share < ROW_PACKS) row[j + r * share] = left[r];
-            }
+            for (int j = (k + 1) / PACK; j < ROW_PACKS; ++j) row[j] -= factor * pivot[j];
         }
-        barrier(CLK_LOCAL_MEM_FENCE);
     }
 }
+#endif
 
 // Keeps the best pose met, which may be this one: its difference from the `mean`, `shift`, and its
 // cost, `least`. Where several groups are at the same pose, one of them `tells`.
@@ -370,11 +414,11 @@ inline void keep_best(bool first, bool tells, int n_parts, float strength,
 }
 
 // The pose behind the step that the linear system says.
-inline void move_on(__local vfloat *system, __global const float2 *limits,
+inline void move_on(__local vfloat *system, __local float *lines, __global const float2 *limits,
                     __global const float *pose, __global float *next)
 {
     __local const float *numbers = (__local const float *)system;
-    solve(system);
+    solve(system, lines);
     for (int dof = get_local_id(0); dof < N_DOF; dof += GROUP) {
         const float step = numbers[dof * ROW + N_DOF] / numbers[dof * ROW + dof];
         next[dof] = clamp(pose[dof] - step, limits[dof].x, limits[dof].y);
@@ -406,13 +450,14 @@ void refine_step(int first, int n_parts, float strength, float weight,
                  __global float *next)
 {
     __local vfloat system[N_DOF * ROW_PACKS];
+    __local float lines[4 * ROW];
     __local float scratch[GROUP];
     const int which = get_group_id(0), offset = which * N_DOF;
     parts += which * n_parts * PART;
     keep_best(first, true, n_parts, strength, parts, sigma, poses + offset, means + offset, scratch,
               least + which, shifts + offset);
     sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
-    move_on(system, limits, poses + offset, next + offset);
+    move_on(system, lines, limits, poses + offset, next + offset);
 }
 
 // `refine_step`, and `refine_system` at the pose that it leads to, in one: all work-groups of a
@@ -429,6 +474,7 @@ void refine_on(int first, int n_points, float scale, float reach, __global const
 {
     __local workspace work;
     __local vfloat system[N_DOF * ROW_PACKS];
+    __local float lines[4 * ROW];
     const evidence e = {n_points, scale, reach, points, point_scale, point_reach, point_root,
                         point_share, exchange, cameras, observed};
     const int which = get_group_id(1), offset = which * N_DOF, n_parts = get_num_groups(0);
@@ -436,7 +482,7 @@ void refine_on(int first, int n_points, float scale, float reach, __global const
     keep_best(first, get_group_id(0) == 0, n_parts, strength, parts, sigma, poses + offset,
               means + offset, work.scratch, least + which, shifts + offset);
     sum_parts(n_parts, weight, parts, sigma, poses + offset, means + offset, system);
-    move_on(system, limits, poses + offset, next + offset);
+    move_on(system, lines, limits, poses + offset, next + offset);
     barrier(CLK_GLOBAL_MEM_FENCE);
     add_up(&e, next + offset, table, moves, &work,
            next_parts + (which * n_parts + get_group_id(0)) * PART);

@@ -140,7 +140,7 @@ def test_packed_tables_hold_the_tree() -> None:
     np.testing.assert_allclose(bones[1, 4:], [0, -0.6, 0.8, 1, 0, 0, 0, 0.8, 0.6, 0, 0.05, 0.6])
     np.testing.assert_array_equal(
         axes.reshape(5, 4),
-        [(0, -1, 3, 0), (5, 1, 1, 0), (1, 1, 4, 0), (4, -1, 0, 0), (3, 1, 2, 0)],
+        [(0, -1, 3, -1), (5, 1, 1, -1), (1, 1, 4, -1), (4, -1, 0, 0), (3, 1, 2, 0)],
     )
     assert cones.size == 3 * CONE_FLOATS and table.dtype == np.float32
 

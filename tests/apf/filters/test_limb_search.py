@@ -47,7 +47,7 @@ class Nearness(Likelihood):
         return np.mean(np.square(nearest) / (np.square(nearest) + 0.05**2), axis=1)
 
     def rescoring_launcher(
-        self, poses: Array, errors: Array, stride: int = 1, least_recall: float = 0.0
+        self, poses: Array, errors: Array, stride: int = 1, *unused: object
     ) -> list[Any]:
         return [lambda: errors.set(self.rescore(poses.get(), stride).astype(np.float32))]
 
@@ -178,7 +178,9 @@ def test_each_kernel_agrees_with_the_twin(device: Device, n_particles: int) -> N
     found = choosing[0].after["candidates"].reshape(-1, body.n_dof)
     np.testing.assert_array_equal(found, candidates)
     again, _ = propose(body, mean.astype(float), config, 7, round=1, best=found[1:].astype(float))
-    np.testing.assert_allclose(proposing[1].after["poses"], again, atol=5e-5)
+    np.testing.assert_allclose(choosing[0].after["poses"], again, atol=5e-5)
+    last = choosing[-1]
+    np.testing.assert_array_equal(last.after["poses"], last.before["poses"])
 
     given, found = accepting[0].before, accepting[0].after
     margins = 1 - np.repeat(np.float32(given["margins"]), n_limbs)

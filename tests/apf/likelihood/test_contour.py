@@ -116,7 +116,7 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     both = [smooth_maps(rig, seed) for seed in (1, 2)]
     contours = np.ascontiguousarray(np.moveaxis(np.concatenate(both, -1), -1, 1))
     assert contours.shape[1] == N_NORMALS
-    likelihood.contours.contours.set(contours)
+    likelihood.seen["contours"].set(contours)
     rows = sample_rows(cone_sampling(body, config.likelihood.reprojection.sample_spacing))
     look = scored_parts(body, rows), rows
     cones = posed_cones(body, setup.poses)
@@ -124,7 +124,7 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
     expected = np.mean([1 - contour_means(c, body, cones, v, *look) for c, v in views], 0)
     setup.on_device.set(setup.poses)
     launches = likelihood.launcher(setup.on_device)
-    likelihood.reprojection.maps.set(setup.maps)
+    likelihood.seen["maps"].set(setup.maps)
     for launch in launches:
         launch.set(contour_weight=1.5)
         launch()

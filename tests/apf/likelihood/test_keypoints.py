@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 from helpers.kinds import other_kind
+from helpers.likelihoods import Setup, only, smooth_maps
 from helpers.sightings import seen_points
 
 from apf.body import load_body
+from apf.likelihood.base import Likelihood
 from apf.likelihood.config import KeypointConfig
 from apf.likelihood.keypoints import KeypointLikelihood
 from apf.likelihood.observations import Observed, PointObservations, joined, no_observations
@@ -104,10 +106,39 @@ def test_it_adds_to_another_likelihood(device: Device) -> None:
     assert base.shown == "shown" and term.points is base.points and term.observed is None
 
 
-class _Constant:
+@pytest.mark.parity("tracking/likelihood.score_poses")
+@pytest.mark.parametrize("n", [0, 37, 300])
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_the_voxels_kernel_takes_the_term(device: Device, n: int, kind: str) -> None:
+    """The voxels' errors grow by what the twin says of the points; misfits do not."""
+    device, rig = device if kind == "own" else other_kind(device), scenes.ring(3)
+    setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 23), smooth_maps(rig), only("edge"))
+    seen = seen_points(SONG, setup.poses[3].astype(float), rig, max(1, n // 3))
+    seen = replace(seen, most=350.0) if n else no_observations()
+    alone, voxels = setup.errors(), setup.likelihood
+    scene = Scene(device, rig, scenes.small_grid(0.1), SONG)
+    term = KeypointLikelihood(scene, CONFIG, POSTURE, 23, voxels)
+    term.observed.set(seen)
+    misfits = device.zeros((23,), np.float32)
+    errors = device.zeros((23,), np.float32)
+    for launch in [
+        *term.launcher(setup.on_device),
+        *term.rescoring_launcher(setup.on_device, errors, misfits=misfits),
+        *term.misfit_launcher(setup.on_device),
+    ]:
+        launch()
+    shares = missed_shares(SONG, rig, setup.poses.astype(float), seen, CONFIG).sum(1)
+    expected = alone + len(rig) * CONFIG.weight * shares / 350.0
+    np.testing.assert_allclose(term.errors.get(), expected, rtol=2e-4, atol=1e-4)
+    np.testing.assert_allclose(errors.get(), expected, rtol=2e-4, atol=1e-4)
+    assert misfits.get()[0] == pytest.approx(voxels.misfits.get()[0], rel=1e-5)
+    assert len(np.unique(misfits.get())) > 10
+
+
+class _Constant(Likelihood):
     """A likelihood whose errors are 7, in units of 2."""
 
-    unit, points, misfits, refines = 2.0, None, None, False
+    unit = 2.0
 
     def __init__(self, device: Device, n: int) -> None:
         self.errors = device.to_device(np.full(n, 7, np.float32))

@@ -174,7 +174,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     cones = posed_cones(body, setup.poses)
     for frame in range(3):
         codes = smooth_maps(rig, frame)[..., 0] // 5
-        colours.codes.set(codes)
+        likelihood.seen["codes"].set(codes)
         colours.known = True
         ratios = ratios_of(histograms, CONFIG)
         if frame:
@@ -188,7 +188,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
         # What the launches know is set where a frame is observed.
         setup.on_device.set(setup.poses)
         launches = likelihood.launcher(setup.on_device)
-        likelihood.reprojection.maps.set(setup.maps)
+        likelihood.seen["maps"].set(setup.maps)
         for launch in launches:
             launch.set(colour_weight=1.5)
             launch()

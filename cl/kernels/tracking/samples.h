@@ -1,0 +1,162 @@
+// Samples on the outlines and inside of cones, in maps and pictures. Defines: those of
+// packed_cones.h; N_CODES; OUTLINE_FLOATS; TRUNK, the cone that hides limbs behind it, or -1.
+#if !defined(CAMERA_FLOATS) || !defined(N_CODES) || !defined(OUTLINE_FLOATS) || !defined(TRUNK)
+#error "tracking/samples.h needs CAMERA_FLOATS, N_CODES, OUTLINE_FLOATS and TRUNK"
+#endif
+#include "common/packed_cones.h"
+
+// Slope from which a line counts as upright: that of half of a right angle's quarter, 67.5 degrees.
+#define STEEP 2.41421356f
+
+// Items that share a row of samples: a GPU's would wait for one sample after the other.
+#define SHARES (GROUP > 1 ? 2 : 1)
+
+// Sums over samples of a map: 255 - value, and how many of them lie in the picture; of `colour` the
+// log ratios of visible samples, see part_colour.cl; of `contour` what visible samples of outlines
+// find of contour.cl's.
+typedef struct {
+    vint edge, n_edge, inside, n_inside, colour, n_colour, contour, n_contour;
+} samples;
+
+// What is looked up in the pictures themselves: their codes, the tables of log ratios and where that
+// of each particle's run begins, the part of every row, their contours along each normal, the pixels
+// of a picture, and what the means of both weigh.
+typedef struct {
+    __global const uchar *codes;
+    __global const char *ratios;
+    vint table;
+    __global const int *row_parts;
+    __global const uchar *contours;
+    int n_pixels;
+    float colour_weight, contour_weight;
+} picture_cues;
+
+// Adds the sample at pixel (x, y), whose half is added already, of one channel of a map.
+inline void take_sample(__global const float *camera, __global const uchar *channel, int width,
+                        vfloat x, vfloat y, vint *error, vint *count)
+{
+    const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint pixel = inside ? 2 * (TO_INT(y) * width + TO_INT(x)) : 0;
+#define PIXEL(l) channel[LANE_OF(pixel, l)]
+    const vint value = PACK_OF(vint, PIXEL);
+#undef PIXEL
+    *error += inside ? 255 - value : 0;
+    *count += inside & 1;
+}
+
+// Whether a row of a cone, `row` as in take_row, lies further from the camera than the trunk's
+// middle: what it shows inside the trunk's outline is hidden.
+inline vint behind_trunk(__global const float *camera, __local const vfloat *cones, float4 row)
+{
+#if TRUNK < 0
+    return (vint)0;
+#else
+    __local const vfloat *own = cones + (int)row.x * CONE_FLOATS;
+    __local const vfloat *trunk = cones + TRUNK * CONE_FLOATS;
+    vfloat further = 0.0f;
+    for (int i = 0; i < 3; ++i)
+        further += camera[6 + i] * (own[i] + row.y * (own[4 + i] - own[i]) -
+                                    0.5f * (trunk[i] + trunk[4 + i]));
+    return further > 0.0f;
+#endif
+}
+
+// Whether pixel (x, y) lies in the trapezoid with these corners; never in one that is NOWHERE.
+inline vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
+{
+    vint left = corners[0] > NOWHERE, right = left;
+    for (int i = 0; i < 4; ++i) {
+        const int j = (i + 1) % 4;
+        const vfloat side = (corners[2 * j] - corners[2 * i]) * (y - corners[2 * i + 1]) -
+                            (corners[2 * j + 1] - corners[2 * i + 1]) * (x - corners[2 * i]);
+        left &= side >= 0.0f;
+        right &= side <= 0.0f;
+    }
+    return left | right;
+}
+
+// Adds the log ratio of the colour at pixel (x, y), whose half is added already; table: where the
+// part's ratios begin.
+inline void take_colour(__global const float *camera, __global const uchar *codes,
+                        __global const char *ratios, vint table, int width, vfloat x, vfloat y,
+                        vint visible, samples *sums)
+{
+    const vint inside =
+        visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
+#define RATIO(l) ratios[LANE_OF(table, l) + codes[LANE_OF(pixel, l)]]
+    const vint value = PACK_OF(vint, RATIO);
+#undef RATIO
+    sums->colour += inside ? value : 0;
+    sums->n_colour += inside & 1;
+}
+
+// The normal, of contour.cl's four, of a line in direction (x, y).
+inline vint normal_of(vfloat x, vfloat y)
+{
+    const vfloat across = most(x, -x), down = most(y, -y);
+    const vint diagonal = x * y < 0.0f ? (vint)1 : (vint)3;
+    return down > STEEP * across ? (vint)0 : across > STEEP * down ? (vint)2 : diagonal;
+}
+
+// Adds what the sample at pixel (x, y), whose half is added already, of an outline with this normal
+// finds of contours.
+inline void take_contour(__global const float *camera, picture_cues cues, vint normal, int width,
+                         vfloat x, vfloat y, vint visible, samples *sums)
+{
+    const vint inside =
+        visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint pixel = inside ? normal * cues.n_pixels + TO_INT(y) * width + TO_INT(x) : 0;
+#define FOUND(l) cues.contours[LANE_OF(pixel, l)]
+    const vint value = PACK_OF(vint, FOUND);
+#undef FOUND
+    sums->contour += inside ? value : 0;
+    sums->n_contour += inside & 1;
+}
+
+// Whether a sample at pixel (x, y), whose half is added already, is seen: unless the row is `hidden`
+// where the trunk's outline covers it.
+inline vint seen_sample(__local const vfloat *outlines, vfloat x, vfloat y, vint hidden)
+{
+#if TRUNK < 0
+    return (vint)-1;
+#else
+    return (hidden & in_outline(outlines + TRUNK * OUTLINE_FLOATS, x - 0.5f, y - 0.5f)) == 0;
+#endif
+}
+
+// One row of a cone, x = its number, y = share of the way along it: samples at both outlines and z
+// evenly between them, w = 1 / z; of these every SHARES-th from number `share` on.
+// Where its part is looked for in the pictures, `part` is not negative and `hidden` says whether it
+// lies behind the trunk. cues: of this camera.
+inline void take_row(__global const float *camera, __global const uchar *map, int width,
+                     __local const vfloat *outlines, float4 row, int share, int part,
+                     picture_cues cues, vint hidden, samples *sums)
+{
+    __local const vfloat *corner = outlines + (int)row.x * OUTLINE_FLOATS;
+    const vfloat left_x = corner[0] + row.y * (corner[6] - corner[0]) + 0.5f;
+    const vfloat left_y = corner[1] + row.y * (corner[7] - corner[1]) + 0.5f;
+    const vfloat right_x = corner[2] + row.y * (corner[4] - corner[2]) + 0.5f;
+    const vfloat right_y = corner[3] + row.y * (corner[5] - corner[3]) + 0.5f;
+#pragma unroll
+    for (int side = share; side < 2; side += SHARES) {
+        const vfloat x = side ? right_x : left_x, y = side ? right_y : left_y;
+        take_sample(camera, map + 1, width, x, y, &sums->edge, &sums->n_edge);
+        if (part >= 0 && cues.contour_weight > 0.0f) {
+            __local const vfloat *low = corner + 2 * side, *high = corner + 6 - 2 * side;
+            take_contour(camera, cues, normal_of(high[0] - low[0], high[1] - low[1]), width, x, y,
+                         seen_sample(outlines, x, y, hidden), sums);
+        }
+    }
+    const bool coloured = part >= 0 && cues.colour_weight > 0.0f;
+    const vfloat step_x = (right_x - left_x) * row.w, step_y = (right_y - left_y) * row.w;
+    const int n = (int)row.z;
+    for (int column = share; column < n; column += SHARES) {
+        const vfloat x = left_x + (column + 0.5f) * step_x;
+        const vfloat y = left_y + (column + 0.5f) * step_y;
+        take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
+        if (coloured)
+            take_colour(camera, cues.codes, cues.ratios, cues.table + part * N_CODES,
+                        width, x, y, seen_sample(outlines, x, y, hidden), sums);
+    }
+}
