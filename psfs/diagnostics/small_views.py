@@ -68,18 +68,17 @@ def small_views(
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
     plates = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
-    with sequence.reader() as read:
-        for number, frame in enumerate(map(read, frames)):
-            small = shrink.frame(frame)
-            silhouettes = evidence_of(small) > 0
-            pairs = list(zip(shrink.small, silhouettes, strict=True))
-            outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
-            foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
-            grey = None if small.images is None else _grey(small.images)
-            gains.append(_gains(grey, plates, silhouettes))
-            if number in kept:
-                masks.append(silhouettes)
-                pictures.append(grey)
+    for number, frame in enumerate(sequence.frames(slice(frames.start, frames.stop))):
+        small = shrink.frame(frame)
+        silhouettes = evidence_of(small) > 0
+        pairs = list(zip(shrink.small, silhouettes, strict=True))
+        outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
+        foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
+        grey = None if small.images is None else _grey(small.images)
+        gains.append(_gains(grey, plates, silhouettes))
+        if number in kept:
+            masks.append(silhouettes)
+            pictures.append(grey)
     return SmallViews(
         shrink.small, frames, outlines, np.array(foreground), np.array(gains), plates,
         kept + frames.start, np.stack(masks),
