@@ -2,18 +2,23 @@
 
 Takes are filmed first, then done by the very tasks of `apf batch` on clusters of this machine:
 workers on one GPU, on two, or on shares of the CPU's cores. Starting a cluster is no part of it,
-nor is compiling, which is done once before and kept on disk by the drivers. `--start found` looks
-for the person in every take, as users do; by default the true first pose is given, so that it is
-tracking that is timed.
+nor is compiling, which is done once before and kept on disk by the drivers; nor are the first takes
+and the last. Takes that are begun all at once and are of one length would look at their footage all
+at once, with the GPU idle, and then wait for each other's tracking; a lab's are not. So workers
+begin one after another, and what counts are takes that end while all workers are busy. `--start
+found` looks for the person in every take, as users do; by default the true first pose is given, so
+that it is tracking that is timed.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,12 +34,12 @@ from psfs.cli.commandline import add_command
 from psfs.sequence import Sequence as Footage
 from timings.measure import places
 from timings.results import Results, add_timing_flags
-from timings.tables.batch import print_report
+from timings.tables.batch import ONE_AFTER_ANOTHER, print_report
 
 #: Takes at once on a GPU; of two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)
-#: Takes for each worker, so that they fall out of step and the last one weighs little.
-_PER_WORKER = 3
+#: Takes of each worker that count; with --quick one.
+_PER_WORKER = 2
 #: The takes: cameras, frames, size; and with --quick.
 _SCENE = {"cameras": 8, "frames": 120, "size": (640, 480), "fps": 60.0}
 _QUICK = {"cameras": 3, "frames": 8, "size": (160, 120), "fps": 60.0}
@@ -57,7 +62,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> None:
     scene = _QUICK if args.quick else _SCENE
     start, lean = args.start, args.lean
-    results = Results.begin("batch", args, {"scene": scene, "start": start, "lean": lean})
+    settings = {"scene": scene, "start": start, "lean": lean, "begin": ONE_AFTER_ANOTHER}
+    results = Results.begin("batch", args, settings)
     with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
         takes = _filmed(Path(folder) / "takes", scene)
         results.plan("decoding", partial(decoding, takes[0]))
@@ -65,13 +71,12 @@ def run(args: argparse.Namespace) -> None:
         flags += ("--no-overlay", "--no-report") if lean else ()
         measured = clusters(args.quick, args.at_once)
         first = next(iter(measured.values()))
-        compiled = Path(folder) / "compiled"
-        once = partial(throughput, first[: len(takes)], takes, compiled, flags, True, 1)
-        results.plan("compiling", once)
+        results.plan("compiling", partial(compiling, first[0], takes, Path(folder) / "once", flags))
         # The largest first: should the time end, what is left out is what tells least.
         for label, shares in reversed(measured.items()):
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
-            measure = partial(throughput, shares, takes, out, flags, start == "true")
+            per_worker = 1 if args.quick else _PER_WORKER
+            measure = partial(throughput, shares, takes, out, flags, start == "true", per_worker)
             results.plan(f"workers {label}", measure)
         results.measure()
     print_report(results)
@@ -115,38 +120,60 @@ def decoding(take: Path) -> dict[str, float]:
     return {"frames": n, "ms": 1e3 * wall / n, "core_ms": 1e3 * processor / n}
 
 
+def compiling(
+    share: Share, takes: Sequence[Path], out: Path, flags: Sequence[str]
+) -> dict[str, float]:
+    """s that the first takes take, one of each at once on workers with this share."""
+    began = time.perf_counter()
+    with embedded_cluster([share] * len(takes)) as client:
+        list(_done(Pool(client), [_task(take, out, take.name, flags, True) for take in takes]))
+    return {"seconds": time.perf_counter() - began}
+
+
 def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool,
     per_worker: int = _PER_WORKER,
 ) -> dict[str, Any]:  # fmt: skip
-    """Takes per minute of workers with these shares, after a short take on each if they do
-    several; s that a take spends in each stage, and s of a core that it costs."""
+    """Takes per minute of workers with these shares while all are busy; s that such a take spends
+    in each stage, and s of a core that it costs."""
+    n_workers, began = len(shares), 0.0
 
-    def job(name: str, number: int, *more: str) -> Task:
-        take = takes[number % len(takes)]
-        init = (f"--init={take / 'truth.npz'}",) * (given or bool(more))
-        words = (*flags, *init, *more)
-        return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
+    def task(name: str, number: int, given: bool, *more: str) -> Task:
+        return _task(takes[number % len(takes)], out, f"{name}{number}", (*flags, *more), given)
 
-    n_takes = max(len(takes), per_worker * len(shares))
-    n_short = len(shares) if per_worker > 1 else 0
+    def one_after_another(apart: float) -> Iterator[Task]:
+        """Takes without end, those of the workers' beginning s `apart`."""
+        nonlocal began
+        for number in itertools.count():
+            if number < n_workers:
+                time.sleep(apart * (number > 0))
+                began = time.perf_counter()
+            yield task("take", number, given)
+
     with embedded_cluster(shares) as client:
-        _all(Pool(client), [job(f"warm{k}", k, "--frames=0:3") for k in range(n_short)])
-        began = time.perf_counter()
-        done = _all(Pool(client), [job(f"take{k}", k) for k in range(n_takes)])
-        seconds = time.perf_counter() - began
+        short = [task("short", number, True, "--frames=0:3") for number in range(n_workers)]
+        took = sum(sum(one.seconds.values()) for one in _done(Pool(client), short)) / n_workers
+        with closing(_done(Pool(client), one_after_another(took / n_workers))) as without_end:
+            done = list(itertools.islice(without_end, per_worker * n_workers))
+            seconds = time.perf_counter() - began
     frames = sum(row["frames"] for one in done for row in one.rows)
     return {
-        "workers": len(shares),
+        "workers": n_workers,
         "gpus": len({share.device for share in shares if not share.cores}),
-        "takes": n_takes,
+        "takes": len(done),
         "seconds": seconds,
-        "per_minute": 60 * n_takes / seconds,
+        "per_minute": 60 * len(done) / seconds,
         "frames_per_s": frames / seconds,
         "stages": _means([one.seconds for one in done]),
         "core_stages": (core_stages := _means([one.core_seconds for one in done])),
         "core_s": sum(core_stages.values()),
     }
+
+
+def _task(take: Path, out: Path, name: str, flags: Sequence[str], given: bool) -> Task:
+    """The task of `apf batch` for a take; given: start at the true first pose."""
+    words = (*flags, *([f"--init={take / 'truth.npz'}"] * given))
+    return Task(name, do_take, (TakeJob(name, take, out / name, out / "log", words),))
 
 
 def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -157,10 +184,9 @@ def _means(of_takes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {stage: total / len(of_takes) for stage, total in sums.items()}
 
 
-def _all(pool: Pool, tasks: Sequence[Task]) -> list[TakeDone]:
-    found = []
-    for task, outcome in pool.outcomes(tasks):
-        if not isinstance(outcome, TakeDone):
-            raise InputError(f"{task.name}: {outcome}")
-        found.append(outcome)
-    return found
+def _done(pool: Pool, tasks: Iterable[Task]) -> Generator[TakeDone, None, None]:
+    with closing(pool.outcomes(tasks)) as outcomes:
+        for task, outcome in outcomes:
+            if not isinstance(outcome, TakeDone):
+                raise InputError(f"{task.name}: {outcome}")
+            yield outcome

@@ -344,7 +344,8 @@ def _takes(machines: Sequence[Machine], batches: Sequence[Machine]) -> str:
     parts = ["## Many takes", _TAKES]
     for machine in batches:
         results = machine.results[BATCH]
-        about = f"{results.made[:10]}, commit {results.commit}; `{results.command}`"
+        about = f"{results.made[:10]}, commit {results.commit}; `{results.command}`; "
+        about += f"takes begin {results.settings.get('begin', 'all at once')}."
         parts += [f"### {machine.title}", about, *(g.markdown() for g in tables_of(results))]
         parts += missing(machine, BATCH, "workers ", "decoding")
     counted = {machine.name for machine in batches}
@@ -355,7 +356,9 @@ def _takes(machines: Sequence[Machine], batches: Sequence[Machine]) -> str:
 
 _TAKES = """Takes done by the tasks of `apf batch`: read, reconstructed, tracked and written.
 Speed-up and efficiency are against the first row; core s: of the processor, all processes
-together."""
+together. Where takes begin one after another, those are counted that end while all workers are
+busy. Takes of one length that begin all at once keep in step: all look at their footage, with the
+GPUs idle, and then wait for each other's tracking."""
 
 
 def _left_out(machines: Sequence[Machine]) -> str:

@@ -7,6 +7,9 @@ from typing import Any
 from timings.results import Results
 from timings.tables.grid import Grid, number
 
+#: How takes begin, as the settings of results say; of results that do not, all at once.
+ONE_AFTER_ANOTHER = "one after another"
+
 
 def print_report(results: Results) -> None:
     for grid in tables_of(results):
