@@ -238,13 +238,14 @@ class Sequence:
         return corners.min(axis=0), corners.max(axis=0)
 
     @contextmanager
-    def reader(self) -> Iterator[Callable[[int], Frame]]:
+    def reader(self, learning: bool = True) -> Iterator[Callable[[int], Frame]]:
         """Give `read(index)` for frames in any order, cheapest forwards; all views at the same
-        time. An adaptive mixture begins anew with each reader and learns from what it reads.
+        time. An adaptive mixture begins anew with each reader and learns from what it reads; not
+        `learning`, it stays what it is before.
 
         Raises InputError as `frames` does.
         """
-        adaptive = self.background_kind == "mog-adaptive"
+        adaptive = learning and self.background_kind == "mog-adaptive"
         with self._reader(self._learnt_mixture(True) if adaptive else None) as read:
             yield read
 

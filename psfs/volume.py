@@ -70,7 +70,8 @@ def foreground_box(
         raise InputError(f"{sequence.folder}: the selected frames are none of {len(sequence)}")
     rig, volume = sequence.rig, volume_config(sequence, config)
     evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
-    evidence = [without_speckle(evidence_of(sequence.read(indices[int(i)]))) for i in picked]
+    with sequence.reader(learning=False) as read:
+        evidence = [without_speckle(evidence_of(read(indices[int(i)]))) for i in picked]
     min_cameras = config.occupancy.seeing_cameras(len(rig))
 
     def searched(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,8 +35,10 @@ class Footage:
     def __len__(self) -> int:
         return len(self.masks)
 
-    def read(self, index: int) -> Frame:
-        return scenes.frame(index, masks=self.masks[index])
+    @contextmanager
+    def reader(self, learning: bool) -> Iterator[Callable[[int], Frame]]:
+        assert not learning
+        yield lambda index: scenes.frame(index, masks=self.masks[index])
 
 
 def test_the_body_lies_inside(device: Device) -> None:

@@ -36,6 +36,9 @@ def test_an_adaptive_mixture_forgets_who_stands_still(tmp_path: Path) -> None:
     for one, other in zip(sequence.frames(), sequence.frames(), strict=True):
         np.testing.assert_array_equal(one.masks, other.masks)  # each reader begins anew
     np.testing.assert_array_equal(sequence.read(5).masks, kept.read(5).masks)
+    with sequence.reader(learning=False) as read:
+        for index in range(6):
+            np.testing.assert_array_equal(read(index).masks, kept.read(index).masks)
 
 
 def test_masks_do_not_depend_on_the_frames_before() -> None:
