@@ -24,6 +24,7 @@ from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
 from psfs.common.files import full_path
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
+from psfs.footage.numbering import numbered
 from psfs.footage.prefetch import prefetched
 from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.threads import PATIENCE, HangingError, Threads
@@ -76,7 +77,9 @@ class Sequence:
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
-        timing, self.timing_notes = timing_of(footage, settings.fps, sync, _DEFAULT_FPS)
+        footage, numbering = numbered(footage)
+        timing, rates = timing_of(footage, settings.fps, sync, _DEFAULT_FPS)
+        self.timing_notes = [*numbering, *rates]
         self.footage = timed(footage, timing)
         self.unit = footage.unit
         self.subject: str = settings.subject or "person"

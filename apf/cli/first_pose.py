@@ -63,7 +63,7 @@ def found_start(
 ) -> tuple[BodyModel, np.ndarray]:
     """The body and its first pose (D,) found in the voxels; a body from a file keeps its shape."""
     template, own_shape = template_of(args.body)
-    with naming_init():
+    with naming_init(sequence):
         found = start_of(
             device, sequence, grid, template, selection,
             height=args.height, keep_shape=own_shape, seed=seed,
@@ -73,12 +73,15 @@ def found_start(
 
 
 @contextmanager
-def naming_init() -> Iterator[None]:
-    """Add to the error of a start that was not found the flag that gives one."""
+def naming_init(sequence: Sequence) -> Iterator[None]:
+    """Add to the error of a start that was not found the sequence, and the flags that mend it."""
     try:
         yield
     except StartError as error:
-        raise InputError(f"{error}; --init gives a first pose instead") from None
+        raise InputError(
+            f"{sequence.name}: {error}; --frames a: begins at another frame, --init gives a first "
+            "pose instead"
+        ) from None
 
 
 def warn_of_doubts(sequence: Sequence, start: Start) -> None:

@@ -72,6 +72,13 @@ _PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
     ),
 }
 
+#: Flags that one method alone has a use for.
+_OWNERS = {
+    ("trunk_layers",): "apf",
+    ("inertia", "cognitive", "social"): "pso",
+    ("sigma_z",): "sir",
+    ("low_pass", "max_error", "longest_gap"): "triangulate",
+}
 
 #: Flags of which a table [method] says all.
 METHOD_FLAGS = (
@@ -143,16 +150,13 @@ def chosen_method(args: argparse.Namespace) -> Method:
         raise InputError(
             f"--likelihood is the voxels'; expected none with --objective {base.objective}"
         )
-    if not images and args.renderer is not None:
-        raise InputError(
-            f"--renderer is the image objectives'; expected none with --objective {base.objective}"
-        )
     shape = shape_settings(args)
     if not images and shape:
         raise InputError(
             f"--shape is the image objectives'; expected none with --objective {base.objective}"
         )
-    terms = likelihood_weights(args.likelihood) if args.likelihood is not None else {}
+    _check_owners(args, base)
+    terms = _terms(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
     method = replace(base, filter=base.filter.changed(**settings))
     looks = given({**_WEIGHTS, **_PARTS["image"][1]}) | shape
@@ -165,6 +169,35 @@ def chosen_method(args: argparse.Namespace) -> Method:
     return replace(
         method, both_ways=both_ways, image=image, features=features, swarm=swarm, sir=sir
     )
+
+
+def _check_owners(args: argparse.Namespace, base: Method) -> None:
+    """Raise InputError for a flag of the command line that the method has no use for."""
+    for names, owner in _OWNERS.items():
+        for name in names:
+            if getattr(args, name, None) is not None and base.search != owner:
+                flag = name.replace("_", "-")
+                raise InputError(f"--{flag} is of --method {owner}; this one is {base.search}")
+    for part in ("image", "features", "proximity"):
+        for name, (flag, _) in _PARTS[part][1].items():
+            if getattr(args, name) is not None and not base.uses_images:
+                raise InputError(
+                    f"{flag} is the image objectives'; expected none with --objective "
+                    f"{base.objective}"
+                )
+
+
+def _terms(text: str) -> dict[str, float]:
+    """The weights of --likelihood. Raises InputError where it names a term twice, or no term has a
+    weight."""
+    terms = likelihood_weights(text)
+    names = [part.partition("=")[0].strip() for part in text.split(",")]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise InputError(f"--likelihood {text}: {twice} is there twice; expected each term once")
+    if not any(terms.values()):
+        raise InputError(f"--likelihood {text}: no term has a weight; expected one at least")
+    return terms
 
 
 def _base(args: argparse.Namespace) -> Method:

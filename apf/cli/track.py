@@ -241,7 +241,7 @@ def _tracked(
         sequence, left_out = open_trusted(args, device, person=True, opened=sequence)
     frames = selected_frames(args, sequence)
     line.n_frames = len(frames)
-    with naming_init():
+    with naming_init(sequence):
         take = track_take(
             device, sequence, method, seeds,
             given=given, template=template, keep_shape=own_shape, height=args.height,

@@ -45,7 +45,8 @@ def find_start(
     m. keep_shape: the template is the person's own body. progress: called every now and then.
 
     A body without head or feet is looked for in that part of the voxels that it is a model of.
-    Raises StartError if no frame shows a person or the body cannot be stood by itself.
+    Frames from which the person has left are passed over. Raises StartError if the first frame
+    shows nobody or the body cannot be stood by itself.
     """
     config = config or StartConfig()
     check_startable(scene.body)
@@ -83,9 +84,10 @@ def _start_of(
 def _looked_at(
     scene: Scene, voxels: Sequence[Any], every: int, config: StartConfig
 ) -> tuple[Sequence[Any], list[Cloud]]:
-    """The voxels that trackers are shown, and the person's points in every `every`-th; of both only
-    the part of the person that the scene's body is a model of."""
+    """The voxels that trackers are shown, until the person leaves, and the person's points in every
+    `every`-th; of both only the part of the person that the scene's body is a model of."""
     people = _people(voxels[::every], config)
+    voxels = voxels[: (len(people) - 1) * every + 1]
     margin = config.search.part_margin
     part = (
         -np.inf if has_feet(scene.body) else HIP_SHARE - margin,
@@ -195,15 +197,18 @@ def attempt(fitting: _Fitting) -> Attempt:
 
 
 def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
-    """The person's points (N, 3) m in each frame. Raises StartError if one shows nobody."""
+    """The person's points (N, 3) m in each frame, until one shows nobody. Raises StartError if the
+    first does."""
     least, min_part = config.frames.min_voxels, config.frames.min_part
     people = [person_points(frame.grid, frame.cloud().indices, min_part) for frame in voxels]
-    if not people or min(map(len, people)) < least:
+    shown = [len(points) >= least for points in people]
+    if not shown[0]:
+        later = "; somebody comes in after it" if any(shown) else ""
         raise StartError(
-            f"one of the first frames has {min(map(len, people), default=0)} surface voxels; "
-            f"expected at least {least} of a person in each of them"
+            f"nobody is in the first frame: {len(people[0])} surface voxels of "
+            f"{voxels[0].grid.voxel_size:g} m; expected at least {least} of a person{later}"
         )
-    return people
+    return people[: [*shown, False].index(False)]
 
 
 def _best_frame(

@@ -12,11 +12,14 @@ from apf.initialisation.config import FrameChoice, StartConfig
 from apf.initialisation.kept_voxels import stored
 from apf.initialisation.start import Start, check_startable
 from apf.scene import Scene
-from cl import Device, NumpyDevice
+from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
+
+#: Frames per second from which on a person can be followed.
+SLOWEST = 1.0
 
 
 def start_of(
@@ -36,6 +39,7 @@ def start_of(
     config = config or StartConfig()
     check_startable(template)  # before the voxels are made
     chosen = range(len(sequence))[selection or slice(None)]
+    check_rate(sequence, chosen.step)
     frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
     voxels = [
@@ -45,6 +49,16 @@ def start_of(
     noise = FilterConfig().at_rate(sequence.fps / frames.step).search.noise
     scene = Scene(device, sequence.rig, grid, template)
     return find_start(scene, voxels, noise, height, keep_shape, seed, progress, every, config)
+
+
+def check_rate(sequence: Sequence, step: int) -> None:
+    """Raise InputError if every `step`-th frame of a sequence is too seldom to follow somebody."""
+    fps = sequence.fps / abs(step)
+    if fps < SLOWEST:
+        raise InputError(
+            f"{sequence.name}: {fps:g} frames per second to be tracked; expected at least "
+            f"{SLOWEST:g}: people move too far in between"
+        )
 
 
 def frames_to_fit(chosen: range, fps: float, config: FrameChoice) -> tuple[range, int]:

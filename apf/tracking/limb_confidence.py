@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.special import expit
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends
@@ -105,7 +106,7 @@ def limb_confidence(
         far = np.log(np.maximum(disagreement, regression.least) / regression.apart)
         known = _averaged(far, n)
         odds = np.where(np.isfinite(known), regression.disagreement * known, odds)
-    confidence: np.ndarray = 1 / (1 + np.exp(-odds))
+    confidence: np.ndarray = expit(odds)
     return confidence
 
 

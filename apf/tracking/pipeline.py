@@ -19,6 +19,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.filters.method import Method
+from apf.initialisation.sequence import check_rate
 from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
@@ -94,6 +95,7 @@ def track_seeds(
     the tracks, as an interrupt does, and is returned.
     """
     step = (selection.step or 1) if selection else 1
+    check_rate(sequence, step)
     seen: Iterator[tuple[int, Any]]
     if method.objective == "keypoints":
         seen = ((index, None) for index in range(len(sequence))[selection or slice(None)])

@@ -33,7 +33,7 @@ from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import z_up_from
 from psfs.cli.commandline import add_command, frame_range, progress_bar, stdout, warn
-from psfs.cli.sequence_flags import sync_of
+from psfs.cli.sequence_flags import frame_rate, sync_of
 from psfs.cli.settings import FILE, add_configs, write_settings
 from psfs.common.configs import config_of
 from psfs.common.files import write_json
@@ -83,7 +83,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     group.add_argument(
         "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="only these cameras"
     )
-    group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+    group.add_argument("--fps", type=frame_rate, metavar="N", help="frames per second")
     group.add_argument(
         "--sync", type=sync_of, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",

@@ -142,7 +142,8 @@ def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     if not job.done:
         raise InputError(
             f"{sequence.folder}: nothing stands out from the background in the volume from "
-            f"{grid.low.round(3)} to {grid.high.round(3)} m; "
+            f"{grid.low.round(3)} to {grid.high.round(3)} m, "
+            f"{' x '.join(map(str, grid.shape))} voxels of {grid.voxel_size:g} m; "
             f"expected {expected_person(sequence)}"
         )
     job.report()

@@ -52,7 +52,9 @@ def add_sequence_flags(
     )
     group.add_argument("--up", metavar="AXIS", help="up axis of its world: z, -z, y, -y, x or -x")
     if fps:
-        group.add_argument("--fps", type=float, metavar="N", help="frames per second")
+        group.add_argument(
+            "--fps", type=frame_rate, metavar="N", help="frames per second, as 30 or 30000/1001"
+        )
     group.add_argument(
         "--sync",
         type=sync_of,
@@ -105,7 +107,7 @@ def sync_of(text: str) -> str | dict[str, int]:
 
 
 def _names(text: str) -> list[str]:
-    return text.split(",")
+    return [name.strip() for name in text.split(",")]
 
 
 def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
@@ -116,6 +118,17 @@ def add_all_cameras_flag(parser: argparse.ArgumentParser) -> None:
         help="keep cameras whose silhouettes disagree with the others' (default: left out, with a "
         "warning; --cameras states which to take)",
     )
+
+
+def frame_rate(text: str) -> float:
+    """Return the frames per second of `30`, `29.97` or `30000/1001` (argparse type)."""
+    try:
+        over, _, under = text.partition("/")
+        return float(over) / float(under or 1)
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no frame rate; expected e.g. 30, 29.97 or 30000/1001"
+        ) from None
 
 
 def voxel_edge(text: str) -> float:

@@ -80,7 +80,9 @@ def diagnosed(
         if not any(fault.kind == "exchange" for fault in faults):
             found = _arranged(sequence, device, views, tangency, faults, config)
             learnt = not sequence.footage.background
-            faults = [*(f for f in found if not _by_ghosts(f, faults, learnt)), *faults]
+            found = [f for f in found if not _by_ghosts(f, faults, learnt)]
+            hangs = {f.cameras for f in faults if f.kind == "frozen"}
+            faults = [*(f for f in found if f.cameras not in hangs), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
             faults += _unit(sequence, tangency.size)
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]

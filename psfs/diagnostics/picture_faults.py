@@ -63,6 +63,12 @@ class PictureConfig:
     """Share of the frames in which a silhouette touches the picture's border, to be noted."""
     filled: float = 0.5
     """Share of a picture that silhouettes fill: more is no person."""
+    blank: float = 2.0
+    """Deviation of a picture, grey levels, below which it shows nothing (20 and more)."""
+    frozen: float = 0.01
+    """Change of a silhouette's area over time below which its camera hangs..."""
+    moving: float = 0.05
+    """...where that of the median camera is larger."""
 
 
 def picture_faults(
@@ -70,14 +76,60 @@ def picture_faults(
 ) -> list[Fault]:
     """Return the faults of the pictures of a sequence, the serious ones first."""
     config = config or PictureConfig()
-    faults = [*_foreign(sequence, views, config)]
+    faults = [*_unseen(sequence, views, config)]
+    if any(not fault.cameras for fault in faults):
+        return faults
     named = {name for fault in faults for name in fault.cameras}
-    for check in (_knocked, _filled, _ghosts, _flickering):
+    for check in (_foreign, _frozen, _knocked, _filled, _ghosts, _flickering):
         for fault in check(sequence, views, config):
             if not named & set(fault.cameras):
                 faults.append(fault)
                 named |= set(fault.cameras)
     return [*faults, *_cut(sequence, views, config)]
+
+
+def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Footage that shows nobody at all, and cameras whose pictures show nothing."""
+    if not any(outline for row in views.outlines for outline in row):
+        yield Fault(
+            "nobody",
+            (),
+            f"nothing stands out from the background in {len(views.frames)} frames; expected "
+            "somebody in view of the cameras",
+            serious=False,  # what reconstructs stops, if nobody is in any frame
+        )
+        return
+    if views.pictures is None:
+        return
+    typical = stack_median(views.pictures)
+    for camera, small, picture in zip(sequence.rig, views.rig, typical, strict=True):
+        if picture[: small.size[1], : small.size[0]].std() < config.blank:
+            yield Fault(
+                "blank",
+                (camera.name,),
+                f"camera {camera.name}: its pictures are of one brightness and show nothing; was "
+                "its lens covered, or its signal lost? Leave it out (--cameras)",
+            )
+
+
+def _frozen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Cameras that show somebody who does not move at all, though he does in the others."""
+    areas = np.array(
+        [[outline.area if outline else 0 for outline in row] for row in views.outlines]
+    )
+    if len(areas) < 4 or areas.shape[1] < 2:
+        return
+    middle = np.median(areas, axis=0)
+    changes = np.ptp(areas, axis=0) / np.maximum(middle, 1)
+    moving = np.median(changes) > config.moving
+    for name, change, area in zip(sequence.rig.names, changes, middle, strict=True):
+        if moving and area and change < config.frozen:
+            yield Fault(
+                "frozen",
+                (name,),
+                f"camera {name} shows the same picture in all frames, in which the others show "
+                "motion; its recording hangs: leave it out (--cameras)",
+            )
 
 
 def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:

@@ -15,6 +15,8 @@ from psfs.sequence import Sequence
 UNIT_ASKED = "State the `unit`"
 #: A rig of people or things is this large, m; anything else hints at a wrong unit.
 PLAUSIBLE_EXTENT = (0.05, 100.0)
+#: Cameras that are nearer to each other, m, see nothing from two sides.
+_ONE_PLACE = 1e-6
 #: Names of keypoints: ours, Pose2Sim's, OpenPose's, FreeMoCap's, OpenCap's, DeepLabCut's.
 _KEYPOINTS = (
     "keypoints.npz", "pose", "pose-2d", "openpose*", "*_json", "keypoints",
@@ -115,14 +117,28 @@ def rig_warnings(rig: CameraRig) -> list[str]:
     warnings = []
     extent = rig_extent(rig)
     low, high = PLAUSIBLE_EXTENT
-    if not low <= extent <= high:
+    if len(rig) > 1 and extent < _ONE_PLACE:
+        warnings.append("all cameras stand at one place; expected them around what is filmed")
+    elif not low <= extent <= high:
         large = "millimetres" if extent > 10 * high else "centimetres"
         guess = f"{large} read as metres" if extent > high else "metres read as millimetres"
         warnings.append(f"the rig is {extent:.3g} m across; {guess}? {UNIT_ASKED}")
     below = [camera.name for camera in rig if camera.centre[2] < 0]
     if len(below) == len(rig):
         warnings.append("all cameras lie below z = 0; is the up axis right? State it as `up`")
+    elif len(rig) > 1 and not _stands(rig):
+        warnings.append(
+            "the cameras stand neither upright, nor on their sides, nor look down; is the up axis "
+            "right? State it as `up`"
+        )
     return warnings + _blind_warnings(rig)
+
+
+def _stands(rig: CameraRig) -> bool:
+    """Do most cameras stand upright, or all on their sides, or do all look down?"""
+    z = np.stack([camera.R[:, 2] for camera in rig])  # the vertical in each camera's axes
+    aside, down = (np.abs(z[:, 0]) > 0.7).all(), (z[:, 2] < -0.3).all()
+    return bool((-z[:, 1] > 0.5).mean() > 0.5 or aside or down)
 
 
 def _blind_warnings(rig: CameraRig) -> list[str]:

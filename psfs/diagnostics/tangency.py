@@ -137,7 +137,7 @@ class Tangency:
         first, end = max(0, -lag), min(len(a), len(b) - lag)
         if end <= first:
             return 0.0, 0
-        apart = (a[first:end] - b[first + lag : end + lag]) / self.size
+        apart = (a[first:end] - b[first + lag : end + lag]) / max(self.size, 1e-12)
         known = np.isfinite(apart)
         if not steady:
             for column, there in zip(apart.T, known.T, strict=True):

@@ -263,8 +263,9 @@ def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
         capture.set(cv2.CAP_PROP_POS_FRAMES, promised - _TAIL)
         if _grabbed(capture) == _TAIL:
             return promised
-    capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-    count = _grabbed(capture)
+    whole = _open_capture(path)  # a video of one frame cannot be wound back
+    count = _grabbed(whole)
+    whole.release()
     # Headers are a few frames wrong where an encoder dropped frames at the end; more is damage.
     if path.suffix.lower() in _COUNTING and promised - count > max(5, promised // 100):
         raise InputError(

@@ -177,6 +177,16 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "100,000 workers": (["apf", "batch", "walk", "-o", "new", "--workers", "100000"], None,
                         "--workers"),
     "no workers": (["apf", "batch", "walk", "-o", "new", "--workers", "0"], None, "--workers"),
+    "a rate to follow nobody at": ([*TRACK, "--fps", "0.5"], None, "0.5 frames per second"),
+    "a swarm's flag": ([*TRACK, "--inertia", "0.5"], None, "--inertia is of --method pso"),
+    "a flag of triangulation": ([*TRACK, "--low-pass", "6"], None, "--low-pass is of --method tri"),
+    "a flag of image objectives": ([*TRACK, "--edges", "canny"], None, "--edges is the image"),
+    "a term twice": ([*TRACK, "--likelihood", "edge=1,edge=2"], None, "edge is there twice"),
+    "no weight at all": ([*TRACK, "--likelihood", "edge=0"], None, "no term has a weight"),
+    "nobody at first": ([*TRACK[:-4]], None, "nobody is in the first frame"),
+    "a volume of one voxel": (["psfs", "reconstruct", "seq", "-q", "-o", "new", "--voxel-size",
+                               "20", *BOX[2:]], None, "1 x 1 x 1 voxels of 20 m"),
+    "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
     "a demo of one camera": (["apf", "demo", "-o", "new", "--cameras", "1"], None, "--cameras"),
     "a demo of no frame": (["apf", "demo", "-o", "new", "--frames", "0"], None, "frames is 0"),
     "a demo in a file": (["apf", "demo", "-o", "pose.txt"], None, "pose.txt"),
@@ -198,3 +208,9 @@ def test_hidden_files_are_no_pictures(stock: Path) -> None:
     (stock / "walk/videos/._cam01.mp4").write_bytes(b"no video")
     for take in ("seq", "walk"):
         assert run(["psfs", "info", take, "--no-pictures"]).code == 0
+
+
+def test_values_as_other_programs_write_them(stock: Path) -> None:
+    names = ["--cameras", "cam01, cam02"]
+    outcome = run([*INFO, *names, "--fps", "30000/1001"])
+    assert outcome.code == 0 and "29.97 per second" in outcome.out and "cam03" not in outcome.out

@@ -73,7 +73,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         if given is None:
             template, own_shape = template_of(args.body)
             seed = chosen_method(args).filter.search.seed
-            with naming_init():
+            with naming_init(sequence):
                 start = start_of(
                     device, sequence, grid, template, selection, config, height=args.height,
                     keep_shape=own_shape, seed=seed, progress=lambda: progress("start"),

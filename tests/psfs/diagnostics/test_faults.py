@@ -18,6 +18,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli import main
 from psfs.diagnostics.faults import diagnosed
 from psfs.diagnostics.picture_faults import Fault
+from psfs.diagnostics.sequence_info import rig_warnings
 from psfs.sequence import Sequence
 
 FRAMES = 36
@@ -138,6 +139,32 @@ def test_leaving_a_camera_out_keeps_the_match_by_order(tmp_path: Path, masks: np
     kept = sequence.with_cameras(["c0", "c3", "c4"]).read(2).masks
     assert kept is not None
     np.testing.assert_array_equal(kept > 0, masks[2, [0, 3, 4]] > 0)
+
+
+def test_a_camera_that_hangs(tmp_path: Path, masks: np.ndarray) -> None:
+    spoilt = masks.copy()
+    spoilt[:, 2] = masks[FRAMES // 2, 2]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "frozen" and fault.cameras == ("c2",)
+
+
+def test_an_empty_room(tmp_path: Path, masks: np.ndarray) -> None:
+    (fault,) = faults(write(tmp_path / "a", np.zeros_like(masks)))
+    assert fault.kind == "nobody" and fault.cameras == ()
+
+
+def test_a_camera_that_shows_nothing(tmp_path: Path) -> None:
+    """All pictures of these videos are of one brightness."""
+    found = faults(footage.native(tmp_path / "walk"))
+    assert {fault.kind for fault in found if fault.serious} == {"blank"}
+
+
+def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
+    folder = write(tmp_path / "a", masks)
+    assert rig_warnings(Sequence.open(folder).rig) == []
+    assert "up axis" in rig_warnings(Sequence.open(folder, up="y").rig)[0]
+    one = CameraRig(tuple(replace(camera, t=np.zeros(3)) for camera in rig()))
+    assert "stand at one place" in rig_warnings(one)[0]
 
 
 def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:
