@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import ctypes
 import logging
 import math
 import threading
@@ -110,6 +111,16 @@ class Device:
         device = select_device("auto", profile)
         assert isinstance(device, Device)
         return device
+
+    @property
+    def queue(self) -> Any:
+        """The queue that everything is enqueued on."""
+        return self._queue
+
+    @queue.setter
+    def queue(self, queue: Any) -> None:
+        self._queue = queue
+        self.raw_queue = ctypes.c_void_p(queue.int_ptr)  # as `Launch` takes it
 
     def sibling(self) -> Device:
         """Return the same device, memory and programs with a queue of its own, for another thread.

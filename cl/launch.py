@@ -122,17 +122,17 @@ class Launch:
             self.arguments[name] = value
 
     def __call__(self) -> None:
-        queue, profiler = self.device.queue, self.device.profiler
+        device, profiler = self.device, self.device.profiler
         raw = _ENQUEUE if profiler is None else None
-        if raw is not None and raw(ctypes.c_void_p(queue.int_ptr), *self._sizes) == 0:
+        if raw is not None and raw(device.raw_queue, *self._sizes) == 0:
             return
         # Or once more, by what tells errors.
         try:
             event = pyopencl.enqueue_nd_range_kernel(
-                queue, self._bound, self.global_size, self.local_size
+                device.queue, self._bound, self.global_size, self.local_size
             )
         except pyopencl.Error as error:
-            raise device_failure(self.device.name, f"kernel {self.name}", error) from error
+            raise device_failure(device.name, f"kernel {self.name}", error) from error
         if profiler is not None:
             profiler.add(self.name, event)
 

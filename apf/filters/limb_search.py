@@ -14,6 +14,7 @@ from apf.filters.particle_set import seed_words
 from apf.filters.refinement import Refinement
 from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch
+from cl.workgroups import stated_group
 
 #: Items that choose, and move the poses chosen from.
 _GPU_GROUP, _CPU_GROUP = 256, 64
@@ -136,7 +137,7 @@ class LimbSearch:
         return self.device.launch(
             self._kernel("propose"),
             (self.n_dof, n, self._n_runs),
-            None,
+            stated_group(self.device, 32, 8, 1),
             n=n,
             n_near=n_near(n),
             layer=self.config.search.n_layers,
@@ -177,7 +178,7 @@ class LimbSearch:
         return self.device.launch(
             self._kernel("accept"),
             (max(self.n_dof, self.information.shape[1]), self._n_runs),
-            None,
+            stated_group(self.device, 64, 1),
             margins=(self.config.limb_search.near_margin, self.config.limb_search.far_margin),
             errors=self.errors,
             candidates=self.candidates,

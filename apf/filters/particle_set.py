@@ -11,7 +11,7 @@ from apf.body.model import BodyModel
 from apf.filters.config import SearchConfig
 from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Kernel, Launch
-from cl.workgroups import pack_defines
+from cl.workgroups import pack_defines, stated_group
 
 #: Work-items that anneal all particles of a run: as many as a work-group can have everywhere.
 _LARGEST_GROUP = 1024
@@ -109,7 +109,7 @@ class ParticleSet:
         launch = self.device.launch(
             self._kernel("diffuse"),
             (n_packs, self.config.n_particles, self.n_runs),
-            None if self.device.is_gpu else (n_packs, _CHILDREN, 1),
+            (32, 8, 1) if self.device.is_gpu else (n_packs, _CHILDREN, 1),
             n=self.config.n_particles,
             layer=layer,
             noise=self.config.layer_noise[layer],
@@ -211,7 +211,7 @@ class ParticleSet:
         return self.device.launch(
             self._kernel("end_frame"),
             (report.size,),
-            None,
+            stated_group(self.device, 64),
             n_runs=self.n_runs,
             velocity=self.config.velocity,
             n_result=self.result.size,

@@ -9,7 +9,7 @@ from apf.body.posing import CONE_DEFINES, Kinematics
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Launch
-from cl.workgroups import pack_defines
+from cl.workgroups import pack_defines, stated_group
 
 _GROUP = 256
 #: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
@@ -42,7 +42,7 @@ class SilhouetteRecall:
         self.observe = device.launch(
             self._kernel("project_points"),
             (-(-self._n_points // self._defines["PACK"]), self._n_views),
-            None,
+            stated_group(device, 64, 1),
             n_points=self._n_points,
             n_views=self._n_views,
             points=points,

@@ -28,7 +28,7 @@ from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.scene import Scene
 from cl import Array, InputError, Launch
 from cl.staging import Ahead
-from cl.workgroups import pack_defines, pack_size
+from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
@@ -389,7 +389,7 @@ class VoxelLikelihood(Likelihood):
         return self.device.launch(
             self._kernel("sample_surface"),
             (self.config.samples.n_points,),
-            None,
+            stated_group(self.device, 64),
             n_points=self.config.samples.n_points,
             count=voxels.count,
             surface=voxels.surface,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
+
 import numpy as np
 
 from cl import Array, Device
@@ -51,17 +53,20 @@ class Adaptation:
         light = {"drift": drift, "changes": changes}
         adapt = device.kernel("reconstruction/adaptation", "adapt", **defines)
         view_drift = device.kernel("reconstruction/adaptation", "view_drift", **defines)
-        self._adapt = device.launch(
-            adapt,
-            size,
-            row_group(device, blocks),
-            images=pictures,
-            evidence=evidence,
-            marks=marks,
-            sizes=sizes,
-            phase=0,
-            background=planes,
-            **light,
+        # A launch per phase, made when it is needed: setting an argument takes longer than it.
+        self._of_phase = cache(
+            partial(
+                device.launch,
+                adapt,
+                size,
+                row_group(device, blocks),
+                images=pictures,
+                evidence=evidence,
+                marks=marks,
+                sizes=sizes,
+                background=planes,
+                **light,
+            )
         )
         groups = (_GROUP * len(rig),)
         self._view_drift = device.launch(view_drift, groups, (_GROUP,), **light)
@@ -69,8 +74,7 @@ class Adaptation:
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
-        self._adapt.set(phase=self._frames % self._period)
-        self._adapt()
+        self._of_phase(phase=self._frames % self._period)()
         self._view_drift()
         self._frames += 1
 
