@@ -6,9 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
+from helpers.kinds import other_kind
 
 from cl import Device
-from cl.staging import Uploads, pinned
+from cl.staging import Ahead, Uploads, pinned
 from cl.workgroups import pack_defines, pack_size, pixel_pack, row_group
 
 
@@ -60,3 +61,19 @@ def test_packs_cover_particles(device: Device) -> None:
         assert size % defines["GROUP"] == 0
         assert packs * defines["PACK"] >= n > (packs - 1) * defines["PACK"]
     assert pixel_pack(device, 8) == 1
+
+
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_what_is_written_ahead_is_read_when_shown(device: Device, kind: str) -> None:
+    device = device if kind == "own" else other_kind(device)
+    shapes = [((3, 5), np.uint8), ((1,), np.uint8), ((7, 4), np.float32)]
+    ahead = Ahead(device, shapes, "a test")
+    hosts = [np.full(shape, 3 + i, dtype) for i, (shape, dtype) in enumerate(shapes)]
+    for array, host in zip(ahead.written, hosts, strict=True):
+        assert not array.get().any()
+        array.set(host)
+    if device.is_gpu:
+        assert not any(array.get().any() for array in ahead.read)
+    ahead.show()
+    for array, host in zip(ahead.read, hosts, strict=True):
+        np.testing.assert_array_equal(array.get(), host)
