@@ -18,7 +18,7 @@ from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.takes.kept_parts import Keeper, remove_parts
-from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport
+from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.presets import PRESETS
@@ -159,7 +159,7 @@ def track_one(
         _raise_error(take, line.n_frames, args.output)
         for judgement in judgements:
             print_outcome(judgement, line.n_frames)
-        if len(take.tracks[0]) < line.n_frames:
+        if was_interrupted(take.tracks[0], line.n_frames):
             raise KeyboardInterrupt
         for line_of_spread in spread_of(take):
             stdout.print(line_of_spread)
@@ -189,7 +189,7 @@ def _run_many(args: argparse.Namespace, method: Method, seeds: list[int]) -> Non
             judgements = finish_take(job, own, take, left_out, seeds, line)
             _raise_error(take, line.n_frames, job.output)
             report.tracked(name, take, line.n_frames, judgements, spread_of(take))
-            if len(take.tracks[0]) < line.n_frames:
+            if was_interrupted(take.tracks[0], line.n_frames):
                 raise KeyboardInterrupt
 
     folders = [Path(folder) for folder in args.folders]
@@ -280,7 +280,7 @@ def finish_take(
     flags say. A track that was interrupted gets a summary only, without being compared with the
     silhouettes."""
     n_done = len(take.tracks[0])
-    whole = n_done == line.n_frames
+    whole = not was_interrupted(take.tracks[0], line.n_frames)
     if whole:
         _draw_overlays(args, take, seeds, line)
     reasons = {suspect.camera: str(suspect) for suspect in left_out}
@@ -360,7 +360,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
     """Print what became of `n_frames` that were to be tracked: how good the track is, what to look
     at, and which files were written."""
     track, folder = judgement.quality.track, judgement.folder
-    if len(track) < n_frames:
+    if was_interrupted(track, n_frames):
         stderr.print(f"{len(track)} of {n_frames} frames are in {folder}")
         return
     stdout.print(f"{len(track)} frames tracked: {folder}", soft_wrap=True)

@@ -154,7 +154,7 @@ def _tracked(
 ) -> tuple[list[Track], UserError | None]:
     """Make tracks part by part, so that long runs hold rows only, or none; see `track_seeds`."""
     parts: list[Items[Track | Path]] = []
-    stopped = None
+    stopped, interrupted = None, False
     while True:
         frames, estimates, more, error = _part(found, PART_SECONDS)
         if not estimates and not parts:
@@ -168,11 +168,19 @@ def _tracked(
                 except UserError as failure:
                     stopped, more = failure, False
                 except KeyboardInterrupt:
-                    more = False
+                    more, interrupted = False, True
         if isinstance(error, UserError):
             stopped = error
         if not more:
-            return [joined(run).judged for run in zip(*parts, strict=True)], stopped
+            tracks = [joined(run).judged for run in zip(*parts, strict=True)]
+            if interrupted or isinstance(error, KeyboardInterrupt):  # all frames may be there
+                tracks = [_interrupted(track) for track in tracks]
+            return tracks, stopped
+
+
+def _interrupted(track: Track) -> Track:
+    said = {**json.loads(track.provenance), "interrupted": True}
+    return replace(track, provenance=json.dumps(said))
 
 
 def _part(

@@ -69,8 +69,8 @@ class Track:
     diagnostics: arrays (F, ...) by name, see below.
     provenance: JSON text of what made it: sequence (path), device, version, grid (origin m,
     voxel_size m, shape) where voxels were used, method, objective, filter and the settings of other
-    parts; smoothing, where it was smoothed. body: the model that was tracked, in the person's size;
-    None where an older file does not hold it. Raises InputError where shapes disagree.
+    parts; smoothing, interrupted, where it was. body: the model that was tracked, in the person's
+    size; None where an older file does not hold it. Raises InputError where shapes disagree.
 
     A `track.npz` has a key for each field by its name, the body as TOML, and `diagnostic_<name>`
     for each of the diagnostics: ess, beta, best_log_weight (F, n_layers) effective sample size,
@@ -218,8 +218,11 @@ class Track:
     @property
     def smoothing(self) -> dict[str, Any] | None:
         """How `apf smooth` made it, None for a track as it was tracked."""
-        smoothing: dict[str, Any] | None = _provenance(self.provenance).get("smoothing")
-        return smoothing
+        return _provenance(self.provenance).get("smoothing")
+
+    @property
+    def interrupted(self) -> bool:  # forward or on the way back
+        return bool(_provenance(self.provenance).get("interrupted", False))
 
     @property
     def series(self) -> JointSeries:

@@ -212,6 +212,23 @@ def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> N
     assert warned.code == 0 and "did not come to its end" in warned.err
 
 
+def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All frames are there, but as they were tracked forward: not what a whole run gives."""
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("apf.tracking.two_way._smoothed", interrupted)
+    outcome = run(track(stock))
+    assert outcome.code == 130 and "3 of 3 frames are in" in outcome.err, outcome
+    readable(stock / "new")
+    assert unfinished(stock / "new") is not None
+    assert Track.open(stock / "new").interrupted
+    monkeypatch.undo()
+    assert run(track(stock)).code == 0 and unfinished(stock / "new") is None
+    assert not Track.open(stock / "new").interrupted
+
+
 def test_a_camera_with_fewer_frames(stock: Path) -> None:
     (stock / "seq/masks/c3/0002.png").unlink()
     faults.refused(reconstruct(stock), stock, "c3 2", "--frames 0:2")

@@ -14,6 +14,7 @@ from rich.table import Table
 from apf.report.agreement import shown_rows
 from apf.report.quality import Quality
 from apf.tracking.batch import Take
+from apf.tracking.track import Track
 from psfs.cli.commandline import stdout
 
 #: Stages that report after every frame; the others once.
@@ -25,6 +26,11 @@ def reports_of(stage: str, n_frames: int) -> int | None:
     if stage == "judging":
         return len(shown_rows(n_frames))
     return n_frames if stage in _BY_FRAMES else None
+
+
+def was_interrupted(track: Track, n_frames: int) -> bool:
+    """Did an interrupt end a track of so many frames, perhaps on the way back over all of them?"""
+    return len(track) < n_frames or track.interrupted
 
 
 class Line(Protocol):
