@@ -88,7 +88,10 @@ def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarra
             )
             stack.callback(writer.release)
             if not writer.isOpened():
-                raise InputError(f"{path}: OpenCV could not open it for writing mp4v")
+                raise InputError(
+                    f"{path}: cannot be written as a video; expected room on the disk, and OpenCV "
+                    "with mp4v"
+                )
             writers.append(writer)
 
         def write(images: np.ndarray) -> None:

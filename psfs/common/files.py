@@ -115,4 +115,4 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
     if not done:
         raise InputError(f"{path}: no picture format; expected a name such as view.png")
     with written_whole(path) as temporary:
-        content.tofile(temporary)
+        temporary.write_bytes(content.tobytes())  # whose errors say why
