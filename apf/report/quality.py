@@ -91,13 +91,17 @@ class Quality:
 
     @property
     def verdict(self) -> str:
-        """good, doubtful or bad."""
+        """good, doubtful or bad; unknown where nothing speaks against the track, but it was compared
+        neither with the silhouettes nor with limbs elsewhere."""
         if not len(self.track):
             return "bad"
         rows = {row for rows in self.doubtful.values() for row in rows.tolist()}
         judged = {*self.rows.tolist(), *np.flatnonzero(self.track.lost).tolist()}
         share = len(rows) / len(judged)
-        return "good" if share <= _GOOD else "doubtful" if share < _BAD else "bad"
+        if share > _GOOD:
+            return "doubtful" if share < _BAD else "bad"
+        compared = self.agreement is not None or np.isfinite(self.track.limb_confidence).any()
+        return "good" if compared else "unknown"
 
     def lines(self) -> list[str]:
         """Return what to tell: how good it is, then what to look at."""
@@ -117,7 +121,10 @@ class Quality:
                 f"joints known to {1000 * np.median(typical):.0f} mm (least the "
                 f"{plain_name(track.joint_names[joint])}, {1000 * typical[joint]:.0f})"
             )
-        lines = [f"the track looks {self.verdict}: {'; '.join(facts)}"]
+        looks = f"looks {self.verdict}"
+        if self.verdict == "unknown":
+            looks = "was not compared with the silhouettes"
+        lines = [f"the track {looks}: {'; '.join(facts)}"]
         for what, rows in self.doubtful.items():
             ranges = self._ranges(rows)
             more = f" and {len(ranges) - _NAMED} more" if len(ranges) > _NAMED else ""

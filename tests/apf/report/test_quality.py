@@ -88,6 +88,16 @@ def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> 
     assert quality.facts()["look_at"][part] == [(1, 3)]
 
 
+def test_what_nothing_was_compared_with_is_not_called_good(scene: Scene) -> None:
+    track = scene[3]
+    unjudged = Quality(track, None)
+    assert unjudged.verdict == "unknown"
+    assert unjudged.lines()[0].startswith("the track was not compared with the silhouettes: no fra")
+    margins = np.full((len(track), 4), 0.3)
+    searched = {**track.diagnostics, "limb_margin": margins}
+    assert Quality(replace(track, diagnostics=searched), None).verdict == "good"
+
+
 def test_lost_frames_and_unsure_ends() -> None:
     """Without any pictures."""
     track = tracks.walker(30, start=10)
