@@ -91,7 +91,7 @@ class Quality:
 
     @property
     def verdict(self) -> str:
-        """good, doubtful or bad; unknown where nothing speaks against the track, but it was compared
+        """good, doubtful or bad; unknown where nothing speaks against a track that was compared
         neither with the silhouettes nor with limbs elsewhere."""
         if not len(self.track):
             return "bad"

@@ -113,15 +113,16 @@ def overlay_picture(
 
 
 def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
-    """Columns and scale for n tiles: largest within MOSAIC_SIZE, fewest empty, then widest."""
+    """Columns and scale, 1 at most, for n tiles: those that would be largest within MOSAIC_SIZE,
+    as a page shows them, fewest empty, then widest."""
 
     def key(columns: int) -> tuple[float, int, int]:
         rows = -(-n // columns)
-        scale = min(1.0, MOSAIC_SIZE[0] / (columns * width), MOSAIC_SIZE[1] / (rows * height))
+        scale = min(MOSAIC_SIZE[0] / (columns * width), MOSAIC_SIZE[1] / (rows * height))
         return round(scale, 6), -rows * columns, columns
 
     columns = max(range(1, n + 1), key=key)
-    return columns, key(columns)[0]
+    return columns, min(1.0, key(columns)[0])
 
 
 def _label(image: np.ndarray, text: str) -> None:
