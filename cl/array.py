@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +22,8 @@ _PACK_BYTES, _FILL_GROUP = 16, 1024
 class Array:
     """A C-ordered array in device memory: a buffer that knows its shape and type.
 
-    `set` and `get` (or `fetch`) are the only two doors between host and device; both are counted
-    in `device.transfers`.
+    `set` and `get` are the doors between host and device, beside those of `staging`; all are
+    counted in `device.transfers`.
     """
 
     def __init__(self, device: Device, buffer: Any, shape: tuple[int, ...], dtype: Any) -> None:
@@ -66,20 +65,6 @@ class Array:
                 event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer)
             self.device.record("download", event, download=host.nbytes)
         return host
-
-    def fetch(self) -> Callable[[], np.ndarray]:
-        """Enqueue the copy to the host; what is returned waits for it and gives it."""
-        host = np.empty(self.shape, self.dtype)
-        with failing_as_device(self.device.name, "a download"):
-            event = pyopencl.enqueue_copy(self.device.queue, host, self.buffer, is_blocking=False)
-        self.device.record("download", event, download=host.nbytes)
-
-        def fetched() -> np.ndarray:
-            with failing_as_device(self.device.name, "a download"):
-                event.wait()
-            return host
-
-        return fetched
 
     def fill(self, value: float) -> None:
         """Set every element to `value`, on the device."""

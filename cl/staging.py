@@ -1,9 +1,9 @@
-"""What is made of the next frame while the device works on this one, its upload first."""
+"""Copies beside the device's work, and what is made of the next frame in the meantime."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,62 @@ class Uploads:
             wait_for=[self._uploaded],
         )
         self._device.record("copy", self._taken[self._next])
+        self._next = 1 - self._next
+
+
+class Download:
+    """Copies of `source` to the host: `fetch()` enqueues one into page-locked memory, what it
+    returns waits for it and gives it. Two host arrays alternate: the next but one overwrites it."""
+
+    def __init__(self, source: Array) -> None:
+        self._source = source
+        self._hosts = [pinned(source.device, source.shape, source.dtype) for _ in range(2)]
+        self._next = 0
+
+    def fetch(self) -> Callable[[], np.ndarray]:
+        source, device, host = self._source, self._source.device, self._hosts[self._next]
+        self._next = 1 - self._next
+        with failing_as_device(device.name, "a download"):
+            event = pyopencl.enqueue_copy(device.queue, host, source.buffer, is_blocking=False)
+        device.record("download", event, download=host.nbytes)
+
+        def fetched() -> np.ndarray:
+            with failing_as_device(device.name, "a download"):
+                event.wait()
+            return host
+
+        return fetched
+
+
+class Upload:
+    """Copies of page-locked memory to `target`, as much of it as changed: fill the array that
+    `room()` gives, then `start(n)` enqueues the copy of its first `n` numbers.
+
+    Two host arrays alternate, so that the host waits for the upload before the last at most.
+    """
+
+    def __init__(self, target: Array) -> None:
+        self._target, self._next = target, 0
+        self._hosts = [pinned(target.device, (target.size,), target.dtype) for _ in range(2)]
+        self._done: list[Any] = [None, None]
+
+    def room(self) -> np.ndarray:
+        """Return a flat host array like the target, of what an earlier upload left in it."""
+        done = self._done[self._next]
+        if done is not None:
+            with failing_as_device(self._target.device.name, "an upload"):
+                done.wait()
+        return self._hosts[self._next]
+
+    def start(self, n: int) -> None:
+        """Enqueue the copy of the first `n` numbers of what `room` gave last."""
+        device, host = self._target.device, self._hosts[self._next][:n]
+        with failing_as_device(device.name, "an upload"):
+            event = pyopencl.enqueue_copy(
+                device.queue, self._target.buffer, host, is_blocking=False
+            )
+        device.record("upload", event, upload=host.nbytes)
+        self._done[self._next] = event
         self._next = 1 - self._next
 
 

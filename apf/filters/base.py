@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,6 +19,7 @@ from apf.likelihood.base import Likelihood
 from apf.likelihood.observations import PointObservations, with_points
 from apf.scene import Scene
 from cl import Array, InputError, Launch, Step
+from cl.staging import Download
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,7 @@ class DeviceTracker(Tracker):
         parts = (particles.result, search.information, search.candidates, search.errors)
         size = sum(part.size for part in parts) + particles.n_runs
         self._report = device.empty((size,), np.float32)
+        self._download = Download(self._report)
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
         self._n_frames = 0
@@ -202,7 +205,7 @@ class DeviceTracker(Tracker):
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
-        report, n_layers = self._report.fetch(), self.particles.config.n_layers
+        report, n_layers = self._download.fetch(), self.particles.config.n_layers
         return lambda: unpacked(report(), self.body, self.particles.n_runs, n_layers)
 
     def _frame_launches(self, source: int) -> list[Step]:
@@ -251,17 +254,19 @@ def unpacked(report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int) ->
     """Return each run's Estimate from what a tracker downloads, all runs of one after the other:
     `ParticleSet.result`, of as many layers, the lower triangle of `Estimate.information` row by
     row, candidates and their errors, misfits."""
-    report, n_dof = report.astype(np.float64), body.n_dof
-    sizes = n_runs * np.array([2 * n_dof, 3 * n_layers, n_dof * (n_dof + 1) // 2])
-    moments, layers, triangles, others = np.split(report, np.cumsum(sizes))
-    poses, deviations = moments.reshape(2, n_runs, n_dof)
-    layers = layers.reshape(n_layers, n_runs, 3)
-    information = triangles.reshape(n_runs, -1)[:, _symmetric_indices(n_dof)]
-    n_candidates = (others.size // n_runs - 1) // (n_dof + 1)
-    sizes = n_runs * n_candidates * np.array([n_dof, 1])
-    candidates, errors, misfits = np.split(others, np.cumsum(sizes))
-    candidates = candidates.reshape(n_runs, n_candidates, n_dof)
-    errors = errors.reshape(n_runs, n_candidates)
+    report, n_dof, begin = report.astype(np.float64), body.n_dof, 0
+
+    def taken(*shape: int) -> np.ndarray:
+        nonlocal begin
+        begin, first = begin + math.prod(shape), begin
+        return report[first:begin].reshape(shape)
+
+    poses, deviations = taken(n_runs, n_dof), taken(n_runs, n_dof)
+    layers = taken(n_layers, n_runs, 3)
+    information = taken(n_runs, n_dof * (n_dof + 1) // 2)[:, _symmetric_indices(n_dof)]
+    n_candidates = ((report.size - begin) // n_runs - 1) // (n_dof + 1)
+    candidates, errors = taken(n_runs, n_candidates, n_dof), taken(n_runs, n_candidates)
+    misfits = taken(n_runs)
     estimates = []
     for run in range(n_runs):
         ess, beta, error = layers[:, run].T

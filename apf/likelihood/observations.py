@@ -11,6 +11,7 @@ import numpy as np
 from apf.body.model import BodyModel
 from apf.scene import Scene
 from cl import InputError
+from cl.staging import Upload
 from psfs.cameras.camera import CameraRig
 
 #: Numbers of a row of the packed table, see observed.h.
@@ -82,13 +83,20 @@ class PointObservations:
     def packed(self, n_rows: int) -> np.ndarray:
         """Return the table of observed.h with room for `n_rows` sightings, float32."""
         table = np.zeros(4 + OBSERVED_FLOATS * n_rows, np.float32)
-        table[:2] = len(self), self.most
-        rows = table[4:].reshape(n_rows, OBSERVED_FLOATS)[: len(self)]
+        self.pack(table)
+        return table
+
+    def pack(self, table: np.ndarray) -> int:
+        """Write the table of observed.h, float32, into one with room for it; return how many
+        numbers of it that takes."""
+        n = 4 + OBSERVED_FLOATS * len(self)
+        table[:4] = len(self), self.most, 0, 0
+        rows = table[4:n].reshape(len(self), OBSERVED_FLOATS)
         rows[:, 0], rows[:, 1:4] = self.bone[self.point], self.position[self.point]
         rows[:, 4] = np.where(self.partner >= 0, self.bone[self.partner], -1)
         rows[:, 5:8] = self.position[self.partner]
         rows[:, 8:10], rows[:, 10], rows[:, 11] = self.pixel, self.inverse_scale, self.camera
-        return table
+        return n
 
 
 def no_observations() -> PointObservations:
@@ -148,6 +156,7 @@ class ObservedPoints:
         self.cameras = device.to_device(scene.rig.packed(), "the cameras")
         size = 4 + OBSERVED_FLOATS * room
         self.table = device.empty((size,), np.float32, "the observed points")
+        self._upload = Upload(self.table)
         self.set(no_observations())
 
     def set(self, observations: PointObservations) -> None:
@@ -159,4 +168,4 @@ class ObservedPoints:
                 f"{len(observations)} observed points in a frame; expected at most "
                 f"keypoints_room = {self.room}"
             )
-        self.table.set(observations.packed(self.room))
+        self._upload.start(observations.pack(self._upload.room()))

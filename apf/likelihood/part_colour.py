@@ -16,7 +16,7 @@ from scipy.cluster.vq import kmeans2
 
 from apf.body.limbs import trunk_bones
 from apf.body.model import BodyModel
-from apf.body.posing import CONE_DEFINES, Kinematics
+from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.config import PartColourConfig
 from cl import Array, Device, Launch
 from cl.workgroups import pack_defines
@@ -150,12 +150,13 @@ class PartColours:
         self.ratios = device.zeros(histograms, np.int8)
         self._counts = device.zeros(histograms, np.int32)
         self._rows = device.to_device(learnt_parts(body))
-        self._kinematics = Kinematics(device, body, n_runs)
+        self._defines = body_defines(body)
+        self._body = device.to_device(pack_body(body), "the body model")
         self._pictures: Array | None = None
 
     def change_body(self, body: BodyModel) -> None:
         """Learn from poses of `body`, which differs from the one before in numbers alone."""
-        self._kinematics.change_body(body)
+        self._body.set(pack_body(body))
         self._rows.set(learnt_parts(body))
 
     def forget(self, run: int | None = None) -> None:
@@ -202,7 +203,6 @@ class PartColours:
         `pose` (.., D)."""
         config = self.config
         return [
-            *self._kinematics.launcher(pose),
             self.device.launch(
                 self._kernel("count_colours"),
                 (self._group * len(self._rig), self.ratios.shape[0]),
@@ -210,7 +210,8 @@ class PartColours:
                 width=self._rig.width,
                 height=self._rig.height,
                 cameras=self._cameras,
-                cones=self._kinematics.cones,
+                poses=pose,
+                table=self._body,
                 row_parts=self._rows,
                 codes=self._learnt_from,
                 counts=self._counts,
@@ -236,7 +237,7 @@ class PartColours:
             PACK=1,
             GROUP=self._group,
             N_CODES=N_CODES,
-            N_CONES=len(self._kinematics.body.cones),
+            **self._defines,
             N_PARTS=self._n_parts,
             ROWS=ROWS,
             COLUMNS=COLUMNS,

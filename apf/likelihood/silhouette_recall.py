@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from apf.body.model import BodyModel
-from apf.body.posing import CONE_DEFINES, Kinematics
+import numpy as np
+
+from apf.body.kinematics import CONE_FLOATS
+from apf.body.posing import CONE_DEFINES
 from apf.likelihood.base import PointSubset
 from apf.scene import Scene
 from cl import Array, Launch
@@ -30,7 +32,7 @@ class SilhouetteRecall:
         self, scene: Scene, cameras: Array, points: Array, pixels: tuple[Array, Array]
     ) -> None:
         device, body, rig = scene.opencl, scene.body, scene.rig
-        self.device, self.body = device, body
+        self.device = device
         self._n_views, self._n_points = len(rig), points.shape[0]
         self._cameras, self._points = cameras, points
         self._defines = pack_defines(device, _GROUP) | {"N_CONES": len(body.cones)}
@@ -38,7 +40,7 @@ class SilhouetteRecall:
         self._defines |= rig.defines
         self._defines["VIEWS"] = min(together, self._defines["GROUP"])
         self._pixels = pixels[1]
-        self._kinematics: dict[int, Kinematics] = {}  # by number of poses: launches share buffers
+        self._cones: dict[int, Array] = {}  # by number of poses: launches share buffers
         self.observe = device.launch(
             self._kernel("project_points"),
             (-(-self._n_points // self._defines["PACK"]), self._n_views),
@@ -50,38 +52,32 @@ class SilhouetteRecall:
             pixels=pixels[0],
         )
 
-    def change_body(self, body: BodyModel) -> None:
-        """Take poses for those of `body`, which differs from the one before in numbers alone."""
-        self.body = body
-        for kinematics in self._kinematics.values():
-            kinematics.change_body(body)
+    def cones_of(self, n: int) -> Array:
+        """Return room for the posed cones (n, C, CONE_FLOATS) of so many poses."""
+        if n not in self._cones:
+            shape = (n, self._defines["N_CONES"], CONE_FLOATS)
+            self._cones[n] = self.device.empty(shape, np.float32, "the posed cones")
+        return self._cones[n]
 
-    def launcher(
-        self, poses: Array, subset: PointSubset, weight: float, errors: Array
-    ) -> list[Launch]:
-        """Return the launches that add `weight` times the share of the samples in `subset` to
-        `errors` (n,) of `poses` (n, D), once per camera; `observe()` before, in every frame."""
-        n = poses.shape[0]
-        if n not in self._kinematics:
-            self._kinematics[n] = Kinematics(self.device, self.body, n)
-        kinematics = self._kinematics[n]
-        return [
-            *kinematics.launcher(poses),
-            self.device.launch(
-                self._kernel("add_uncovered"),
-                (n * self._defines["GROUP"],),
-                (self._defines["GROUP"],),
-                n_points=self._n_points,
-                first_point=subset.first,
-                stride=subset.stride,
-                n_views=self._n_views,
-                weight=weight,
-                cones=kinematics.cones,
-                cameras=self._cameras,
-                pixels=self._pixels,
-                errors=errors,
-            ),
-        ]
+    def launch(self, subset: PointSubset, weight: float, errors: Array) -> Launch:
+        """Return the launch that adds `weight` times the share of the samples in `subset` to
+        `errors` (n,) of the poses whose cones are in `cones_of(n)`, once per camera; `observe()`
+        before, in every frame."""
+        n = errors.size
+        return self.device.launch(
+            self._kernel("add_uncovered"),
+            (n * self._defines["GROUP"],),
+            (self._defines["GROUP"],),
+            n_points=self._n_points,
+            first_point=subset.first,
+            stride=subset.stride,
+            n_views=self._n_views,
+            weight=weight,
+            cones=self.cones_of(n),
+            cameras=self._cameras,
+            pixels=self._pixels,
+            errors=errors,
+        )
 
     def _kernel(self, name: str) -> Any:
         return self.device.kernel(

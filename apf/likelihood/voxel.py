@@ -173,8 +173,6 @@ class VoxelLikelihood(Likelihood):
             self.part_colours.change_body(body)
         for launch in self._scores:
             launch.set(**self._row_arguments())
-        if self._recall is not None:
-            self._recall.change_body(body)
         if self.motion_prior is not None:
             self.motion_prior.change_body(body)
 
@@ -278,14 +276,16 @@ class VoxelLikelihood(Likelihood):
         config = self.config
         weights = config.weights, config.posture_prior_weight
         points = self._point_arguments
-        score = self._launch(poses.shape[0], poses, subset, *weights, errors, points, misfits)
+        n = poses.shape[0]
+        score = self._launch(n, poses, subset, *weights, errors, points, misfits)
         self._by_pictures.append(score)
         score.set(**self._picture_weights)
         launches = [score]
         if recall_weight > 0:
             if self._recall is None:  # for rescoring alone; before the first frame
                 self._recall = self._silhouette_recall()
-            launches += self._recall.launcher(poses, subset, recall_weight, errors)
+            score.set(posed=self._recall.cones_of(n))
+            launches.append(self._recall.launch(subset, recall_weight, errors))
         n_views = len(self.rig)
         if self.motion_prior is not None:
             weight = n_views * config.motion_prior.weight
@@ -345,6 +345,7 @@ class VoxelLikelihood(Likelihood):
             **points,
             errors=errors,
             misfits=misfits,
+            posed=None,
         )
         self._scores.append(launch)
         return launch

@@ -17,6 +17,7 @@ import cl.program
 from cl import Device, DeviceError, NumpyDevice, list_devices, select_device
 from cl.listing import where_to_get_opencl
 from cl.program import kernel_source
+from cl.staging import Download
 
 
 @pytest.fixture
@@ -170,11 +171,12 @@ def test_transfers_are_counted(fresh: Device) -> None:
 def test_work_on_another_queue_waits_and_is_waited_for(fresh: Device) -> None:
     queue, own = fresh.new_queue(), fresh.queue
     array = fresh.zeros(100_000, np.float32)
+    download = Download(array)
     for value in range(5):
         array.fill(value)
         with fresh.on(queue):
             assert fresh.queue is queue
-            found = array.fetch()
+            found = download.fetch()
             array.fill(-1)
         assert fresh.queue is own
         fresh.wait_for(queue)

@@ -9,7 +9,7 @@ import pytest
 from helpers.kinds import other_kind
 
 from cl import Device
-from cl.staging import Ahead, Uploads, pinned
+from cl.staging import Ahead, Download, Upload, Uploads, pinned
 from cl.workgroups import pack_defines, pack_size, pixel_pack, row_group
 
 
@@ -33,6 +33,21 @@ def test_uploads_are_counted_and_checked(device: Device) -> None:
     for wrong in (np.zeros((3, 5)), np.zeros((5, 3), np.uint8)):
         with pytest.raises(ValueError, match=r"expected \(3, 5\) uint8, got"):
             uploads.start(wrong)
+
+
+def test_small_uploads_leave_the_rest_and_downloads_the_one_before(device: Device) -> None:
+    array = device.zeros((2, 3), np.float32)
+    upload, download = Upload(array), Download(array)
+    expected, before = np.zeros(6, np.float32), download.fetch()
+    for value, n in ((1, 6), (2, 2), (3, 1), (4, 4)):
+        counted = device.transfers.upload_bytes
+        upload.room()[:n] = value
+        upload.start(n)
+        assert device.transfers.upload_bytes == counted + 4 * n
+        now = download.fetch()
+        np.testing.assert_array_equal(before(), expected.reshape(2, 3))
+        expected[:n], before = value, now
+    np.testing.assert_array_equal(before(), expected.reshape(2, 3))
 
 
 def test_pinned_memory_is_an_array_like_others(device: Device) -> None:

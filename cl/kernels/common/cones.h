@@ -4,17 +4,16 @@
 
 // Corners A + s, A - s, B - s, B + s of the trapezoid that the cone shows to `eye`
 // (Kwolek & Rymut 2016, section 3).
-inline void cone_corners(__global const float *cone, float3 eye, float3 corners[4])
+inline void cone_corners(float16 cone, float3 eye, float3 corners[4])
 {
-    const float3 a = vload3(0, cone), b = vload3(0, cone + 4);
-    const float3 x = vload3(0, cone + 8), y = vload3(0, cone + 12);
+    const float3 a = cone.s012, b = cone.s456, x = cone.s89a, y = cone.scde;
     float ex = dot(eye - a, x), ey = dot(eye - a, y);
     const float norm = sqrt(ex * ex + ey * ey);
     ex = norm > 1e-9f ? ex / norm : 0.0f;
     ey = norm > 1e-9f ? ey / norm : 1.0f;
     const float3 side = -ey / dot(x, x) * x + ex / dot(y, y) * y;
-    corners[0] = a + cone[3] * side;
-    corners[1] = a - cone[3] * side;
-    corners[2] = b - cone[7] * side;
-    corners[3] = b + cone[7] * side;
+    corners[0] = a + cone.s3 * side;
+    corners[1] = a - cone.s3 * side;
+    corners[2] = b - cone.s7 * side;
+    corners[3] = b + cone.s7 * side;
 }

@@ -150,3 +150,15 @@ inline void place_cones(__local const float *body, __local const vfloat *frames,
     }
     barrier(CLK_LOCAL_MEM_FENCE);
 }
+
+// Writes the posed cones of the particles from `first` on, N_CONES x CONE_FLOATS each.
+inline void store_cones(__local const vfloat *cones, int first, int n_particles,
+                        __global float *posed)
+{
+    for (int i = get_local_id(0); i < N_CONES * CONE_FLOATS; i += GROUP) {
+        float lanes[PACK];
+        STORE_PACK(cones[i], lanes);
+        for (int l = 0; l < min(PACK, n_particles - first); ++l)
+            posed[(first + l) * N_CONES * CONE_FLOATS + i] = lanes[l];
+    }
+}

@@ -34,7 +34,7 @@ __kernel void place_parts(int n_particles, __global const float *cones,
     __global const float *cone = cones + (size_t)id * CONE_FLOATS;
     const float3 eye = vload3(0, camera + 25);
     float3 corners[4];
-    cone_corners(cone, eye, corners);
+    cone_corners(vload16(0, cone), eye, corners);
     float2 pixels[4];
     bool seen = true;
     for (int i = 0; i < 4; ++i) {

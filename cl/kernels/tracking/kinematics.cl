@@ -17,10 +17,5 @@ void pose_cones(int n_particles, __global const float *poses,
     take_pose(poses, first, n_particles, body, turns);
     pose_bones(turns, body, frames, 0);
     place_cones(body, frames, cones);
-    for (int i = get_local_id(0); i < N_CONES * CONE_FLOATS; i += GROUP) {
-        float lanes[PACK];
-        STORE_PACK(cones[i], lanes);
-        for (int l = 0; l < min(PACK, n_particles - first); ++l)
-            posed[(first + l) * N_CONES * CONE_FLOATS + i] = lanes[l];
-    }
+    store_cones(cones, first, n_particles, posed);
 }

@@ -216,7 +216,8 @@ inline vfloat posture_error(__global const float2 *posture, __global const float
 // table_size ratios they are compared with. row_parts: of every row, the part that is looked for in
 // the pictures' codes and contours, or -1. observed: null, or points whose mean miss of the most
 // there could be is added with point_weight once per camera, see observed.h. misfits: null, or gets
-// silhouette and surface error alone, means over the cameras. One work-group per pack of particles.
+// silhouette and surface error alone, means over the cameras. posed: null, or gets the cones of all
+// particles, N_CONES x CONE_FLOATS each. One work-group per pack of particles.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void score_poses(int n_particles, __global const float *poses, __global const float *table,
                  int n_views, int width, int height, __global const float *cameras,
@@ -229,7 +230,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
                  int table_size, __global const int *row_parts, float colour_weight,
                  __global const uchar *contours, float contour_weight,
                  __global const float4 *observed, float point_weight, float point_reach,
-                 float exchange, __global float *errors, __global float *misfits)
+                 float exchange, __global float *errors, __global float *misfits,
+                 __global float *posed)
 {
     __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
     __local vfloat cones[N_CONES * CONE_FLOATS] __attribute__((aligned(64)));
@@ -241,6 +243,7 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     const int lane = get_local_id(0), first = get_group_id(0) * PACK;
     for (int r = lane; r < n_rows; r += GROUP) rows[r] = row_table[r];
     take_cones(table, poses, first, n_particles, body, turns, frames, cones, spans);
+    if (posed) store_cones(cones, first, n_particles, posed);
 
     const int n = (n_points + stride - 1) / stride;
     vfloat missing = 0.0f, sum = 0.0f;

@@ -1,14 +1,14 @@
 // What colours the parts of a body have; twin: reference/likelihood/part_colour.py.
 // Colours are codes: numbers of the nearest of a palette's colours, NO_CODE outside the silhouettes.
-// Defines: PACK 1; GROUP; N_CONES; N_CODES, at most 256; N_PARTS; ROWS and COLUMNS of samples on a
-// cone; RATIO_STEPS.
-#if !defined(CAMERA_FLOATS) || !defined(COLUMNS) || !defined(CONE_FLOATS) || !defined(FAR_OUT) || \
-    !defined(GROUP) || !defined(N_CODES) || !defined(N_CONES) || !defined(N_PARTS) || \
-    !defined(RATIO_STEPS) || !defined(ROWS)
-#error "tracking/part_colour.cl needs CAMERA_FLOATS, COLUMNS, CONE_FLOATS, FAR_OUT, GROUP, N_CODES, N_CONES, N_PARTS, RATIO_STEPS and ROWS"
+// Defines: those of kinematics.h, PACK 1; N_CODES, at most 256; N_PARTS; ROWS and COLUMNS of samples
+// on a cone; RATIO_STEPS.
+#if !defined(CAMERA_FLOATS) || !defined(COLUMNS) || !defined(FAR_OUT) || !defined(N_CODES) || \
+    !defined(N_PARTS) || !defined(RATIO_STEPS) || !defined(ROWS)
+#error "tracking/part_colour.cl needs CAMERA_FLOATS, COLUMNS, FAR_OUT, N_CODES, N_PARTS, RATIO_STEPS and ROWS"
 #endif
 #include "common/camera.h"
 #include "common/cones.h"
+#include "common/kinematics.h"
 
 #define NO_CODE (N_CODES - 1)
 
@@ -47,21 +47,29 @@ inline bool within_corners(__local const float2 *corners, float2 pixel)
     return low >= 0.0f || high <= 0.0f;
 }
 
-// Adds to counts (R, N_PARTS, N_CODES) the codes of samples on all cones (R, N_CONES, CONE_FLOATS)
-// of a pose of each run, ROWS along and COLUMNS across each: of those that no other cone lies before
+// Adds to counts (R, N_PARTS, N_CODES) the codes of samples on all cones of the first R of `poses`,
+// ROWS along and COLUMNS across each: of those that no other cone lies before
 // or behind, so that a limb that is taken for another, or hidden, teaches nothing. One work-group
 // per camera and run. row_parts: (N_CONES, ROWS), -1 for cones that are not looked for in the images.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void count_colours(int width, int height, __global const float *cameras,
-                   __global const float *cones, __global const int *row_parts,
+                   __global const float *poses, __global const float *table,
+                   __global const int *row_parts,
                    __global const uchar *codes, __global int *counts)
 {
+    __local vfloat turns[2 * N_DOF], frames[N_BONES * FRAME_FLOATS];
+    __local vfloat cones[N_CONES * CONE_FLOATS];
+    __local float body[BODY_FLOATS];
     __local float2 corners[4 * N_CONES];
     const int lane = get_local_id(0), view = get_group_id(0), run = get_group_id(1);
     __global const float *camera = cameras + view * CAMERA_FLOATS;
+    take_body(table, body);
+    take_pose(poses, run, run + 1, body, turns);
+    pose_bones(turns, body, frames, 0);
+    place_cones(body, frames, cones);
     for (int c = lane; c < N_CONES; c += GROUP) {
         float3 ends[4];
-        cone_corners(cones + (run * N_CONES + c) * CONE_FLOATS, vload3(0, camera + 25), ends);
+        cone_corners(vload16(c, cones), vload3(0, camera + 25), ends);
         bool seen = true;
         for (int i = 0; i < 4; ++i) {
             float2 pixel;

@@ -48,7 +48,7 @@ inline void cone_edges(__global const float *cone, __global const float *camera,
                        __local float4 *edges)
 {
     float3 corners[4];
-    cone_corners(cone, vload3(0, camera + 25), corners);
+    cone_corners(vload16(0, cone), vload3(0, camera + 25), corners);
     float depth[4 + PACK], px[4 + PACK], py[4 + PACK];
     for (int i = 0; i < 4; i += PACK) {
 #define X(l) corners[(i + 0x##l) % 4].x
