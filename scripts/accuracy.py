@@ -145,7 +145,7 @@ def main() -> int:
         "--readme",
         action="store_true",
         help="instead of any run: the README's table from OUT/results.json of a suite; of presets "
-        "alone, beside OUT/../suite, of an ablation, and of others the tables of docs/accuracy.md",
+        "alone, beside OUT/../suite, and of other runs the tables of docs/accuracy.md",
     )
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="begin no run after so many seconds"

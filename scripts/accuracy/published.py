@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from timings.report.readme import replace_marked
 from timings.tables.grid import NONE, Grid
 
-from accuracy.ablation import ABLATIONS
 from accuracy.runs import Results
 from accuracy.settings import WITNESSES
-from accuracy.suite_report import Row, mean_row, suite_rows
+from accuracy.suite_report import Row, suite_rows
 from cl import InputError
 
 
@@ -45,46 +43,13 @@ def suite_headline(results: Results) -> str:
 
 
 def publish_suite(root: Path, results: Results) -> None:
-    """Write the README's table; or into docs/accuracy.md that of an ablation, or of presets, where
-    there is nothing else, beside the defaults' in the folder `suite` next to theirs."""
-    if any(run.setting.preset in ABLATIONS for run in results.runs):
-        replace_marked(root / "docs" / "accuracy.md", "ablation", ablation_table(results))
-        return
+    """Write the README's table, or that of presets, where there is nothing else, into
+    docs/accuracy.md, beside the defaults' in the folder `suite` next to theirs."""
     if any(not run.setting.preset for run in results.runs):
         replace_marked(root / "README.md", "accuracy", suite_headline(results))
         return
     defaults = Results.read(results.path.parent.parent / "suite" / "results.json")
     replace_marked(root / "docs" / "accuracy.md", "presets", presets_headline(results, defaults))
-
-
-def ablation_table(results: Results) -> str:
-    """Markdown: means over the sequences, and each one's mean error, of the defaults and without
-    each of their parts, the most missed first. Raises InputError without the defaults' runs."""
-    settings = dict.fromkeys(run.setting for run in results.runs)
-    rows = suite_rows(results, list(settings), lambda _: np.nan)
-    groups = {name: [r for r in rows if r.preset == name] for name in ("", *ABLATIONS)}
-    if not groups[""]:
-        raise InputError("the results hold no runs of the defaults beside those of an ablation")
-    means = {name: mean_row(of) for name, of in groups.items() if of}
-    own = means.pop("")
-    names = sorted({row.sequence for row in groups[""]})
-
-    def cells(shown: str, mean: Row, of: Sequence[Row]) -> list[str]:
-        by = {row.sequence: f"{row.mean:.1f}" for row in of}
-        figures = [f"{mean.mean:.1f}", f"{mean.rest:.1f}", f"{100 * mean.lost_joints:.1f} %"]
-        return [shown, *figures, f"{mean.wrists:.0f}", *(by.get(name, NONE) for name in names)]
-
-    table = [cells("the defaults", own, groups[""])]
-    for name, mean in sorted(means.items(), key=lambda of: -of[1].mean):
-        table.append(cells(name, mean, groups[name]))
-    starts = {"found": "a start of their own", "true": "the true first joints"}
-    about = (
-        f"mm; far: beyond 150 mm. From {' and '.join(starts[s] for s in {r.start for r in rows})}, "
-        f"up to {max(run.seed for run in results.runs) + 1} seeds; "
-        f"{results.conditions['device']}, {results.made}, commit {results.conditions['commit']}."
-    )
-    columns = ("without", "mean", "free", "far", "wrists", *names)
-    return Grid("Without a part", columns, table, about).markdown()
 
 
 def presets_headline(results: Results, defaults: Results) -> str:

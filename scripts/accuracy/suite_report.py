@@ -168,6 +168,33 @@ def suite_grid(rows: Sequence[Row]) -> Grid:
     return Grid("Errors over the suite", _COLUMNS, cells, _NOTE)
 
 
+def ablation_table(results: Results) -> Grid:
+    """Means over the sequences, and each one's mean error, of the defaults and without each of
+    their parts, the most missed first."""
+    settings = dict.fromkeys(r.setting for r in results.runs if r.setting.witness == "voxels")
+    rows = suite_rows(results, list(settings), lambda _: np.nan)
+    groups = {name: [r for r in rows if r.preset == name] for name in ("", *ABLATIONS)}
+    means = {name: mean_row(of) for name, of in groups.items() if of}
+    names = sorted({row.sequence for row in rows})
+
+    def cells(shown: str, mean: Row, of: Sequence[Row]) -> list[str]:
+        by = {row.sequence: f"{row.mean:.1f}" for row in of}
+        figures = [f"{mean.mean:.1f}", f"{mean.rest:.1f}", f"{100 * mean.lost_joints:.1f} %"]
+        return [shown, *figures, f"{mean.wrists:.0f}", *(by.get(name, NONE) for name in names)]
+
+    # The defaults first.
+    order = sorted(means, key=lambda name: (bool(name), -means[name].mean))
+    table = [cells(name or "the defaults", means[name], groups[name]) for name in order]
+    starts = {"found": "a start of their own", "true": "the true first joints"}
+    about = (
+        f"mm; far: beyond 150 mm. From {' and '.join(starts[s] for s in {r.start for r in rows})}, "
+        f"up to {max(run.seed for run in results.runs) + 1} seeds; "
+        f"{results.conditions['device']}, {results.made}, commit {results.conditions['commit']}."
+    )
+    columns = ("without", "mean", "free", "far", "wrists", *names)
+    return Grid("Without a part", columns, table, about)
+
+
 def _groups(rows: Sequence[Row]) -> list[Group]:
     """The presets, witnesses and starts that there are, as the rows have them."""
     return list(dict.fromkeys(row.group for row in rows))
@@ -209,6 +236,8 @@ def write_suite(out: Path, results: Results, rows: Sequence[Row]) -> None:
         f"{results.conditions['commit'] or 'unknown'}"
     )
     texts = ["# Accuracy over a suite", about, suite_grid(rows).markdown()]
+    if any(row.preset in ABLATIONS for row in rows):
+        texts.append(ablation_table(results).markdown())
     texts += ["Failed:", "\n".join(failed)] if failed else []
     with written_whole(out / "suite.md") as temporary:
         temporary.write_text("\n\n".join(texts) + "\n")
