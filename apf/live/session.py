@@ -93,7 +93,7 @@ class Live:
         self._judge = Judge(self._config.recovery.for_body(body))
         self._seen: tuple[float, np.ndarray | None] = 0.0, None  # of the last good pose
         self._overlaps = device.is_gpu
-        self._processor = device.sibling()
+        self.processor = device.sibling()
         self._pictures = Smaller(source, scale)
         self.observe = self._observer(follow)
         self._translation, self._moved = translation(body), np.zeros(body.n_dof)
@@ -182,7 +182,7 @@ class Live:
             start = self.timeline.now()
             with self.timeline.span(PROCESSING, shot.frame.index):
                 observed = Observed(shot, *self.observe(shot.frame))
-                self._processor.finish()
+                self.processor.finish()
             self._processing_time = self._smoothed(
                 self._processing_time, self.timeline.now() - start
             )
@@ -245,7 +245,7 @@ class Live:
 
     def _observer(self, follow: bool) -> Callable[[Frame], tuple[Any, np.ndarray | None]]:
         """What makes of a frame that which the trackers observe, and where its voxels are."""
-        method, smaller, device = self._searches[0], self._pictures, self._processor
+        method, smaller, device = self._searches[0], self._pictures, self.processor
         if not method.uses_voxels:
             features = observer_for(device, smaller, None, method)
             return lambda frame: (features(smaller(frame)), None)
@@ -276,7 +276,7 @@ class Live:
         for _ in range(2):
             start = time.perf_counter()
             observation, _ = self.observe(frame)
-            self._processor.finish()
+            self.processor.finish()
             self._processing_time = time.perf_counter() - start
         costs = [self._cost_of(tracker, observation) for tracker in self._trackers]
         return Governor(

@@ -102,7 +102,7 @@ def seen(run: Live, index: int, moved: float = 0.0) -> Observed:
     """A frame as the run's threads observe it, with voxels that are said to be elsewhere."""
     frame = run.source.sequence.read(index)
     observation, centre = run.observe(frame)
-    run._processor.finish()
+    run.processor.finish()
     centre = None if centre is None else centre + np.array([moved, 0, 0])
     return Observed(Shot(frame, index / 60), observation, centre)
 
