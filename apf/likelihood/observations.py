@@ -80,12 +80,6 @@ class PointObservations:
                     f"0 to {n - 1}"
                 )
 
-    def packed(self, n_rows: int) -> np.ndarray:
-        """Return the table of observed.h with room for `n_rows` sightings, float32."""
-        table = np.zeros(4 + OBSERVED_FLOATS * n_rows, np.float32)
-        self.pack(table)
-        return table
-
     def pack(self, table: np.ndarray) -> int:
         """Write the table of observed.h, float32, into one with room for it; return how many
         numbers of it that takes."""

@@ -79,8 +79,13 @@ class Job:
 
 
 def silhouettes_name(sequence: str, preset: str) -> str:
-    """What the silhouettes of a sequence by a preset are kept under."""
-    return f"{sequence}.{preset}" if preset else sequence
+    """What the silhouettes of a sequence by a preset are kept under: the sequence alone where the
+    preset changes nothing about them."""
+    default, settings = Preset(), settings_of(preset) if preset else Preset()
+    own = (settings.reconstruction, settings.all_cameras)
+    return (
+        sequence if own == (default.reconstruction, default.all_cameras) else f"{sequence}.{preset}"
+    )
 
 
 #: Of a job: its runs, or its silhouettes as `silhouettes_of` returns them.
@@ -105,8 +110,9 @@ def lacking_jobs(
     Seeds from the true start share one reconstruction; a start is found for each seed anew.
     """
     seen = [(f, s.preset) for s, f in settings.items() if s.witness in _VOXELS]
-    jobs = [Job(folder, preset=name) for folder, name in dict.fromkeys(seen)]
-    jobs = [j for j in jobs if not kept(j.silhouettes) and (j.folder / "truth_masks").is_dir()]
+    pictures = {j.silhouettes: j for j in (Job(f, preset=name) for f, name in reversed(seen))}
+    jobs = [j for j in pictures.values() if (j.folder / "truth_masks").is_dir()]
+    jobs = [j for j in jobs if not kept(j.silhouettes)]
     for setting, folder in settings.items():
         count = 1 if setting.start == "none" else seeds  # triangulation knows no chance
         rest = [seed for seed in range(count) if results.lacks(setting, seed)]

@@ -216,6 +216,8 @@ def test_first_seeds_first(folder: Path, tmp_path: Path) -> None:
         Job(walk, FOUND, (2,)),
     ]  # fmt: skip
     assert Job(walk) not in lacking_jobs(settings, results, 3, lambda name: True)
+    assert Job(walk, preset="no edges").silhouettes == Job(walk).silhouettes == "walk"
+    assert Job(walk, preset="no rim").silhouettes == "walk.no rim"
 
 
 def test_a_start_that_is_not_found_is_a_run(folder: Path, monkeypatch) -> None:

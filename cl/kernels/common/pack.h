@@ -93,23 +93,3 @@ inline vpoint load_point(__local const vfloat *place)
 {
     return (vpoint){place[0], place[1], place[2]};
 }
-
-#ifdef GROUP
-// Sum of `value` over the work-group's items, which all of them get; in two steps, since barriers
-// are what it costs. sums: room for GROUP.
-inline vfloat sum_over_items(vfloat value, __local vfloat *sums)
-{
-    const int lane = get_local_id(0), left = GROUP < 16 ? GROUP : 16;
-    sums[lane] = value;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    vfloat total = 0.0f;
-    for (int i = lane; i < (lane < left ? GROUP : 0); i += left) total += sums[i];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (lane < left) sums[lane] = total;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    total = 0.0f;
-    for (int i = 0; i < left; ++i) total += sums[i];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    return total;
-}
-#endif

@@ -5,6 +5,7 @@
 #endif
 #include "common/kinematics.h"
 #include "common/observed.h"
+#include "common/reduction.h"
 
 // Sums up what the observations of a frame miss, each at most 1, and adds to the errors `weight`
 // times the sum over the most there could be, or over their number where `per_seen` (1 without any); or puts
@@ -34,7 +35,7 @@ void score_points(int n_particles, int adds, int per_seen, float weight, float r
 #undef VALUE
         sum += posture_weight * bent * bent;
     }
-    sum = sum_over_items(sum, sums);
+    sum = group_sum_of_packs(sums, sum);
     if (lane == 0) {
         float lanes[PACK];
         STORE_PACK(sum, lanes);

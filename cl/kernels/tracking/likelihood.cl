@@ -8,6 +8,7 @@
 #endif
 #include "common/observed.h"
 #include "common/packed_cones.h"
+#include "common/reduction.h"
 #include "tracking/samples.h"
 
 // Items that look at one camera's map.
@@ -265,8 +266,8 @@ void score_poses(int n_particles, __global const float *poses, __global const fl
     for (int view = 0; view < n_views; view += VIEWS)
         score_views(view, n_views, width, height, cameras, maps, n_rows, rows, weights.xy, cues, cones,
                     outlines, partial, views, &seen);
-    sum = sum_over_items(sum + weights.z * missing, sums);
-    if (misfits) missing = sum_over_items(missing, sums);
+    sum = group_sum_of_packs(sums, sum + weights.z * missing);
+    if (misfits) missing = group_sum_of_packs(sums, missing);
     if (lane == 0) {
         const vfloat n_seeing = most(seen.seeing, 1.0f);
         const vint any = seen.seeing > 0.0f;
