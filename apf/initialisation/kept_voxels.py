@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
-from cl import Array, Device, NumpyDevice
+from cl import Array, Device, Launch, NumpyDevice
+from cl.staging import Upload
 from psfs.common.regions import bounding_box, large_parts
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -62,6 +62,8 @@ def stored(device: Device | NumpyDevice, voxels: Voxels | HostVoxels) -> StoredV
 #: Pixels about the foreground that are kept, share of the pictures' larger side: farther away no
 #: body is looked for that fits.
 _MARGIN = 0.05
+#: Items of a GPU for a row of a picture.
+_LANES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,36 +71,21 @@ class CroppedVoxels:
     """A frame's surface voxels on the host, with the part of its evidence maps and pictures about
     the foreground, of each camera: for many frames that are held at once, a fifth of the memory.
 
-    shape: (H, W) of the pictures. corners: (V, 2) row and column of the first pixel of each part;
-    evidence: V of (h, w) int8; pictures: V of (h, w, 3) uint8, None where there are none.
+    shape: (H, W) of the pictures. parts: (V, 5) int32, first row and column, rows and columns, and
+    where the part begins in `pixels` (n,) uint8: its evidence (h, w) int8 and behind it, where
+    frames have `pictures`, its picture (h, w, 3).
     """
 
     cloud: VoxelCloud
     shape: tuple[int, int]
-    corners: np.ndarray
-    evidence: Sequence[np.ndarray]
-    pictures: Sequence[np.ndarray] | None
+    parts: np.ndarray
+    pixels: np.ndarray
+    pictures: bool
 
     @property
     def nbytes(self) -> int:
         """Bytes of maps and pictures."""
-        return sum(part.nbytes for part in (*self.evidence, *(self.pictures or ())))
-
-    def restored(self, device: Device) -> StoredVoxels:
-        """Return the voxels as they were; away from the foreground maps and pictures go on as they
-        are at the rim of what was kept."""
-
-        def whole(parts: Sequence[np.ndarray]) -> Array:
-            full = np.empty((len(parts), *self.shape, *parts[0].shape[2:]), parts[0].dtype)
-            for out, (top, left), part in zip(full, self.corners.tolist(), parts, strict=True):
-                below = self.shape[0] - top - part.shape[0]
-                right = self.shape[1] - left - part.shape[1]
-                border = (top, below, left, right, cv2.BORDER_REPLICATE)
-                cv2.copyMakeBorder(part, *border, dst=out)
-            return device.to_device(full, "a kept frame")
-
-        pictures = None if self.pictures is None else whole(self.pictures)
-        return StoredVoxels(device, self.cloud, whole(self.evidence), pictures)
+        return self.pixels.nbytes
 
 
 def cropped(
@@ -112,20 +99,79 @@ def cropped(
     pictures = None if voxels.frame is None else voxels.frame.images
     height, width = evidence.shape[1:]
     margin = round(_MARGIN * max(height, width))
-    corners, parts, shown = [], [], []
+    parts, kept, place = [], list[np.ndarray](), 0
     for view, of in enumerate(evidence):
         # Nobody: a corner says what all of it is.
         rows, columns = bounding_box(of > 0) or (slice(0, 1), slice(0, 1))
         top, left = max(0, rows.start - margin), max(0, columns.start - margin)
         part = slice(top, rows.stop + margin), slice(left, columns.stop + margin)
-        corners.append((top, left))
-        parts.append(of[part].copy())
+        parts.append((top, left, *of[part].shape, place))
+        kept.append(of[part].view(np.uint8))
         if pictures is not None:
-            shown.append(pictures[view][part].copy())
-    return CroppedVoxels(
-        voxels.cloud(), (height, width), np.array(corners), parts,
-        None if pictures is None else shown,
-    )  # fmt: skip
+            kept.append(pictures[view][part])
+        place += of[part].size * (1 if pictures is None else 4)
+    table, pixels = np.array(parts, np.int32), np.concatenate(kept, axis=None)
+    return CroppedVoxels(voxels.cloud(), (height, width), table, pixels, pictures is not None)
+
+
+class RestoredVoxels:
+    """One of the frames that were kept at a time, on the device, where trackers can be shown it
+    like `Voxels`; the next one overwrites it. There is room for any of `frames`.
+
+    `show(frame)` enqueues what makes it of the kept parts. Away from the foreground maps and
+    pictures go on as they are at the rim of what was kept. Kernel: common/uncrop.cl; twin:
+    reference/kept_voxels.py.
+    """
+
+    stays = False
+
+    def __init__(self, device: Device, frames: Sequence[CroppedVoxels]) -> None:
+        self._device, first = device, frames[0]
+        views, shape = len(first.parts), first.shape
+        what = "a kept frame"
+        n_pixels = max(frame.pixels.size for frame in frames)
+        self._pixels = device.empty(n_pixels, np.uint8, what)
+        self._parts = device.empty(first.parts.shape, np.int32)
+        n_surface = max(1, *(len(frame.cloud) for frame in frames))
+        self.surface = device.empty(n_surface, np.int32, what)
+        self.count = device.empty(1, np.int32)
+        self.evidence = device.empty((views, *shape), np.int8, what)
+        self._pictures = (
+            device.empty((views, *shape, 3), np.uint8, what) if first.pictures else None
+        )
+        self._uploads = Upload(self._pixels), Upload(self.surface)
+        self._launches = [self._launch(self.evidence.view(np.uint8), 1)]
+        if self._pictures is not None:
+            self._launches.append(self._launch(self._pictures, 3))
+
+    def show(self, frame: CroppedVoxels) -> RestoredVoxels:
+        """Enqueue what makes these the voxels of `frame`."""
+        self._cloud, self.grid = frame.cloud, frame.cloud.grid
+        self._parts.set(frame.parts)
+        self.count.set(np.array([len(frame.cloud)], np.int32))
+        for upload, numbers in zip(self._uploads, (frame.pixels, frame.cloud.indices), strict=True):
+            upload.room()[: numbers.size] = numbers
+            upload.start(max(1, numbers.size))
+        for launch in self._launches:
+            launch()
+        return self
+
+    def pictures(self) -> Array | None:
+        """The frame's pictures, if it has any."""
+        return self._pictures
+
+    def cloud(self) -> VoxelCloud:
+        """The surface voxels on the host."""
+        return self._cloud
+
+    def _launch(self, whole: Array, channels: int) -> Launch:
+        views, height, width = self.evidence.shape
+        lanes = _LANES if self._device.is_gpu else 1
+        kernel = self._device.kernel("common/uncrop", "uncrop", CHANNELS=channels, LANES=lanes)
+        return self._device.launch(
+            kernel, (lanes, height, views), (lanes, 1, 1), width=width, parts=self._parts,
+            kept=self._pixels, whole=whole,
+        )  # fmt: skip
 
 
 def between(

@@ -24,8 +24,8 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, reaching
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
-from apf.initialisation.kept_voxels import CroppedVoxels, cropped
-from apf.likelihood.observations import Observed, parted
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
+from apf.likelihood.observations import parted, with_points
 from apf.tracking.recovery import Watched
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
@@ -117,8 +117,7 @@ def both_ways(
 def _kept(device: Device | NumpyDevice, observation: Any) -> Any:
     """What remains of an observation when the next one is made."""
     shown, points = parted(observation)
-    kept = None if shown is None else cropped(device, shown)
-    return kept if points is None else Observed(kept, points)
+    return with_points(None if shown is None else cropped(device, shown), points)
 
 
 def _n_bytes(kept: Any) -> int:
@@ -126,13 +125,15 @@ def _n_bytes(kept: Any) -> int:
     return shown.nbytes if isinstance(shown, CroppedVoxels) else 0
 
 
-def _restored(device: Device | NumpyDevice, kept: Any) -> Any:
-    """The observation again."""
-    shown, points = parted(kept)
-    if isinstance(shown, CroppedVoxels):
-        assert isinstance(device, Device)
-        shown = shown.restored(device)
-    return shown if points is None else Observed(shown, points)
+def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any]:
+    """The observations of a window again, the last one first; each overwrites the one before."""
+    parts = [parted(kept) for _, kept, _ in reversed(window)]
+    crops = [shown for shown, _ in parts if isinstance(shown, CroppedVoxels)]
+    restored = RestoredVoxels(device, crops) if crops and isinstance(device, Device) else None
+    for shown, points in parts:
+        if restored is not None and isinstance(shown, CroppedVoxels):
+            shown = restored.show(shown)
+        yield with_points(shown, points)
 
 
 def _smoothed(
@@ -149,8 +150,9 @@ def _smoothed(
     ways: list[list[tuple[Estimate, np.ndarray]]] = [[] for _ in back]
     for tracker, last in zip(back, window[-1][2], strict=True):
         tracker.start(last.pose)
-    for _, kept, estimates in reversed(window):
-        observation = _restored(device, kept)
+    for observation, (_, _, estimates) in zip(
+        _backwards(device, window), reversed(window), strict=True
+    ):
         for way, tracker, ahead in zip(ways, back, estimates, strict=True):
             behind = tracker.step(observation)
             errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose, config))

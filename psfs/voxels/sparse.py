@@ -64,6 +64,8 @@ class SparseSurface:
             bits=self._bits,
         )
 
+        self._gather = device.kernel("reconstruction/occupancy", "sparse_gather", **self._defines)
+
     def __call__(self) -> None:
         self._bits.fill(0)
         self._bricks()
@@ -75,19 +77,7 @@ class SparseSurface:
         """Return (count,) float32 probabilities of the surface voxels, downloaded. Raises
         InputError if there was no room for them."""
         self.check_room()
-        device = self._bricks.device
-        out = device.empty(max(count, 1), np.float32, "the surface's probability")
-        device.launch(
-            device.kernel("reconstruction/occupancy", "sparse_gather", **self._defines),
-            (4096,),
-            (64,),
-            pool=self._pool,
-            slots=self.slots,
-            indices=self.list.indices,
-            n_surface=self.list.count,
-            out=out,
-        )()
-        return out.get(count)
+        return self.list.gathered(count, self._gather, pool=self._pool, slots=self.slots)
 
     @property
     def probability(self) -> Array:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cl import Array, Device, InputError
+from cl import Array, Device, InputError, Kernel, Launch
 from cl.workgroups import row_group
 
 #: Largest list of surface voxels: all of them up to this number, beyond it one in sixteen.
@@ -25,6 +25,8 @@ class SurfaceList:
     def __init__(self, device: Device, shape: tuple[int, int, int], bits: Array) -> None:
         nx, ny, nz = shape
         size = math.prod(shape)
+        self._device = device
+        self._gather: Launch | None = None
         self.capacity = min(size, max(_ROOM, size // 16))
         self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
@@ -52,6 +54,17 @@ class SurfaceList:
     def __call__(self) -> None:
         for launch in self._launches:
             launch()
+
+    def gathered(self, count: int, kernel: Kernel, **source: Array) -> np.ndarray:
+        """Return the `count` float32 that `kernel`, always the same, takes from its `source` at the
+        surface voxels, downloaded."""
+        if self._gather is None or self._gather.arguments["out"].size < count:
+            out = self._device.empty(max(1, 2 * count), np.float32, "the surface's probability")
+            listed = {"indices": self.indices, "n_surface": self.count}
+            self._gather = self._device.launch(kernel, (4096,), (64,), **source, **listed, out=out)
+        self._gather()
+        found: np.ndarray = self._gather.arguments["out"].get(count)
+        return found
 
     def check_room(self) -> None:
         """Raise InputError if the surface has more voxels than the list has room for (waits)."""
@@ -100,14 +113,4 @@ class Surface:
 
     def surface_probability(self, count: int) -> np.ndarray:
         """Return (count,) float32 probabilities of the surface voxels, downloaded."""
-        out = self._device.empty(max(count, 1), np.float32, "the surface's probability")
-        self._device.launch(
-            self._gather,
-            (4096,),
-            (64,),
-            probability=self.probability,
-            indices=self.list.indices,
-            n_surface=self.list.count,
-            gathered=out,
-        )()
-        return out.get(count)
+        return self.list.gathered(count, self._gather, probability=self.probability)

@@ -133,11 +133,11 @@ __kernel void list_surface(__global const ushort *restrict bits,
 // Probabilities of the surface voxels, in their order.
 __kernel void gather(__global const float *restrict probability,
                      __global const int *restrict indices, __global const int *restrict n_surface,
-                     __global float *restrict gathered)
+                     __global float *restrict out)
 {
     const int n = *n_surface;
     for (int i = get_global_id(0); i < n; i += get_global_size(0))
-        gathered[i] = probability[indices[i]];
+        out[i] = probability[indices[i]];
 }
 
 #ifdef SAMPLES

@@ -18,7 +18,8 @@ from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_masks, limb_names
 from apf.filters.base import Estimate
 from apf.filters.method import Method
-from apf.initialisation.kept_voxels import CroppedVoxels, cropped
+from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
+from apf.reference.kept_voxels import uncropped
 from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import watched
@@ -215,6 +216,7 @@ def test_windows_end_with_the_memory() -> None:
     assert config.full(config.longest, 0)
 
 
+@pytest.mark.parity("common/uncrop.uncrop")
 def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     """Bit by bit there; away from it, where nobody is, they go on as at the rim."""
     rig, random = scenes.ring(3), np.random.default_rng(0)
@@ -228,17 +230,28 @@ def test_kept_frames_are_restored_about_the_foreground(device: Device) -> None:
     before.frame = Frame(0, pictures, None)
     kept = cropped(device, before)
     assert isinstance(kept, CroppedVoxels) and kept.nbytes < 0.5 * 4 * evidence.size
-    after = kept.restored(device)
-    np.testing.assert_array_equal(after.surface.get(), before.surface.get())
-    found, shown = after.evidence.get(), after.pictures().get()
-    margin = round(0.05 * rig.width)
-    for view, (rows, columns) in enumerate((
+    later = surface_voxels(device, walker(5))
+    later.evidence = device.to_device(-evidence)  # foreground all over
+    later.frame = Frame(1, pictures[::-1], None)
+    other = cropped(device, later)
+    assert isinstance(other, CroppedVoxels)
+    restored = RestoredVoxels(device, [kept, other])
+    restored.show(other)  # of which nothing remains
+    after = restored.show(kept)
+    n = int(after.count.get()[0])
+    np.testing.assert_array_equal(after.surface.get(n), before.surface.get())
+    margin, height = round(0.05 * rig.width), rig.height
+    parts = (
         (slice(40 - margin, 60 + margin), slice(70 - margin, 90 + margin)),
-        (slice(0, rig.height // 2 + margin), slice(-5 - margin, None)),
-    )):  # fmt: skip
-        np.testing.assert_array_equal(found[view, rows, columns], evidence[view, rows, columns])
-        np.testing.assert_array_equal(shown[view, rows, columns], pictures[view, rows, columns])
-    assert (found > 0).sum() == (evidence > 0).sum()
+        (slice(0, height // 2 + margin), slice(rig.width - 5 - margin, None)),
+        (slice(0, 1 + margin), slice(0, 1 + margin)),
+    )
+    for found, of in ((after.evidence.get(), evidence), (after.pictures().get(), pictures)):
+        for view, (rows, columns) in enumerate(parts):
+            expected = uncropped(of[view, rows, columns], (rows.start, columns.start), shape[1:])
+            np.testing.assert_array_equal(found[view], expected)
+            np.testing.assert_array_equal(found[view, rows, columns], of[view, rows, columns])
+    assert (after.evidence.get() > 0).sum() == (evidence > 0).sum()
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), InputError("a torn file")])
