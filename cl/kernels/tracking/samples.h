@@ -138,7 +138,6 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
     const vfloat left_y = corner[1] + row.y * (corner[7] - corner[1]) + 0.5f;
     const vfloat right_x = corner[2] + row.y * (corner[4] - corner[2]) + 0.5f;
     const vfloat right_y = corner[3] + row.y * (corner[5] - corner[3]) + 0.5f;
-#pragma unroll
     for (int side = share; side < 2; side += SHARES) {
         const vfloat x = side ? right_x : left_x, y = side ? right_y : left_y;
         take_sample(camera, map + 1, width, x, y, &sums->edge, &sums->n_edge);
