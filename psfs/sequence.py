@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
 from psfs.common.files import full_path
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
+from psfs.footage.memory import room_for_frames
 from psfs.footage.numbering import numbered
 from psfs.footage.prefetch import prefetched
 from psfs.footage.settings import MIXTURES, Settings
@@ -63,7 +65,7 @@ class Sequence:
     """Synchronised views with their rig (metres, Z up), background and frame rate.
 
     `Sequence.open(folder)`, then iterate, or `frames(slice)`, or `read(index)`. A sequence holds
-    no open files: each iteration decodes for itself.
+    no open files: each iteration decodes for itself, unless it is told to `keep_frames`.
     """
 
     def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
@@ -92,6 +94,8 @@ class Sequence:
         self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
+        self._kept: np.ndarray | None = None
+        self._n_kept = 0
 
     @classmethod
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
@@ -153,6 +157,16 @@ class Sequence:
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetched(self._decoded(indices), depth)
+
+    def keep_frames(self) -> None:
+        """Decode a short sequence once: its frames are kept, as far as they are decoded in order
+        from the first one on, as long as there is this sequence. Nothing is kept of frames with
+        masks, and where all would take more than `room_for_frames`."""
+        shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
+        without_masks = self.background_kind in ("gaussian", "frames", "chroma")
+        if without_masks and math.prod(shape) <= room_for_frames():
+            # In one piece, which gets large pages: the system clears 885 MB in 0.1 s, not in 0.5.
+            self._kept = np.empty(shape, np.uint8)
 
     @property
     def inputs(self) -> list[Path]:
@@ -273,6 +287,8 @@ class Sequence:
     def _frame(
         self, index: int, decoders: list[Decoder], pool: Threads, mixture: Mixture | None
     ) -> Frame:
+        if self._kept is not None and index < self._n_kept:
+            return Frame(index, self._kept[index], None)
         try:
             pictures = pool.map(lambda decoder: decoder.read(index), decoders)
         except HangingError as error:
@@ -292,11 +308,15 @@ class Sequence:
         elif self.background_kind in MIXTURES:
             assert images is not None
             masks = pool.map(mixture or self._mixture, range(views), images)
-        return Frame(
+        frame = Frame(
             index,
             None if images is None else self._padded(images),
             None if masks is None else self._padded(masks),
         )
+        if self._kept is not None and index == self._n_kept:
+            self._kept[index] = frame.images
+            self._n_kept = index + 1
+        return frame
 
     def _thresholded(self, image: np.ndarray) -> np.ndarray:
         """Return (h, w) uint8 mask: brighter than the threshold, dilated, then eroded (squares)."""

@@ -233,6 +233,7 @@ def _tracked(
         method.image.mesh(template)  # that its files are what they should be
     config = _config(args)
     sequence, left_out = open_sequence(args), list[Suspect]()
+    sequence.keep_frames()
     out.keep_off(sequence.inputs)
     first = chosen_frames(args, sequence)[0]
     given = given_start(sequence.folder, first, args.body, args.init, args.convention)

@@ -101,8 +101,7 @@ def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
         return
     if views.pictures is None:
         return
-    typical = stack_median(views.pictures)
-    for camera, small, picture in zip(sequence.rig, views.rig, typical, strict=True):
+    for camera, small, picture in zip(sequence.rig, views.rig, views.typical, strict=True):
         if picture[: small.size[1], : small.size[0]].std() < config.blank:
             yield Fault(
                 "blank",
@@ -137,13 +136,12 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
     if views.pictures is None or views.plates is None or not sequence.footage.background:
         return
     names, sizes = sequence.rig.names, [camera.size for camera in views.rig]
-    typical = stack_median(views.pictures)
     alike = np.full((len(names), len(names)), -1.0)
     for a, size in enumerate(sizes):
         for b, plate in enumerate(views.plates):
             if sizes[b] == size:
                 area = np.s_[: size[1], : size[0]]
-                alike[a, b] = _correlation(typical[a][area], plate[area])
+                alike[a, b] = _correlation(views.typical[a][area], plate[area])
     own = np.diag(alike)
     wrong = [view for view in range(len(names)) if own[view] < config.other_view]
     for view in wrong:
@@ -245,7 +243,8 @@ def _ghosts(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
         silhouettes = views.silhouettes[:, view, : camera.size[1], : camera.size[0]]
         pictures = views.pictures[:, view, : camera.size[1], : camera.size[0]]
         usual = float(np.median(areas)) if areas else np.inf
-        if _is_ghost(plate, silhouettes, pictures, usual, config):
+        typical = views.typical[view, : camera.size[1], : camera.size[0]]
+        if _is_ghost(plate, silhouettes, pictures, typical, usual, config):
             holds = (
                 "the background learnt from its pictures holds somebody who stands still in many"
                 if learnt
@@ -262,12 +261,12 @@ def _is_ghost(
     plate: np.ndarray,
     silhouettes: np.ndarray,
     pictures: np.ndarray,
+    typical: np.ndarray,
     usual: float,
     config: PictureConfig,
 ) -> bool:
-    """Does a background (h, w) hold somebody whom pictures (S, h, w) lack? usual: area of a
-    silhouette, px."""
-    typical = stack_median(pictures)
+    """Does a background (h, w) hold somebody whom pictures (S, h, w) lack? typical: their median.
+    usual: area of a silhouette, px."""
     apart = np.abs(2 * pictures.astype(np.int16) - (2 * typical).astype(np.int16))
     still = stack_median(apart) < 2 * config.still
     steady = (silhouettes.mean(axis=0) >= config.steady) & still

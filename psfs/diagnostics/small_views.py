@@ -4,6 +4,7 @@ ask of the pictures themselves."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.backend import evidence_for
 from psfs.background.chroma_key import ChromaKey
-from psfs.background.gaussian import Background
+from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
 from psfs.diagnostics.config import FaultConfig
 from psfs.sequence import Frame, Sequence
@@ -54,6 +55,12 @@ class SmallViews:
     samples: np.ndarray
     silhouettes: np.ndarray
     pictures: np.ndarray | None
+
+    @cached_property
+    def typical(self) -> np.ndarray:
+        """(V, h, w) the median of the samples' pictures, which are there."""
+        assert self.pictures is not None
+        return stack_median(self.pictures)
 
 
 def small_views(

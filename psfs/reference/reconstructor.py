@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from functools import partial
 
 import numpy as np
@@ -12,6 +10,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
+from psfs.footage.memory import physical_memory
 from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
@@ -101,14 +100,6 @@ class NumpyReconstructor:
             colours = partial(surface_colour, self.rig, self.grid, surface, *seen)
         count = int(occupied.sum())
         return HostVoxels(self.grid, probability, surface, count, colours, evidence, frame.images)
-
-
-def physical_memory() -> int:
-    """Return the bytes of this machine's memory; a very large number where nobody knows."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return sys.maxsize
 
 
 def frame_evidence(

@@ -22,7 +22,8 @@ from psfs.background.gaussian import (
     clipped_moments,
     median_moments,
 )
-from psfs.footage.media import open_media
+from psfs.footage import memory
+from psfs.footage.media import VideoDecoder, open_media
 from psfs.footage.prefetch import prefetched
 from psfs.sequence import Sequence
 
@@ -86,6 +87,40 @@ def test_ascending_reads_do_not_seek(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for index in (0, 1, 5, 6, 30):
         assert decoder.read(index)[9, 9, 0] == pytest.approx(footage.grey(index, 0), abs=5)
     decoder.close()
+
+
+def test_frames_that_are_kept_are_decoded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, decoded = footage.native(tmp_path / "walk"), list[int]()
+    expected = {frame.index: frame.images for frame in Sequence.open(folder)}
+    read = VideoDecoder.read
+
+    def counted(self: VideoDecoder, index: int) -> np.ndarray:
+        decoded.append(index)
+        return read(self, index)
+
+    monkeypatch.setattr(VideoDecoder, "read", counted)
+    sequence = Sequence.open(folder)
+    sequence.keep_frames()
+    frames = [sequence.read(5), *sequence.frames(slice(3)), *sequence.frames(), sequence.read(5)]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.images, expected[frame.index])
+    # Those that were sought are not kept.
+    assert sorted(decoded) == sorted(3 * [5, *range(12)])
+    # Nothing is kept of a sequence that is too long for the memory.
+    monkeypatch.setattr("psfs.sequence.room_for_frames", lambda: 12 * 3 * 3 * 48 * 64 - 1)
+    longer = Sequence.open(folder)
+    longer.keep_frames()
+    decoded.clear()
+    assert len([*longer, *longer]) == 24 and len(decoded) == 3 * 24
+
+
+def test_the_room_for_frames_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory.os, "cpu_count", lambda: 16)
+    for there, room in ((2**34, 2**28), (2**40, 2**30)):
+        monkeypatch.setattr(memory, "physical_memory", lambda there=there: there)
+        assert memory.room_for_frames() == room
 
 
 def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
