@@ -308,13 +308,13 @@ class Sequence:
         elif self.background_kind in MIXTURES:
             assert images is not None
             masks = pool.map(mixture or self._mixture, range(views), images)
+        kept = self._kept[index] if self._kept is not None and index == self._n_kept else None
         frame = Frame(
             index,
-            None if images is None else self._padded(images),
+            None if images is None else self._padded(images, kept),
             None if masks is None else self._padded(masks),
         )
-        if self._kept is not None and index == self._n_kept:
-            self._kept[index] = frame.images
+        if kept is not None:
             self._n_kept = index + 1
         return frame
 
@@ -333,11 +333,13 @@ class Sequence:
                 mask = operation(mask, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
         return mask
 
-    def _padded(self, pictures: list[np.ndarray]) -> np.ndarray:
+    def _padded(self, pictures: list[np.ndarray], into: np.ndarray | None = None) -> np.ndarray:
         size = self.rig.height, self.rig.width
+        if into is None:
+            into = np.empty((len(pictures), *size, *pictures[0].shape[2:]), np.uint8)
         if all(picture.shape[:2] == size for picture in pictures):
-            return np.stack(pictures)
-        stacked = np.zeros((len(pictures), *size, *pictures[0].shape[2:]), np.uint8)
-        for view, picture in enumerate(pictures):
-            stacked[view, : picture.shape[0], : picture.shape[1]] = picture
-        return stacked
+            return np.stack(pictures, out=into)
+        into[...] = 0
+        for own, picture in zip(into, pictures, strict=True):
+            own[: picture.shape[0], : picture.shape[1]] = picture
+        return into
