@@ -22,6 +22,7 @@ from cl.errors import DeviceError, failing_as_device
 from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
+    check_linker,
     device_info,
     list_devices,
     ranked_devices,
@@ -92,6 +93,7 @@ class Device:
 
     def __post_init__(self) -> None:
         self.info = device_info(self.handle)
+        check_linker(self.info)
         try:
             self.context = pyopencl.Context([self.handle])
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE

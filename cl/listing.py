@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import logging
 import os
+import shutil
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -11,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pyopencl
+
+from cl.errors import DeviceError
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +46,7 @@ def ranked_devices() -> list[Any]:
 
 
 def _opencl_devices() -> list[Any]:
-    _mend_cache()
+    _mend_caches()
     try:
         platforms = pyopencl.get_platforms()
     except pyopencl.Error:  # the loader reports "no platform" as an error
@@ -56,19 +60,38 @@ def _opencl_devices() -> list[Any]:
     return devices
 
 
-def _mend_cache() -> None:
-    """Let PoCL, which has no device without a cache that it can write, have one in a temporary
-    folder."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    cache = Path(os.environ.get("POCL_CACHE_DIR") or Path(home) / "pocl")
+def _mend_caches() -> None:
+    """Let PoCL and PyOpenCL, which do nothing without a cache that they can write, have one in a
+    temporary folder."""
+    places = {"XDG_CACHE_HOME": "~/.cache", "POCL_CACHE_DIR": None}
+    for variable, usual in places.items():
+        place = os.environ.get(variable) or usual
+        if place is not None and not _writable(place):
+            mended = str(Path(tempfile.gettempdir()) / f"psfs-cache-{os.getuid()}")
+            log.warning("the cache %s cannot be written; %s is taken", place, mended)
+            os.environ[variable] = mended
+
+
+def _writable(place: str) -> bool:
     try:
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=cache):
-            return
+        folder = Path(place).expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
     except (OSError, RuntimeError):
-        mended = Path(tempfile.gettempdir()) / f"pocl-cache-{os.getuid()}"
-        log.warning("PoCL's cache %s cannot be written; %s is taken", cache, mended)
-        os.environ["POCL_CACHE_DIR"] = str(mended)
+        return False
+
+
+def check_linker(info: DeviceInfo) -> None:
+    """Raise DeviceError for PoCL's wheel on a machine without a linker, which PoCL calls when it
+    builds a kernel: it would end the process."""
+    pocl = info.kind == "cpu" and info.platform == "Portable Computing Language"
+    wheel = pocl and importlib.util.find_spec("pocl_binary_distribution") is not None
+    if wheel and shutil.which("ld") is None:
+        raise DeviceError(
+            f"{info.name}: PoCL finds no linker `ld` to build kernels with; expected one in PATH "
+            "(Debian: binutils), or --device numpy"
+        )
 
 
 def where_to_get_opencl(system: str = sys.platform) -> str:

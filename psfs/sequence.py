@@ -112,7 +112,9 @@ class Sequence:
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)
         try:
-            return cls(folder, layout.name, layout.read(folder, settings), settings)
+            sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
+            _check_used(stated, sequence.background_kind)
+            return sequence
         except InputError as error:
             if str(folder) in str(error):
                 raise
@@ -343,3 +345,12 @@ class Sequence:
         for own, picture in zip(into, pictures, strict=True):
             own[: picture.shape[0], : picture.shape[1]] = picture
         return into
+
+
+def _check_used(stated: Settings, kind: str) -> None:
+    """Raise InputError for a key that is stated by the caller and of no use to a background of this
+    kind."""
+    owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}
+    for key, owner in owners.items():
+        if getattr(stated, key) is not None and kind != owner:
+            raise InputError(f"`{key}` is of the background {owner}; this one is {kind}")

@@ -86,7 +86,8 @@ def main() -> None:
     work = Path(tempfile.mkdtemp(prefix="memory"))
     try:
         sequence(work / "seq", args.frames)
-        write_pose(work / "pose.txt", load_body("song31").rest_pose)
+        song = load_body("song31")
+        write_pose(work / "pose.txt", song.rest_pose, song)
         box = ["--voxel-size", "0.1", "--volume=-0.6,0.6,-0.6,0.6,0,1.9", "--all-cameras"]
         more = ["--init", str(work / "pose.txt"), "--particles", "40", "--layers", "1",
                 "--no-overlay", "--no-report"]  # fmt: skip

@@ -122,7 +122,7 @@ def _parse_bones(
         bones.append(
             Bone(
                 entry.name,
-                _index(names[:index], entry.parent, "bone") if entry.parent else -1,
+                -1 if entry.parent is None else _parent(entry, names, index),
                 np.array(entry.offset, float),
                 _rotation(entry.rest),
                 tuple(axes),
@@ -132,6 +132,16 @@ def _parse_bones(
     if sorted(indices) != list(range(len(dofs))):
         raise ValueError(f"the axes' indices in the pose are {indices}; expected each of 0, 1, ...")
     return tuple(bones), [dofs[index] for index in np.argsort(indices)]
+
+
+def _parent(entry: BoneEntry, names: Sequence[str], index: int) -> int:
+    before = list(names[:index])
+    if entry.parent in before:
+        return before.index(entry.parent)
+    known = listed(before) or "none"
+    raise ValueError(
+        f"bone {entry.name}: its parent is {entry.parent!r}; expected a bone before it: {known}"
+    )
 
 
 def _parse_cone(entry: ConeEntry, bones: Sequence[str]) -> Cone:
@@ -172,7 +182,7 @@ def _pairs(
 
 def _index(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:
-        raise ValueError(f"no {what} named {name!r} (yet); known: {', '.join(names) or 'none'}")
+        raise ValueError(f"no {what} named {name!r}; expected one of {listed(names) or 'none'}")
     return list(names).index(name)
 
 

@@ -23,8 +23,10 @@ from apf.results.marker_truth import SHIPPED, evaluate_markers, load_markers
 from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, path_or_name, stdout, warn
+from psfs.cli.settings import refuse_unused
 from psfs.common.files import full_path
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_range
 
 _FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
 
@@ -68,6 +70,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.truth_start is not None:
+        check_range("--truth-start, frames,", args.truth_start, -1e9, 1e9, ends=True)
     track = Track.open(args.track)
     truth, convention = _truth(args, track.fps)
     markers = None if args.markers is None else load_markers(args.markers)
@@ -98,6 +102,8 @@ def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
     if kind == ".c3d":
         truth = read_c3d(args.truth, args.convention)
         return truth.at_rate(fps, args.truth_start), args.convention or "z-up"
+    if kind != ".trc":
+        refuse_unused(args, ["convention"], f"is of a TRC or C3D; {args.truth} has Z up")
     # An npz has the world's own axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(args.truth, convention)

@@ -12,6 +12,7 @@ from apf.tracking.export import EXPORTS, OF_POINTS, Export, export
 from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import spans
 from psfs.cli.commandline import add_command, stdout
+from psfs.cli.settings import refuse_unused
 from psfs.common.outputs import output_folder
 
 
@@ -48,6 +49,10 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.raw:
+        refuse_unused(args, ["cutoff"], "is of the smoothing; expected none with --raw")
+    if args.to is not None and "trc" not in args.to:
+        refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
     config = SmoothingConfig(args.cutoff)
     track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)

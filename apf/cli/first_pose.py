@@ -16,6 +16,7 @@ from apf.initialisation import Start, StartError, start_of
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import path_or_name, warn
 from psfs.cli.sequence_flags import voxel_edge
+from psfs.cli.settings import refuse_unused
 from psfs.common.ranges import check_range
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
@@ -47,8 +48,13 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--voxel-size", type=voxel_edge, metavar="M", help="edge of a voxel, m")
 
 
-def check_height(args: argparse.Namespace) -> None:
-    """Raise InputError for a --height that nobody has."""
+def check_start(args: argparse.Namespace) -> None:
+    """Raise InputError for a --height that nobody has, and for flags that nothing takes."""
+    if args.init is not None:
+        refuse_unused(args, ["height"], "is of a start that is found; expected none with --init")
+    joints = [path for path in (args.init, getattr(args, "truth", None)) if path is not None]
+    if not any(path.suffix.lower() == ".trc" for path in joints):
+        refuse_unused(args, ["convention"], "is of a TRC; expected one as --init with it")
     if args.height is not None:
         check_range("--height, m,", args.height, 0.5, 2.5, ends=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 from apf.api import given_start
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
-from apf.cli.first_pose import add_start_flags, check_height, found_start
+from apf.cli.first_pose import add_start_flags, check_start, found_start
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.track import RESULTS, write_files
 from apf.filters.method import Method
@@ -37,7 +37,7 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, write_settings
+from psfs.cli.settings import add_configs, refuse_unused, write_settings
 from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
@@ -91,7 +91,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    check_height(args)
+    check_start(args)
     _check_ranges(args)
     method = chosen_method(args)
     # Frames are not equally far apart, and `Live` itself expects what moves to move on.
@@ -174,6 +174,10 @@ def _live(
 def _check_ranges(args: argparse.Namespace) -> None:
     if args.scale is not None and not 0.05 <= args.scale <= 1:
         raise InputError(f"--scale is {args.scale}; expected 0.05 to 1")
+    if args.captures:
+        refuse_unused(args, ["frames"], "is of a recording; expected none with --captures")
+    else:
+        refuse_unused(args, ["empty"], "is of --captures; expected them with it")
     if args.budget is not None and not 0.1 <= args.budget <= 1000:
         raise InputError(f"--fps is {args.budget}; expected 0.1 to 1000 poses per second")
     if not 0 <= args.empty <= 600:

@@ -21,7 +21,7 @@ from apf.image_objective.config import (
     ProximityConfig,
 )
 from cl import InputError
-from psfs.cli.settings import add_configs
+from psfs.cli.settings import add_configs, refuse_unused
 
 #: Settings of the search that have a flag of their own.
 _SETTINGS = {
@@ -79,6 +79,14 @@ _OWNERS = {
     ("sigma_z",): "sir",
     ("low_pass", "max_error", "longest_gap"): "triangulate",
 }
+
+#: Flags that image objectives alone, the voxels' likelihood alone, and both have a use for.
+_OF_IMAGES = (
+    *(name for part in ("image", "features", "proximity") for name in _PARTS[part][1]),
+    *SHAPE_FLAGS,
+)
+_OF_VOXELS = ("likelihood", "surface_weight")
+_OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
 
 #: Flags of which a table [method] says all.
 METHOD_FLAGS = (
@@ -146,16 +154,8 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
     base = _base(args)
     images = base.uses_images
-    if not base.uses_voxels and args.likelihood is not None:
-        raise InputError(
-            f"--likelihood is the voxels'; expected none with --objective {base.objective}"
-        )
+    _refuse_others(args, base)
     shape = shape_settings(args)
-    if not images and shape:
-        raise InputError(
-            f"--shape is the image objectives'; expected none with --objective {base.objective}"
-        )
-    _check_owners(args, base)
     terms = _terms(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
     method = replace(base, filter=base.filter.changed(**settings))
@@ -171,20 +171,18 @@ def chosen_method(args: argparse.Namespace) -> Method:
     )
 
 
-def _check_owners(args: argparse.Namespace, base: Method) -> None:
-    """Raise InputError for a flag of the command line that the method has no use for."""
-    for names, owner in _OWNERS.items():
-        for name in names:
-            if getattr(args, name, None) is not None and base.search != owner:
-                flag = name.replace("_", "-")
-                raise InputError(f"--{flag} is of --method {owner}; this one is {base.search}")
-    for part in ("image", "features", "proximity"):
-        for name, (flag, _) in _PARTS[part][1].items():
-            if getattr(args, name) is not None and not base.uses_images:
-                raise InputError(
-                    f"{flag} is the image objectives'; expected none with --objective "
-                    f"{base.objective}"
-                )
+def _refuse_others(args: argparse.Namespace, base: Method) -> None:
+    """Raise InputError for a flag that the method has no use for."""
+    for flags, owner in _OWNERS.items():
+        if base.search != owner:
+            refuse_unused(args, flags, f"is of --method {owner}; this one is {base.search}")
+    none = f"expected none with --objective {base.objective}"
+    if not base.uses_images:
+        refuse_unused(args, _OF_IMAGES, f"is the image objectives'; {none}")
+    if not base.uses_voxels:
+        refuse_unused(args, _OF_VOXELS, f"is the voxels'; {none}")
+    if base.objective == "keypoints":
+        refuse_unused(args, _OF_PICTURES, f"is of pictures; {none}")
 
 
 def _terms(text: str) -> dict[str, float]:

@@ -21,7 +21,7 @@ from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
-from psfs.cli.settings import FILE, write_settings
+from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.output.preview import picture_of
@@ -47,8 +47,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    if args.opengl and args.round_ends:
-        raise InputError("OpenGL draws no round ends; expected --opengl or --round-ends alone")
+    if args.opengl:
+        refuse_unused(args, ["round_ends", "device"], "is OpenCL's; expected none with --opengl")
     look = ObjectiveConfig(**shape_settings(args))
     files = (args.body, look.mesh_file, look.mesh_weights, look.mesh_pose)
     given = [Path(path) for path in files if path]

@@ -13,7 +13,7 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import add_start_flags, check_height, naming_init, warn_of_doubts
+from apf.cli.first_pose import add_start_flags, check_start, naming_init, warn_of_doubts
 from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
 from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
@@ -28,7 +28,7 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
-from apf.tracking.batch import BatchConfig, Take, at_once, track_take
+from apf.tracking.batch import BatchConfig, Take, at_once, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
 from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice, UserError, select_device
@@ -42,7 +42,7 @@ from psfs.cli.sequence_flags import (
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, add_preset_flag, write_settings
+from psfs.cli.settings import add_configs, add_preset_flag, refuse_unused, write_settings
 from psfs.common.files import full_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
@@ -118,9 +118,11 @@ def run(args: argparse.Namespace) -> None:
         return
     method = chosen_method(args)
     seeds = chosen_seeds(args, method)
-    check_height(args)
+    check_start(args)
     if args.at_once is not None and args.at_once < 1:
         raise InputError(f"--at-once is {args.at_once}; expected at least 1")
+    if len(args.folders) == 1:
+        refuse_unused(args, ["at_once"], "is of several takes; expected more than one")
     if len(args.folders) > 1:
         _run_many(args, method, seeds)
         return
@@ -148,7 +150,7 @@ def track_one(
     """
     method = chosen_method(args)
     seeds = chosen_seeds(args, method)
-    check_height(args)
+    check_start(args)
     job = argparse.Namespace(**{**vars(args), "folder": args.folders[0]})
     with output_folder(args.output, args.parser.prog, _inputs(job), RESULTS) as out:
         try:
@@ -237,6 +239,8 @@ def _tracked(
     out.keep_off(sequence.inputs)
     first = chosen_frames(args, sequence)[0]
     given = given_start(sequence.folder, first, args.body, args.init, args.convention)
+    if method.uses_voxels:
+        check_cameras(sequence)
     # What flags name is read by now: looking at the pictures takes seconds.
     if method.objective != "keypoints":  # which sees nothing of the background
         sequence, left_out = open_trusted(args, device, person=True, opened=sequence)
@@ -255,7 +259,7 @@ def _tracked(
     if take.start is not None:
         warn_of_doubts(sequence, take.start)
     for track, folder in zip(take.tracks, seed_folders(args, seeds), strict=True):
-        write_pose(folder / "start.txt", take.pose)
+        write_pose(folder / "start.txt", take.pose, take.body)
         write_files(folder, track, take.body)
         remove_parts(folder)
     return take, left_out
@@ -373,8 +377,7 @@ def print_outcome(judgement: Judgement, n_frames: int) -> None:
 
 
 def spread_of(take: Take) -> list[str]:
-    """Describe how far several runs differ and, where the sequence has its truth, how far they
-    err."""
+    """Describe how far several runs differ and, where the truth is known, how far they err."""
     tracks = take.tracks
     if len(tracks) == 1:
         return []

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.model import BodyModel
 from cl import InputError
-from psfs.common.files import read_numbers, written_whole
+from psfs.common.files import read_numbers, read_text, written_whole
 
 #: m from the origin that a person may be, and rad of an angle.
 FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
@@ -25,6 +25,7 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
             f"{path}: {values.size} values; expected {body.n_dof} finite ones, "
             f"one per degree of freedom of {body.name}"
         )
+    _check_names(path, body)
     pose = values[: body.n_dof]  # of several frames, the first
     check_pose(pose, body, path)
     return pose
@@ -42,7 +43,24 @@ def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
         )
 
 
-def write_pose(path: Path, pose: np.ndarray) -> None:
-    """Write `pose` (D,) as a text file that `read_pose` reads back."""
+def _check_names(path: Path, body: BodyModel) -> None:
+    """Raise InputError where the comments of a file name other degrees of freedom than the body
+    has."""
+    comments = [line.partition("#")[2].strip() for line in read_text(path, "numbers").splitlines()]
+    names = [comment for comment in comments if comment]
+    if len(names) != body.n_dof:  # a comment of somebody's own
+        return
+    for number, (name, expected) in enumerate(zip(names, body.dof_names, strict=True), 1):
+        if name != expected:
+            raise InputError(
+                f"{path}: value {number} is {name}, of another body; expected {expected} of "
+                f"{body.name}"
+            )
+
+
+def write_pose(path: Path, pose: np.ndarray, body: BodyModel) -> None:
+    """Write `pose` (D,) of `body` as a text file that `read_pose` reads back: a line for each
+    degree of freedom, with its name as a comment."""
+    lines = [f"{v:.9g}  # {name}\n" for v, name in zip(pose, body.dof_names, strict=True)]
     with written_whole(path) as temporary:
-        np.savetxt(temporary, pose, fmt="%.9g")
+        temporary.write_text("".join(lines), encoding="utf-8")

@@ -31,7 +31,7 @@ from apf.keypoints.keypoints import Keypoints
 from apf.tracking.keypoint_start import learnt, method_with
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice, UserError
+from cl import Device, InputError, NumpyDevice, UserError
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
@@ -117,6 +117,7 @@ def track_take(
             device, sequence, keypoints, template, method, given, selection, height, keep_shape
         )
     if method.uses_voxels or given is None:
+        check_cameras(sequence)
         report("volume")
         grid = automatic_grid(sequence, selection, voxel_size, reconstruction, device)
     if given is None:
@@ -139,6 +140,15 @@ def track_take(
         None if keep is None else lambda parts: keep(body, pose, parts),
     )  # fmt: skip
     return Take(sequence, body, pose, start, tracks, time.perf_counter() - began, error)
+
+
+def check_cameras(sequence: Sequence) -> None:
+    """Raise InputError where voxels would be of one camera alone, which knows no depth."""
+    if len(sequence.rig) < 2:
+        raise InputError(
+            f"{sequence.name}: one camera, {sequence.rig.names[0]}; expected two or more, which "
+            "see the person from different sides at the same time"
+        )
 
 
 def track_takes(

@@ -34,7 +34,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import z_up_from
 from psfs.cli.commandline import add_command, frame_range, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import frame_rate, sync_of
-from psfs.cli.settings import FILE, add_configs, write_settings
+from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
 from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
@@ -46,6 +46,9 @@ CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "ri
 #: Of the keys of `sequence.toml`, those that a calibration needs.
 _STATED = ("cameras", "fps", "sync")
 _BOARDS = ("charuco", "chessboard")
+#: Flags of one kind of target.
+_OF_C3D = ("markers", "c3d_begins", "up")
+_OF_BOARDS, _OF_CHARUCO = ("squares", "square"), ("marker", "dictionary")
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -180,12 +183,16 @@ def _board_of(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | No
     together."""
     if args.board is None and args.wand is None and args.c3d is None:
         raise InputError("no target is stated; expected --board, --wand or --c3d")
-    sizes = (args.squares, args.square)
+    if args.c3d is None:
+        refuse_unused(args, _OF_C3D, "is of motion capture; expected --c3d with it")
+    if args.floor is None:
+        refuse_unused(args, ["height"], "is of what lies on the floor; expected --floor with it")
+    if args.board != "charuco":
+        refuse_unused(args, _OF_CHARUCO, "is of ChArUco boards; expected --board charuco with it")
     if args.board is None:
-        if any(value is not None for value in (*sizes, args.marker)):
-            raise InputError("--squares, --square and --marker are of boards; expected --board")
+        refuse_unused(args, _OF_BOARDS, "is of boards; expected --board with it")
         return None
-    if None in sizes:
+    if args.squares is None or args.square is None:
         raise InputError("--board needs --squares CxR and --square M")
     if args.board == "chessboard":
         return ChessboardFinder(args.squares, args.square)

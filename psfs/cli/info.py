@@ -12,6 +12,7 @@ from cl import Device, NumpyDevice, select_device
 from psfs.api import examined, remarks
 from psfs.cli.commandline import add_command, add_device_flag, remark, stdout, warn
 from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
+from psfs.cli.settings import refuse_unused
 from psfs.common.files import write_picture
 from psfs.diagnostics.faults import Diagnosis
 from psfs.diagnostics.sequence_info import UNIT_ASKED, SequenceInfo, sequence_info
@@ -38,6 +39,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
+    if not args.pictures:
+        refuse_unused(args, ["masks"], "shows pictures; expected none with --no-pictures")
     sequence = open_sequence(args)
     info = sequence_info(sequence)
     stdout.print(_cameras(info))

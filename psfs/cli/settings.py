@@ -8,7 +8,7 @@ command names by `add_configs`, all of their settings.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -63,7 +63,8 @@ def with_settings(
     parser: argparse.ArgumentParser, args: argparse.Namespace, argv: Sequence[str]
 ) -> argparse.Namespace:
     """Return the arguments with what --config and --preset add to them; in `stated_settings` the
-    flags as they were stated, in `configs` the configs, in `preset_tables` the preset's own tables.
+    flags as they were stated, in `configs` the configs, in `preset_tables` the preset's own tables,
+    in `chosen_flags` the destinations of the flags that are not as by default.
     Raises InputError naming the file."""
     command: argparse.ArgumentParser | None = getattr(args, "parser", None)
     if command is None:
@@ -75,6 +76,8 @@ def with_settings(
     if file is not None:
         flags, tables = _parted(read_toml(file))
         found = _flags(file, command, flags, stated)
+    usual = {action.dest: action.default for action in command._actions}
+    chosen = {*stated, *found}
     beneath: dict[str, Any] = {}
     name = ({dest: raw for dest, (raw, _) in found.items()} | stated).get("preset")
     if name is not None:
@@ -91,7 +94,18 @@ def with_settings(
     joined = {name: table for name, table in beneath.items() if name in args.config_kinds}
     args.configs = _configs(file, overlaid(joined, tables), args.config_kinds)
     args.preset_tables = beneath
+    args.chosen_flags = {dest for dest in chosen if getattr(args, dest) != usual[dest]}
     return args
+
+
+def refuse_unused(args: argparse.Namespace, flags: Iterable[str], why: str) -> None:
+    """Raise InputError for the first of these `flags`, by destination, that the command line or
+    --config chose otherwise than by default, though nothing takes it; why: where it would be of
+    use, or what to do."""
+    chosen = args.chosen_flags.intersection(flags)
+    for action in args.parser._actions:
+        if action.dest in chosen:
+            raise InputError(f"--{_name(action)} {why}")
 
 
 def _parted(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

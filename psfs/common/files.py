@@ -31,11 +31,12 @@ def unreadable(path: Path, error: OSError) -> InputError:
 
 
 def read_numbers(path: Path) -> np.ndarray:
-    """Return the numbers (N,) float64 of a text file, with white space between them. Raises
-    InputError naming the file if it cannot be read or holds anything else, MissingFileError if it
-    is absent."""
+    """Return the numbers (N,) float64 of a text file, with white space between them; what follows
+    a # in its line is a comment. Raises InputError naming the file if it cannot be read or holds
+    anything else, MissingFileError if it is absent."""
+    lines = read_text(path, "numbers").splitlines()
     try:
-        return np.array(read_text(path, "numbers").split(), np.float64)
+        return np.array(" ".join(line.partition("#")[0] for line in lines).split(), np.float64)
     except ValueError as error:
         if isinstance(error, InputError):
             raise

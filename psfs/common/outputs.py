@@ -196,6 +196,8 @@ class OutputFolder:
     def check(self, expected: Iterable[str]) -> None:
         """Raise InputError if a file is in the way that matches one of the `expected` patterns
         (of Path.glob) and is not ours, or if another process writes here."""
+        with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
+            self._locked(file)
         manifest = Manifest.read(self.folder)
         ours = manifest.files if manifest is not None else {}
         for pattern in expected:
@@ -205,17 +207,19 @@ class OutputFolder:
             for path in self._real.glob(pattern):
                 if path.name != MANIFEST and os.path.relpath(path, self._real) not in ours:
                     raise _not_ours(self.folder / os.path.relpath(path, self._real))
-        with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
-            self._locked(file)
 
     def _begin(self) -> None:
-        manifest = Manifest.read(self.folder) or Manifest()
-        before = manifest.files
+        Manifest.read(self.folder)  # which is no other program's
         try:
             self._real.mkdir(parents=True, exist_ok=True)
+            self._file = self._held()
+            manifest = Manifest.read(self.folder)
+            before = manifest.files if manifest is not None else {}
             clear_leftovers(self._real)
             if self._addition:
-                self._file = self._opened(Manifest.read(self.folder) is not None)
+                if manifest is None:
+                    self._file.truncate(0)  # of a process that was killed while it wrote the head
+                    self._append(_HEAD)
                 self._append(f"also {self.command}")
                 if self._replaces:
                     self._remove(name for name, by in before.items() if by == self.command)
@@ -228,13 +232,19 @@ class OutputFolder:
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
-    def _opened(self, known: bool) -> IO[bytes]:
-        """Return the manifest, made where it is not `known`, to be added to."""
-        file = (self._real / MANIFEST).open("ab")
-        self._locked(file)
-        if not known:
-            file.write(_HEAD.encode() + b"\n")
-        return file
+    def _held(self) -> IO[bytes]:
+        """Return the manifest, made where there is none, locked and to be added to."""
+        path = self._real / MANIFEST
+        while True:
+            file = path.open("ab")
+            try:
+                self._locked(file)
+                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                    return file
+            except BaseException:
+                file.close()
+                raise
+            file.close()  # another process has replaced it in the meantime
 
     def _written(self, names: Iterable[str]) -> IO[bytes]:
         """Replace the manifest by that of a run with these files, and return it."""

@@ -63,8 +63,8 @@ def flat(*counts: int) -> BeforeValidator:
 def _named(name: str) -> str:
     try:
         return check_name(name, "it")
-    except InputError as error:
-        raise ValueError(str(error)) from None
+    except InputError:
+        raise ValueError("a name of letters, digits, - and _") from None
 
 
 #: A name that can be a file's, see `check_name`.

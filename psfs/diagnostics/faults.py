@@ -73,7 +73,7 @@ def diagnosed(
     """Look for what is wrong with a sequence, in small pictures of some hundred frames."""
     config = config or FaultConfig()
     views = small_views(sequence, device, config)
-    faults = picture_faults(sequence, views)
+    faults = [*_alone(sequence), *picture_faults(sequence, views)]
     tangency = Tangency(views.rig, views.outlines)
     compared = tangency.compared()
     if len(sequence.rig) > 1 and math.isfinite(compared.cost):
@@ -88,6 +88,15 @@ def diagnosed(
     explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
     faults = explained[:1] or faults  # which spoil all that is said of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
+
+
+def _alone(sequence: Sequence) -> list[Fault]:
+    names = sequence.rig.names
+    text = (
+        f"camera {names[0]} is the only one and tells no depth: what it sees goes on to the end of "
+        "the volume; expected two or more"
+    )
+    return [Fault("alone", (names[0],), text)] if len(names) == 1 else []
 
 
 def _by_ghosts(fault: Fault, known: list[Fault], learnt: bool) -> bool:

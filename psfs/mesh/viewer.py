@@ -5,6 +5,7 @@ Only what needs a display is here; what is shown when, `psfs.mesh.player` says.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import time
@@ -36,7 +37,22 @@ def has_display() -> bool:
     """Return whether a window can be opened."""
     if sys.platform in ("win32", "darwin"):
         return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if os.environ.get("WAYLAND_DISPLAY"):
+        return True
+    return bool(os.environ.get("DISPLAY")) and _x_server_answers()
+
+
+def _x_server_answers() -> bool:
+    """Does the display that DISPLAY names open? Open3D waits for ever for one that does not."""
+    try:
+        library = ctypes.CDLL("libX11.so.6")
+    except OSError:  # which Open3D needs, too
+        return False
+    library.XOpenDisplay.restype = ctypes.c_void_p
+    display = library.XOpenDisplay(None)
+    if display:
+        library.XCloseDisplay(ctypes.c_void_p(display))
+    return bool(display)
 
 
 def show(title: str, rig: CameraRig, grid: VoxelGrid, player: Player) -> None:

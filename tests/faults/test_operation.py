@@ -234,12 +234,35 @@ def test_a_camera_with_fewer_frames(stock: Path) -> None:
     faults.refused(reconstruct(stock), stock, "c3 2", "--frames 0:2")
 
 
-def test_a_cache_that_cannot_be_written(stock: Path) -> None:
-    words = [sys.executable, "-m", "psfs.cli", "devices"]
-    for place in ("/proc/x", "/dev/null/x"):
-        environment = {**os.environ, "POCL_CACHE_DIR": place, "PYTHONPATH": str(Path.cwd())}
-        done = subprocess.run(words, capture_output=True, check=False, env=environment, text=True)
-        assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+def test_caches_that_cannot_be_written() -> None:
+    """Those of PoCL and of PyOpenCL, which makes its own when it is first asked for a kernel."""
+    code = "from cl import select_device; select_device('cpu'); import pyopencl.invoker"
+    places = {"POCL_CACHE_DIR": "/dev/null/x", "XDG_CACHE_HOME": "/proc/x"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=False, text=True,
+        env={**os.environ, **places, "PYTHONPATH": str(Path.cwd())},
+    )  # fmt: skip
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+
+
+def test_closed_standard_streams(stock: Path) -> None:
+    words = f"{sys.executable} -m psfs.cli info {stock / 'walk'} --no-pictures >&- <&-"
+    done = subprocess.run(words, shell=True, capture_output=True, check=False, text=True)
+    assert done.returncode == 0 and not done.stderr, done
+
+
+def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cl.listing.shutil.which", lambda _: None)
+    if pyopencl.get_platforms()[0].name != "Portable Computing Language":
+        pytest.skip("no PoCL")
+    faults.refused(reconstruct(stock, "--device", "cpu"), stock, "no linker `ld`")
+
+
+def test_a_display_that_does_not_answer(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", ":99")
+    outcome = run(["psfs", "view", str(stock / "out"), "--frame", "1"])
+    assert outcome.code == 0 and (stock / "out/view_000001.png").exists()
 
 
 def test_no_memory(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:

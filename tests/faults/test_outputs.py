@@ -9,7 +9,14 @@ import pytest
 
 from cl import InputError
 from psfs.common.files import written_whole
-from psfs.common.outputs import MANIFEST, Manifest, output_folder, temporary_name, unfinished
+from psfs.common.outputs import (
+    MANIFEST,
+    Manifest,
+    OutputFolder,
+    output_folder,
+    temporary_name,
+    unfinished,
+)
 
 
 def write(path: Path, text: str = "ours") -> None:
@@ -161,3 +168,21 @@ def test_places_that_cannot_be_written(tmp_path: Path, place: str) -> None:
     with pytest.raises(InputError, match=place[:20]), output_folder(tmp_path / place, "a run"):
         pass
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_two_runs_that_begin_at_once(tmp_path: Path) -> None:
+    """Both have looked before either writes: the second does not take the first one's files."""
+    first, second = (OutputFolder(tmp_path / "new", f"run {n}", False, False) for n in (1, 2))
+    for run_of in (first, second):
+        run_of.check(["*.txt"])
+    first.claim(tmp_path / "new/a.txt")
+    (tmp_path / "new/a.txt").write_text("a result")
+    for attempt in (second.begin, lambda: second.check(["*.txt"])):
+        with pytest.raises(InputError, match="another process is writing"):
+            attempt()
+    assert (tmp_path / "new/a.txt").read_text() == "a result"
+    first.finish()
+    first.close()
+    second.begin()
+    second.close()
+    assert not (tmp_path / "new/a.txt").exists()

@@ -111,6 +111,20 @@ def true_mask(stock: Path) -> None:
     cv2.imwrite(str(stock / "seq/truth_masks/c3_000001.png"), np.zeros((9, 9), np.uint8))
 
 
+def body(old: str, new: str) -> Change:
+    """Put the track's body, changed, at b.toml."""
+    return lambda stock: (stock / "b.toml").write_text(
+        (stock / "track/body.toml").read_text().replace(old, new, 1)
+    )
+
+
+def other_pose(stock: Path) -> None:
+    path = stock / "pose.txt"
+    lines = path.read_text().splitlines(keepends=True)
+    lines[8] = lines[8].partition("#")[0] + "# tail.rx\n"
+    path.write_text("".join(lines))
+
+
 #: Words, what is done to the stock before, and what the line says.
 FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "a folder as a calibration": (INFO, folder("walk/calibration.toml"), "calibration.toml"),
@@ -186,6 +200,35 @@ FAULTS: dict[str, tuple[list[str], Change | None, str]] = {
     "nobody at first": ([*TRACK[:-4]], None, "nobody is in the first frame"),
     "a volume of one voxel": (["psfs", "reconstruct", "seq", "-q", "-o", "new", "--voxel-size",
                                "20", *BOX[2:]], None, "1 x 1 x 1 voxels of 20 m"),
+    "a cutoff without smoothing": (["apf", "export", "track", "-o", "new", "--raw", "--cutoff",
+                                    "3"], None, "--cutoff is of the smoothing"),
+    "axes without a TRC": (["apf", "export", "track", "-o", "new", "--to", "bvh", "--axes",
+                            "z-up"], None, "--axes is of the TRC"),
+    "another body than the track's": (["apf", "smooth", "track", "-o", "new", "--body", "rymut31"],
+                                      None, "not that of --body rymut31"),
+    "a convention of an NPZ": (["apf", "evaluate", "track", "--truth", "truth.npz", "--convention",
+                                "pose2sim"], None, "--convention is of a TRC"),
+    "a height of a given start": ([*TRACK, "--height", "1.8"], None, "--height is of a start"),
+    "at once, of one take": ([*TRACK, "--at-once", "2"], None, "--at-once is of several"),
+    "a size of a search that is none": (["apf", "track", "walk", "--keypoints", "truth.npz", "-o",
+                                         "new", "--method", "triangulate", "--particles", "50"],
+                                        None, "--particles is of bodies"),
+    "markers without a C3D": (["psfs", "calibrate", "walk", "--wand", "0.5", "--markers", "a,b",
+                               "-o", "new"], None, "--markers is of motion capture"),
+    "a key without a screen": ([*INFO, "--key", "#00ff00"], None, "`key` is of the background"),
+    "a threshold of nothing": ([*INFO, "--threshold", "0.5"], None, "`threshold` is of"),
+    "masks of no pictures": ([*INFO, "--masks", "x.png"], None, "--masks shows pictures"),
+    "emptiness of a recording": ([*LIVE[:-4], "--empty", "3"], None, "--empty is of"),
+    "a bone of nothing": ([*TRACK, "--body", "b.toml"], body('parent = "pelvis"', 'parent = ""'),
+                          "parent is ''; expected a name of letters"),
+    "a bone of itself": ([*TRACK, "--body", "b.toml"],
+                         body('parent = "pelvis"', 'parent = "thorax"'),
+                         "bone thorax: its parent is 'thorax'; expected a bone before it: pelvis"),
+    "a pose of another body": (TRACK, other_pose, "value 9 is tail.rx, of another body"),
+    "one camera alone": ([*TRACK[:-4], "--cameras", "c1", "--frames", "1:"], None,
+                         "one camera, c1; expected two or more"),
+    "half a number of frames": (["apf", "evaluate", "track", "--truth", "truth.npz",
+                                 "--truth-start", "nan"], None, "--truth-start"),
     "a rate over nothing": ([*INFO, "--fps", "30/0"], None, "'30/0' is no frame rate"),
     "a demo of one camera": (["apf", "demo", "-o", "new", "--cameras", "1"], None, "--cameras"),
     "a demo of no frame": (["apf", "demo", "-o", "new", "--frames", "0"], None, "frames is 0"),

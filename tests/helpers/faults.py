@@ -107,7 +107,7 @@ def stock(folder: Path) -> Path:
     track.save(folder / "track/track.npz")
     assert track.body is not None
     save_body(folder / "track/body.toml", track.body)
-    write_pose(folder / "pose.txt", track.poses[0])
+    write_pose(folder / "pose.txt", track.poses[0], track.body)
     truth = tracks.truth_of(track)
     write_trc(folder / "truth.trc", truth)
     np.savez(folder / "truth.npz", joint_names=np.array(truth.joint_names), joints=truth.joints,

@@ -82,7 +82,7 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
             given = start.body, start.pose
         folder = job.out.parent / PARTS / job.name
         save_body(folder / "body.toml", given[0])
-        write_pose(folder / START, given[1])
+        write_pose(folder / START, given[1], given[0])
         box = ",".join(repr(float(x)) for x in np.ravel(np.transpose(volume)))
         shared = (
             *(word for word in job.words if not word.startswith("--init=")),
@@ -131,7 +131,7 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
             body = load_body(str(parts[0].out.parent / "body.toml"))
             pose = read_pose(parts[0].out.parent / START, body)
             take = Take(sequence, body, pose, None, [whole], 1.0)
-            write_pose(args.output / START, pose)
+            write_pose(args.output / START, pose, body)
             write_files(args.output, whole, body)
             write_track_settings(args, chosen_method(args))
             progress.n_frames = len(whole)
@@ -148,7 +148,7 @@ def _tracked_on(progress: TaskProgress, part: TakeJob, before: Track) -> Track:
     first = part.arguments().frames.start
     rows = np.flatnonzero(before.frames == first)
     pose = part.out.parent / f"{part.out.name}.txt"
-    write_pose(pose, before.poses[rows[0]])
+    write_pose(pose, before.poses[rows[0]], before.its_body)
     again = replace(part, words=(*part.words, f"--init={pose}"))
     do_take(progress, again)
     return Track.open(again.out)

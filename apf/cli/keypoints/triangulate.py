@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.method_flags import METHOD_FLAGS
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
@@ -16,14 +17,17 @@ from cl import InputError, UserError
 from psfs.cameras.names import listed
 from psfs.cli.commandline import progress_bar, stdout
 from psfs.cli.sequence_flags import open_sequence, selected_frames
-from psfs.cli.settings import FILE, write_settings
+from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
 
 #: The name of the method.
 TRIANGULATE = "triangulate"
 #: Flags that are of no use without a body.
-_OF_BODIES = ("init", "body", "height", "seeds", "likelihood", "voxel_size")
+_OF_BODIES = (
+    *("init", "convention", "body", "height", "seeds", "voxel_size", "all_cameras", "preset"),
+    *(flag for flag in METHOD_FLAGS if flag != "method"),
+)
 _DEFAULT = TriangulatedConfig()
 #: The files that are written.
 RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", FILE)
@@ -57,10 +61,7 @@ def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
     fails stops no other. Raises InputError."""
     if args.keypoints is None:
         raise InputError(f"--method {TRIANGULATE} has nothing to triangulate; expected --keypoints")
-    useless = [flag for flag in _OF_BODIES if getattr(args, flag) is not None]
-    if useless:
-        flags = listed("--" + flag.replace("_", "-") for flag in useless)
-        raise InputError(f"{flags} with --method {TRIANGULATE}, which has no body; expected none")
+    refuse_unused(args, _OF_BODIES, f"is of bodies, which --method {TRIANGULATE} does without")
     if len(args.folders) == 1:
         _one(args, args.folders[0], args.output)
         return

@@ -23,7 +23,7 @@ class Keeper:
         written = []
         for folder, part in zip(self._folders, parts, strict=True):
             if not self._begun:
-                write_pose(folder / "start.txt", pose)
+                write_pose(folder / "start.txt", pose, body)
                 save_body(folder / "body.toml", body)
             written.append(part_name(folder, part))
             part.save(written[-1])

@@ -6,7 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from apf.body import load_body
+import numpy as np
+
+from apf.body import BodyModel, load_body, posed_cones, posed_joints
 from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import Track
 from cl import InputError
@@ -22,7 +24,16 @@ def add_smoothing_flags(parser: argparse.ArgumentParser) -> None:
         help="smoothing: motion this fast keeps half of its amplitude (default: %(default)g)",
     )
     parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: that of the track)"
+        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
+    )
+
+
+def _same(own: BodyModel, other: BodyModel) -> bool:
+    """Are two bodies the same but for the rounding of their files?"""
+    cones = [posed_cones(body, own.rest_pose[None]) for body in (own, other)]
+    joints = [posed_joints(body, own.rest_pose[None]) for body in (own, other)]
+    return own.dof_names == other.dof_names and all(
+        a.shape == b.shape and np.allclose(a, b, atol=1e-6) for a, b in (cones, joints)
     )
 
 
@@ -34,7 +45,10 @@ def opened_track(args: argparse.Namespace) -> Track:
         raise InputError(f"{args.track}: holds no tracked frame; expected at least one")
     try:
         if args.body is not None:
-            track = replace(track, body=load_body(args.body))
+            body, own = load_body(args.body), track.body
+            if own is not None and not _same(own, body):
+                raise InputError(f"holds its body, which is not that of --body {args.body}")
+            track = replace(track, body=own or body)
         if track.dof_names:
             _ = track.its_body
     except InputError as error:

@@ -11,7 +11,7 @@ from helpers import bodies
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
-from apf.formats.pose import read_pose
+from apf.formats.pose import read_pose, write_pose
 from apf.initialisation.from_joints import fit_to_joints
 from apf.results.joint_names import EVALUATED_JOINTS
 from cl import InputError
@@ -103,6 +103,11 @@ def test_pose_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_pose(path, SONG), pose)
     path.write_text(" ".join(str(value) for value in [*pose, *pose[::-1]]))
     np.testing.assert_array_equal(read_pose(path, SONG), pose)  # of several frames, the first
+    write_pose(path, pose, SONG)
+    np.testing.assert_allclose(read_pose(path, SONG), pose, rtol=1e-8)
+    path.write_text(path.read_text().replace(SONG.dof_names[8], "tail.rx"))
+    with pytest.raises(InputError, match=r"value 9 is tail.rx, of another body; expected"):
+        read_pose(path, SONG)
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def filmed(walk: Path) -> Path:
     found = given_start(walk, 0, None, walk / "truth.npz", "y-up")
     assert found is not None
     save_body(walk / "body.toml", found[0])
-    write_pose(walk / "start.txt", found[1])
+    write_pose(walk / "start.txt", found[1], found[0])
     return walk
 
 

@@ -1,0 +1,25 @@
+"""How a program begins, before the second that its imports take; imports nothing itself."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+_INTERRUPTED = 130
+
+
+def started(program: str, run: Callable[[], int]) -> int:
+    """Return the exit code of `run`, which imports the program and runs it.
+
+    Ctrl-C during the imports ends in one line. Standard streams that are closed (`psfs ... >&-`)
+    lead nowhere: else the first files that are opened would take their place.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+    try:
+        return run()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return _INTERRUPTED
