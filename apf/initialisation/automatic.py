@@ -199,8 +199,8 @@ def attempt(fitting: _Fitting) -> Attempt:
 def _people(voxels: Sequence[Any], config: StartConfig) -> list[np.ndarray]:
     """The person's points (N, 3) m in each frame, until one shows nobody. Raises StartError if the
     first does."""
-    least, min_part = config.frames.min_voxels, config.frames.min_part
-    people = [person_points(frame.grid, frame.cloud().indices, min_part) for frame in voxels]
+    least = config.frames.min_voxels
+    people = [person_points(v.grid, v.cloud().indices, config.frames) for v in voxels]
     shown = [len(points) >= least for points in people]
     if not shown[0]:
         later = "; somebody comes in after it" if any(shown) else ""

@@ -27,7 +27,15 @@ class FrameChoice:
     min_voxels: int = 200
     """Fewest surface voxels that can be a person."""
     min_part: float = 0.05
-    """Connected parts smaller than this share of the largest are debris."""
+    """Connected parts smaller than this share of the largest are debris ..."""
+    min_near_part: float = 0.01
+    """... or than this one, if they are near those that are none: a head without its neck."""
+    near: float = 0.15
+    """m, how near."""
+    n_looks: int = 12
+    """So many later frames are looked at for one in which the person stands taller; 0: none."""
+    taller: float = 1.08
+    """By this factor at least; else the first ones show the person well enough. By hand."""
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from apf.initialisation.config import FrameChoice
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
-from psfs.common.regions import bounding_box, large_parts
+from psfs.common.regions import bounding_box, connected_parts
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -187,11 +189,19 @@ def between(
     return StoredVoxels(device, parts, voxels.evidence, voxels.pictures())
 
 
-def person_points(grid: VoxelGrid, indices: np.ndarray, min_part: float = 0.05) -> np.ndarray:
-    """Return the centres (N, 3) m of the voxels in connected parts of at least the share `min_part`
-    of the largest."""
-    if len(indices) == 0:
-        return np.zeros((0, 3))
+def person_points(
+    grid: VoxelGrid, indices: np.ndarray, config: FrameChoice | None = None
+) -> np.ndarray:
+    """Return the centres (N, 3) m of the voxels of the largest connected part, of others that are
+    no debris, and of smaller ones close to these: a head of which the pictures lost the neck."""
+    config = config or FrameChoice()
     filled = np.zeros(grid.shape, bool)
     filled.ravel()[indices] = True
-    return grid.centres(indices[large_parts(filled, min_part).ravel()[indices]])
+    parts = connected_parts(filled)
+    if not parts:
+        return np.zeros((0, 3))
+    large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]
+    tree = cKDTree(grid.centres(np.concatenate(large)))
+    small = [p for p in parts[len(large) :] if len(p) >= config.min_near_part * len(parts[0])]
+    near = [p for p in small if tree.query(grid.centres(p))[0].min() < config.near]
+    return grid.centres(np.sort(np.concatenate([*large, *near])))

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from apf.body.model import BodyModel
+from apf.body.stature import is_whole
 from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import FrameChoice, StartConfig
-from apf.initialisation.kept_voxels import stored
-from apf.initialisation.start import Start, check_startable
+from apf.initialisation.kept_voxels import StoredVoxels, person_points, stored
+from apf.initialisation.shape_fit import Cloud
+from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.reconstructor import ReconstructionConfig
-from psfs.sequence import Sequence
+from psfs.sequence import Frame, Sequence
+from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.host_voxels import HostVoxels
+
+log = logging.getLogger(__name__)
 
 #: Frames per second from which on a person can be followed.
 SLOWEST = 1.0
@@ -35,20 +45,72 @@ def start_of(
     progress: Callable[[], object] | None = None,
     config: StartConfig | None = None,
 ) -> Start:
-    """Find the person in the first of the selected frames of `sequence`; see `find_start`."""
+    """Find the person in the first of the selected frames of `sequence`; see `find_start`.
+
+    Who stoops or crouches there, and stands taller in a later frame, has the body that is found
+    around that one: how long bent limbs are, a hull does not show.
+    """
     config = config or StartConfig()
     check_startable(template)  # before the voxels are made
     chosen = range(len(sequence))[selection or slice(None)]
     check_rate(sequence, chosen.step)
-    frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     reconstruct = reconstructor_for(device, sequence.rig, grid, sequence.background, reconstruction)
-    voxels = [
-        stored(device, reconstruct(frame))
-        for frame in sequence.frames(slice(frames.start, frames.stop, frames.step))
-    ]
+    frames, every = frames_to_fit(chosen, sequence.fps, config.frames)
     noise = FilterConfig().at_rate(sequence.fps / frames.step).search.noise
-    scene = Scene(device, sequence.rig, grid, template)
-    return find_start(scene, voxels, noise, height, keep_shape, seed, progress, every, config)
+
+    def shown(frames: range) -> list[StoredVoxels | HostVoxels]:
+        wanted = sequence.frames(slice(frames.start, frames.stop, frames.step))
+        return [stored(device, reconstruct(frame)) for frame in wanted]
+
+    def found(
+        voxels: list[StoredVoxels | HostVoxels], body: BodyModel, own_shape: bool = False
+    ) -> Start:
+        scene = Scene(device, sequence.rig, grid, body)
+        return find_start(scene, voxels, noise, height, own_shape, seed, progress, every, config)
+
+    def tall(frame: Frame) -> float:
+        if progress is not None:
+            progress()
+        return seen_height(reconstruct(frame), config)
+
+    first = shown(frames)
+    if keep_shape or not is_whole(template):
+        return found(first, template, keep_shape)
+    least = config.frames.taller * max(seen_height(voxels, config) for voxels in first)
+    begun = chosen.index(frames[-1])
+    upright = _tallest(sequence, chosen[begun + 1 :], tall, least, config.frames.n_looks)
+    if upright is None:
+        return found(first, template, keep_shape)
+    around = chosen[max(0, chosen.index(upright) - begun // 2) :]
+    try:
+        standing = found(shown(frames_to_fit(around, sequence.fps, config.frames)[0]), template)
+    except StartError:
+        return found(first, template, keep_shape)
+    log.info("%s: measured about frame %d, where the person stands", sequence.name, upright)
+    start = found(first, standing.body, own_shape=True)
+    return replace(start, seen=standing.seen, girth=standing.girth)
+
+
+def _tallest(
+    sequence: Sequence, frames: range, tall: Callable[[Frame], float], least: float, n_looks: int
+) -> int | None:
+    """The one of `n_looks` of the `frames`, evenly spread, that is `tall`est; None if none is as
+    tall as `least`."""
+    n = min(n_looks, len(frames))
+    picked = [frames[round(k)] for k in np.linspace(0, len(frames) - 1, n)]
+    with sequence.reader(learning=False) as read:
+        heights = {index: tall(read(index)) for index in picked}
+    best = max(heights, key=heights.__getitem__, default=None)
+    return best if best is not None and heights[best] >= least else None
+
+
+def seen_height(voxels: Voxels | StoredVoxels | HostVoxels, config: StartConfig) -> float:
+    """Return how high what is seen of the person is, m; 0 for nobody."""
+    points = person_points(voxels.grid, voxels.cloud().indices, config.frames)
+    if len(points) < config.frames.min_voxels:
+        return 0.0
+    low, high = Cloud(points, config.shape).heights
+    return high - low
 
 
 def check_rate(sequence: Sequence, step: int) -> None:

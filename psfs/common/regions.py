@@ -26,6 +26,15 @@ def large_parts(occupied: np.ndarray, share: float) -> np.ndarray:
     return remaining
 
 
+def connected_parts(occupied: np.ndarray) -> list[np.ndarray]:
+    """Return the flat indices, ascending, of each connected part, the largest part first."""
+    labels = _labelled(occupied)[0].ravel()
+    within = np.flatnonzero(labels)
+    within = within[np.argsort(labels[within], kind="stable")]
+    parts = np.split(within, np.flatnonzero(np.diff(labels[within])) + 1)
+    return sorted((part for part in parts if len(part)), key=len, reverse=True)
+
+
 def largest_part_box(occupied: np.ndarray) -> np.ndarray | None:
     """Return the first and last + 1 index (2, n) of the largest part, or None if all is empty."""
     labels, count = _labelled(occupied)

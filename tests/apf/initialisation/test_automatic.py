@@ -210,9 +210,11 @@ def test_debris_is_no_person() -> None:
     filled[2:8, 2:8, 2:16] = True
     filled[12:17, 12:17, 2:9] = True  # the other half of a cloud that is cut in two
     filled[18, 1:3, 1:3] = True
-    grid = VoxelGrid(np.zeros(3), 0.1, filled.shape)
+    filled[3:6, 3:6, 17:19] = True  # the head of a person without a neck
+    filled[12:14, 3:6, 17:19] = True  # as large, but elsewhere
+    grid = VoxelGrid(np.zeros(3), 0.05, filled.shape)
     points = person_points(grid, np.flatnonzero(filled).astype(np.int32))
-    assert len(points) == 6 * 6 * 14 + 5 * 5 * 7
+    assert len(points) == 6 * 6 * 14 + 5 * 5 * 7 + 3 * 3 * 2
     assert len(person_points(grid, np.zeros(0, np.int32))) == 0
 
 

@@ -1,0 +1,64 @@
+"""The automatic start of a sequence: which frames it looks at."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import apf.initialisation.sequence as module
+from apf.body.toml import load_body
+from apf.initialisation import Start, StartConfig, StartError, start_of
+from apf.synthetic.generate import generate
+from apf.synthetic.scene import SceneConfig
+from cl import Device
+from psfs.sequence import Sequence
+from psfs.voxels.grid import VoxelGrid
+
+FRAMES, FPS = 90, 30
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    folder = tmp_path_factory.mktemp("walk") / "walk"
+    config = SceneConfig(cameras=2, frames=FRAMES, fps=FPS, size=(80, 60), seed=4)
+    generate(folder, config, Device.best())
+    return Sequence.open(folder)
+
+
+@pytest.mark.parametrize("rises", [False, True])
+@pytest.mark.parametrize("fails", [False, True])
+def test_who_stands_later_is_measured_there(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch, rises: bool, fails: bool
+) -> None:
+    """Heights and starts are made up; frames are told by their numbers."""
+    template, tall = load_body("song31"), load_body("song31")
+    calls = []
+
+    def find(scene, voxels, noise, height, own, *rest) -> Start:
+        calls.append(([v.index for v in voxels], scene.body, own))
+        if fails and rises and len(calls) == 1:
+            raise StartError("nobody")
+        body = scene.body if own else tall
+        return Start(body, np.zeros(31), np.zeros((1, 31)), 0.1, 2.0, 1.0 + len(calls), 1.0)
+
+    class Frame:
+        def __init__(self, frame) -> None:
+            self.index = frame.index
+
+    monkeypatch.setattr(module, "find_start", find)
+    monkeypatch.setattr(module, "reconstructor_for", lambda *a: Frame)
+    monkeypatch.setattr(module, "stored", lambda device, voxels: voxels)
+    monkeypatch.setattr(
+        module, "seen_height", lambda v, config: 1.7 if rises and 55 <= v.index < 65 else 1.2
+    )
+    grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
+    start = start_of(Device.best(), sequence, grid, template, slice(2, None))
+    first, _ = module.frames_to_fit(range(2, FRAMES), FPS, StartConfig().frames)
+    assert calls[-1][0] == list(first)
+    if not rises or fails:
+        assert calls[-1][1] is template and not calls[-1][2] and len(calls) == 1 + (rises and fails)
+        return
+    (around, body, own), (_, kept, kept_own) = calls
+    assert around[0] <= 55 and around[-1] >= 64 and len(around) == len(first)
+    assert body is template and not own and kept is tall and kept_own
+    assert start.body is tall and start.seen == 2.0
