@@ -9,8 +9,7 @@
 #include "common/camera.h"
 #include "common/cones.h"
 #include "common/kinematics.h"
-
-#define NO_CODE (N_CODES - 1)
+#include "tracking/codes.h"
 
 // Codes (V, H, W) of pictures (V, H, W, 3) BGR inside the silhouettes, the first channel of maps
 // (V, H, W, 2); palette: the code of every colour of 5 bits per channel.

@@ -4,6 +4,7 @@
 #error "tracking/samples.h needs CAMERA_FLOATS, N_CODES, OUTLINE_FLOATS and TRUNK"
 #endif
 #include "common/packed_cones.h"
+#include "tracking/codes.h"
 
 // Slope from which a line counts as upright: that of half of a right angle's quarter, 67.5 degrees.
 #define STEEP 2.41421356f
@@ -75,20 +76,25 @@ inline vint in_outline(__local const vfloat *corners, vfloat x, vfloat y)
     return left | right;
 }
 
-// Adds the log ratio of the colour at pixel (x, y), whose half is added already; table: where the
-// part's ratios begin.
+// Adds the sample at pixel (x, y), whose half is added already, of the picture's codes, which say both
+// where the silhouette is, as the map's first channel does, and, where it is `visible`, the log ratio
+// of its colour; table: where the part's ratios begin.
 inline void take_colour(__global const float *camera, __global const uchar *codes,
                         __global const char *ratios, vint table, int width, vfloat x, vfloat y,
                         vint visible, samples *sums)
 {
-    const vint inside =
-        visible & (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
+    const vint inside = (x >= 0.0f) & (y >= 0.0f) & (x < camera[23]) & (y < camera[24]);
     const vint pixel = inside ? TO_INT(y) * width + TO_INT(x) : 0;
-#define RATIO(l) ratios[LANE_OF(table, l) + codes[LANE_OF(pixel, l)]]
+#define CODE(l) codes[LANE_OF(pixel, l)]
+    const vint code = PACK_OF(vint, CODE);
+#undef CODE
+#define RATIO(l) ratios[LANE_OF(table, l) + LANE_OF(code, l)]
     const vint value = PACK_OF(vint, RATIO);
 #undef RATIO
-    sums->colour += inside ? value : 0;
-    sums->n_colour += inside & 1;
+    sums->inside += inside & (code == NO_CODE) ? 255 : 0;
+    sums->n_inside += inside & 1;
+    sums->colour += inside & visible ? value : 0;
+    sums->n_colour += inside & visible & 1;
 }
 
 // The normal, of contour.cl's four, of a line in direction (x, y).
@@ -153,9 +159,10 @@ inline void take_row(__global const float *camera, __global const uchar *map, in
     for (int column = share; column < n; column += SHARES) {
         const vfloat x = left_x + (column + 0.5f) * step_x;
         const vfloat y = left_y + (column + 0.5f) * step_y;
-        take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
         if (coloured)
             take_colour(camera, cues.codes, cues.ratios, cues.table + part * N_CODES,
                         width, x, y, seen_sample(outlines, x, y, hidden), sums);
+        else
+            take_sample(camera, map, width, x, y, &sums->inside, &sums->n_inside);
     }
 }
