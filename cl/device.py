@@ -142,15 +142,20 @@ class Device:
         """Make the device's own queue wait, from now on, for all that `queue` holds."""
         _behind(self.queue, queue)
 
+    def hold_up(self, queue: Any) -> None:
+        """Make `queue` wait, from now on, for all that the device's own queue holds."""
+        _behind(queue, self.queue)
+
     @contextmanager
-    def on(self, queue: Any) -> Iterator[None]:
+    def on(self, queue: Any) -> Iterator[Any]:
         """Send what is enqueued in the meantime to `queue`, where it waits for all that the
-        device's own queue holds by now; what that gets afterwards does not wait for it."""
+        device's own queue, which is yielded, holds by now; what that gets afterwards does not wait
+        for it."""
         own = self.queue
-        _behind(queue, own)
+        self.hold_up(queue)
         self.queue = queue
         try:
-            yield
+            yield own
         finally:
             self.queue = own
             queue.flush()

@@ -111,24 +111,28 @@ class DeviceTracker(Tracker):
         # With an odd number of layers, frames end in alternating sets.
         self._layers = [self._frame_launches(0), self._frame_launches(config.search.n_layers % 2)]
         self._n_frames = 0
+        self._streaming: Any = None  # the queue of a search that a stream has begun
         self._judging: dict[int, tuple[Array, Array, list[Launch]]] = {}
 
     def change_body(self, body: BodyModel) -> None:
         """Track `body`, which has the structure of the one before: the same bones, axes and cones
         of other sizes, limits and sigmas. After the next `start` it does what a new tracker of
         `body` would, bit by bit."""
+        self._settle()
         self.body = body
         for part in (self.particles, self.likelihood, self._limb_search):
             part.change_body(body)
 
     def start(self, pose: np.ndarray) -> None:
         """Put all particles of all runs at `pose` (D,). Raises InputError for an impossible one."""
+        self._settle()
         self.particles.start(checked_pose(self.body, pose))
         self._n_frames = 0
         self.likelihood.forget()
 
     def restart(self, run: int, pose: np.ndarray) -> None:
         """Put all particles of one run at `pose` (D,), while the others go on."""
+        self._settle()
         self.particles.restart(run, checked_pose(self.body, pose))
         self.likelihood.forget(run)
 
@@ -146,27 +150,32 @@ class DeviceTracker(Tracker):
         the device searches; on a GPU it is made in that time, too, by another queue.
 
         Taking it may overwrite the one before, as `Reconstructor.stream` does: when an estimate is
-        given, its observation may be gone.
+        given, its observation may be gone, and the search by the next one has begun: `push` and
+        `widen` count for the one after that, and a stream that is left has gone a frame further.
         """
         return (estimates[0] for estimates in self.stream_runs(observations))
 
     def stream_runs(self, observations: Iterable[Any]) -> Iterator[list[Estimate]]:
         """Yield each run's estimate for each of `observations`, see `stream`."""
+        self._settle()
         queue = self.device.new_queue() if self.device.is_gpu else self.device.queue
         under_way: Callable[[], list[Estimate]] | None = None
         for observation in observations:
             show = self.likelihood.prepare(observation)
-            self.device.wait_for(queue)
-            show()
+            with self.device.on(queue) as own:
+                show()
+                self.device.hold_up(own)  # the next one is prepared where this one was
+                following = self._begin_search()
+            self._streaming = queue
             if under_way is not None:
                 yield under_way()
-            with self.device.on(queue):
-                under_way = self._begin_search()
+            under_way = following
         if under_way is not None:
             yield under_way()
 
     def observe(self, observation: Any) -> None:
         """Enqueue what the likelihood keeps of an observation, the first half of `step`."""
+        self._settle()
         self.likelihood.observe(observation)
 
     def search(self) -> Estimate:
@@ -180,6 +189,7 @@ class DeviceTracker(Tracker):
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
         `unit`."""
+        self._settle()
         n = len(poses)
         if n not in self._judging:
             given = self.device.empty(poses.shape, np.float32, "poses to judge")
@@ -198,7 +208,15 @@ class DeviceTracker(Tracker):
 
     def push(self, offset: np.ndarray) -> None:
         """Search the next frame from poses moved by `offset` (D,): what is known of the motion."""
+        self._settle()
         self.particles.push(offset)
+
+    def _settle(self) -> None:
+        """Make what is enqueued from now on wait for the search that a stream has begun, which may
+        have been left."""
+        if self._streaming is not None:
+            self.device.wait_for(self._streaming)
+            self._streaming = None
 
     def _begin_search(self) -> Callable[[], list[Estimate]]:
         """Enqueue the search; what is returned waits for it and gives each run's estimate."""

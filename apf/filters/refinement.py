@@ -20,8 +20,8 @@ from psfs.cameras.camera import CAMERA_FLOATS
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.
 _VOXEL_FLOATS = 9
-#: Voxels that a work-group adds up: as many groups as a GPU has room for, few for a CPU.
-_GPU_BLOCK, _CPU_BLOCK = 64, 256
+#: Voxels that a work-group adds up: no more groups than a large GPU has multiprocessors, few for a CPU.
+_GPU_BLOCK, _CPU_BLOCK = 96, 256
 
 
 class Refinement:

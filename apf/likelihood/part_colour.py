@@ -22,7 +22,7 @@ from cl import Array, Device, Launch
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
 
-_GROUP = 128
+_GROUP = 512
 #: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
 N_CODES = 64
 #: Ratios are kept in so many steps up to their bound.

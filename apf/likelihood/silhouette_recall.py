@@ -13,7 +13,7 @@ from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import pack_defines, stated_group
 
-_GROUP = 256
+_GROUP = 512
 #: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
 _VIEWS = 8
 

@@ -12,6 +12,9 @@
 // Items that look at one camera's samples, a power of two.
 #define VIEW_LANES (GROUP / VIEWS)
 
+// Packs of samples that an item holds against a cone at once: a GPU reads its edges no oftener.
+#define TOGETHER (GROUP > 1 ? 4 : 1)
+
 // Further out than any picture, and where samples are that have no image.
 #define NOWHERE_SEEN -1e6f
 
@@ -106,19 +109,31 @@ void add_uncovered(int n_points, int first_point, int stride, int n_views, float
         barrier(CLK_LOCAL_MEM_FENCE);
         vint n_seen = 0, n_uncovered = 0;
         __global const float2 *samples = pixels + (begin + view) * n_points;
-        for (int k = view_lane * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
+        for (int first = view_lane * PACK; first < (view < here ? n : 0);
+             first += TOGETHER * VIEW_LANES * PACK) {
+            vfloat x[TOGETHER], y[TOGETHER], covered[TOGETHER];
+            vint there[TOGETHER];
+            for (int s = 0; s < TOGETHER; ++s) {
+                const int k = first + s * VIEW_LANES * PACK;
 #define INDEX(l) (first_point + lane_index(k, 0x##l, n) * stride)
 #define SAMPLE(l) samples[INDEX(l) < n_points ? INDEX(l) : INDEX(l) - n_points]
 #define X(l) SAMPLE(l).x
 #define Y(l) SAMPLE(l).y
 #define THERE(l) (k + 0x##l < n)
-            const vfloat x = PACK_OF(vfloat, X), y = PACK_OF(vfloat, Y);
-            const vint there = PACK_OF(vint, THERE) & (x > NOWHERE_SEEN);
-            vfloat covered = 0.0f;
+                x[s] = PACK_OF(vfloat, X);
+                y[s] = PACK_OF(vfloat, Y);
+                there[s] = PACK_OF(vint, THERE) & (x[s] > NOWHERE_SEEN);
+                covered[s] = 0.0f;
+            }
             for (int c = 0; c < N_CONES; ++c)
-                covered = most(covered, within_edges(edges + 3 * (view * N_CONES + c), x, y));
-            n_seen += there;
-            n_uncovered += covered > 0.0f ? 0 : there;
+#pragma unroll
+                for (int s = 0; s < TOGETHER; ++s)
+                    covered[s] = most(covered[s], within_edges(edges + 3 * (view * N_CONES + c),
+                                                               x[s], y[s]));
+            for (int s = 0; s < TOGETHER; ++s) {
+                n_seen += there[s];
+                n_uncovered += covered[s] > 0.0f ? 0 : there[s];
+            }
         }
         seen[lane] = PACK_SUM(TO_FLOAT(n_seen));
         uncovered[lane] = PACK_SUM(TO_FLOAT(n_uncovered));

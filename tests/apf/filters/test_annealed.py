@@ -164,6 +164,8 @@ def test_streams_give_what_steps_do(device: Device, kind: str) -> None:
         assert len(found) == wanted
         for a, b in zip(found, expected, strict=False):
             assert_equal(a, b)
+        if wanted < 3:  # left, with the next search begun
+            assert_equal(tracker.step(world.voxels(wanted + 1)), expected[wanted + 1])
     assert list(tracker.stream([])) == []
 
 

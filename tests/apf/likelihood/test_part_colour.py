@@ -210,6 +210,28 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, kind: str) -> No
     assert not colours.ratios.get().any() and not colours.histograms.get().any()
 
 
+@pytest.mark.parametrize("kind", ["own", "other"])
+def test_codes_say_where_the_silhouettes_are(device: Device, kind: str) -> None:
+    """Bit by bit what the maps say: colours of which nothing is known change no error."""
+    device = device if kind == "own" else other_kind(device)
+    rig = scenes.ring(2, (161, 121))
+    maps = smooth_maps(rig)
+    maps[..., 0] = np.where(maps[..., 0] > 128, 255, 0)
+    setup = Setup(device, SONG, rig, bodies.random_poses(SONG, 37), maps, only("silhouette"))
+    codes = np.where(maps[..., 0] > 0, smooth_maps(rig, 1)[..., 0] // 5, NOTHING)
+    setup.likelihood.seen["codes"].set(codes.astype(np.uint8))
+    launches = setup.likelihood.launcher(setup.on_device)
+    errors = []
+    for weight in (0.0, 1.5):
+        setup.likelihood.seen["maps"].set(maps)
+        for launch in launches:
+            launch.set(colour_weight=weight)
+            launch()
+        errors.append(setup.likelihood.errors.get())
+    assert np.ptp(errors[0]) > 0.1
+    np.testing.assert_array_equal(*errors)
+
+
 def test_trackers_learn_at_their_estimates(device: Device) -> None:
     world = World(device)
     rig = world.rig
