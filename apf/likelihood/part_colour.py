@@ -189,8 +189,8 @@ class PartColours:
         n_pixels = int(np.prod(self.codes.shape))
         return self.device.launch(
             self._kernel("encode_colours"),
-            (-(-n_pixels // 64) * 64,),
-            (64,),
+            (n_pixels,),
+            (256,),
             n_pixels=n_pixels,
             maps=self._maps,
             pictures=pictures,

@@ -365,8 +365,7 @@ class VoxelLikelihood(Likelihood):
 
         Raises InputError if the body is too large even for one.
         """
-        group = min(_GROUP, self.device.handle.max_work_group_size)
-        defines = body_defines(body) | pack_defines(self.device, group)
+        defines = body_defines(body) | pack_defines(self.device, _GROUP)
         if not self.rig.distorted:
             defines["NO_DISTORTION"] = 1
         defines |= {"OUTLINE_FLOATS": _OUTLINE_FLOATS, **self.rig.defines}

@@ -37,6 +37,7 @@ inline void group_sums(__local float *scratch, float values[SUMS])
     for (int v = 0; v < SUMS; ++v) scratch[v * GROUP + lane] = values[v];
     barrier(CLK_LOCAL_MEM_FENCE);
     int length = GROUP;
+#pragma unroll
     for (; length > 8; length /= 8) {
         const int next = length / 8;
         for (int item = lane; item < SUMS * next; item += GROUP) {

@@ -12,9 +12,6 @@
 // Items that look at one camera's samples, a power of two.
 #define VIEW_LANES (GROUP / VIEWS)
 
-// Packs of samples that an item holds against a cone at once: a GPU reads its edges no oftener.
-#define TOGETHER (GROUP > 1 ? 4 : 1)
-
 // Further out than any picture, and where samples are that have no image.
 #define NOWHERE_SEEN -1e6f
 
@@ -46,7 +43,8 @@ __kernel void project_points(int n_points, int n_views, __global const float4 *p
 }
 
 // The edges of the trapezoid that a cone shows to a camera: three times four numbers a, b, c, of
-// which a x + b y + c tells the side of each edge that a pixel is on; 0 if a corner is unseen.
+// which a x + b y + c tells the side of each edge that a pixel is on, positive for the inner one
+// whichever way round the corners go; 0 if a corner is unseen.
 inline void cone_edges(__global const float *cone, __global const float *camera,
                        __local float4 *edges)
 {
@@ -70,20 +68,21 @@ inline void cone_edges(__global const float *cone, __global const float *camera,
     bool seen = true;
     for (int i = 0; i < 4; ++i)
         seen &= depth[i] > 0.0f && fabs(px[i]) < FAR_OUT && fabs(py[i]) < FAR_OUT;
-    const float4 x = vload4(0, px), y = vload4(0, py), a = y - y.yzwx, b = x.yzwx - x;
+    const float4 x = vload4(0, px), y = vload4(0, py);
+    const float area = (x.z - x.x) * (y.w - y.y) - (x.w - x.y) * (y.z - y.x);
+    const float4 a = sign(area) * (y - y.yzwx), b = sign(area) * (x.yzwx - x);
     edges[0] = seen ? a : (float4)(0.0f);
     edges[1] = seen ? b : (float4)(0.0f);
     edges[2] = seen ? -(a * x + b * y) : (float4)(0.0f);
 }
 
-// Positive for the pixels that lie within a trapezoid, whichever way round its corners go.
+// Positive for the pixels that lie within a trapezoid.
 inline vfloat within_edges(__local const float4 *edges, vfloat x, vfloat y)
 {
     const float4 a = edges[0], b = edges[1], c = edges[2];
     const vfloat first = a.x * x + (b.x * y + c.x), second = a.y * x + (b.y * y + c.y);
     const vfloat third = a.z * x + (b.z * y + c.z), fourth = a.w * x + (b.w * y + c.w);
-    return most(least(least(first, second), least(third, fourth)),
-                -most(most(first, second), most(third, fourth)));
+    return least(least(first, second), least(third, fourth));
 }
 
 // Adds to the errors, once per camera, `weight` times the mean over the cameras of the share of
@@ -109,31 +108,19 @@ void add_uncovered(int n_points, int first_point, int stride, int n_views, float
         barrier(CLK_LOCAL_MEM_FENCE);
         vint n_seen = 0, n_uncovered = 0;
         __global const float2 *samples = pixels + (begin + view) * n_points;
-        for (int first = view_lane * PACK; first < (view < here ? n : 0);
-             first += TOGETHER * VIEW_LANES * PACK) {
-            vfloat x[TOGETHER], y[TOGETHER], covered[TOGETHER];
-            vint there[TOGETHER];
-            for (int s = 0; s < TOGETHER; ++s) {
-                const int k = first + s * VIEW_LANES * PACK;
+        for (int k = view_lane * PACK; k < (view < here ? n : 0); k += VIEW_LANES * PACK) {
 #define INDEX(l) (first_point + lane_index(k, 0x##l, n) * stride)
 #define SAMPLE(l) samples[INDEX(l) < n_points ? INDEX(l) : INDEX(l) - n_points]
 #define X(l) SAMPLE(l).x
 #define Y(l) SAMPLE(l).y
 #define THERE(l) (k + 0x##l < n)
-                x[s] = PACK_OF(vfloat, X);
-                y[s] = PACK_OF(vfloat, Y);
-                there[s] = PACK_OF(vint, THERE) & (x[s] > NOWHERE_SEEN);
-                covered[s] = 0.0f;
-            }
+            const vfloat x = PACK_OF(vfloat, X), y = PACK_OF(vfloat, Y);
+            const vint there = PACK_OF(vint, THERE) & (x > NOWHERE_SEEN);
+            vfloat covered = 0.0f;
             for (int c = 0; c < N_CONES; ++c)
-#pragma unroll
-                for (int s = 0; s < TOGETHER; ++s)
-                    covered[s] = most(covered[s], within_edges(edges + 3 * (view * N_CONES + c),
-                                                               x[s], y[s]));
-            for (int s = 0; s < TOGETHER; ++s) {
-                n_seen += there[s];
-                n_uncovered += covered[s] > 0.0f ? 0 : there[s];
-            }
+                covered = most(covered, within_edges(edges + 3 * (view * N_CONES + c), x, y));
+            n_seen += there;
+            n_uncovered += covered > 0.0f ? 0 : there;
         }
         seen[lane] = PACK_SUM(TO_FLOAT(n_seen));
         uncovered[lane] = PACK_SUM(TO_FLOAT(n_uncovered));
