@@ -20,7 +20,7 @@ from psfs.cameras.camera import CAMERA_FLOATS
 _GROUP = 256
 #: Floats that the kernel keeps of a voxel.
 _VOXEL_FLOATS = 9
-#: Voxels that a work-group adds up: no more groups than a large GPU has multiprocessors, few for a CPU.
+#: Voxels that a work-group adds up: no more groups than an H200 has multiprocessors, few for a CPU.
 _GPU_BLOCK, _CPU_BLOCK = 96, 256
 
 

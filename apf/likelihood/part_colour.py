@@ -22,6 +22,7 @@ from cl import Array, Device, Launch
 from cl.workgroups import pack_defines
 from psfs.cameras.camera import CameraRig
 
+#: Items that a GPU takes for a camera: there are few, each has a multiprocessor to itself.
 _GROUP = 512
 #: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
 N_CODES = 64
@@ -190,7 +191,7 @@ class PartColours:
         return self.device.launch(
             self._kernel("encode_colours"),
             (n_pixels,),
-            (256,),
+            (256 if self.device.is_gpu else 64,),
             n_pixels=n_pixels,
             maps=self._maps,
             pictures=pictures,

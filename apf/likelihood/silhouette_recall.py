@@ -13,6 +13,7 @@ from apf.scene import Scene
 from cl import Array, Launch
 from cl.workgroups import pack_defines, stated_group
 
+#: Items that a GPU takes for a pose: mostly few are judged, each has a multiprocessor to itself.
 _GROUP = 512
 #: Most cameras that a GPU's work-group looks at together: local memory holds their cones' edges.
 _VIEWS = 8
