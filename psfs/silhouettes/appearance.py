@@ -85,13 +85,13 @@ class Foreground:
         self.marks = device.zeros(marked, np.uint8, "the location prior")
         self._counts = device.zeros(BINS**3 + 1, np.int32, "the colour histogram")
         self._memory = device.zeros(BINS**3 + 1, np.float32, "the colour histogram")
-        self._voxels: SurfaceVoxels | None = None
+        self._surface: Array | None = None
         self._position: tuple[float, ...] = ()
         self._launches: list[Launch] = []
 
     def learn(self, voxels: SurfaceVoxels) -> None:
         """Enqueue learning from the voxels made of the pictures on the device."""
-        if voxels is not self._voxels:
+        if voxels.surface is not self._surface:
             self._attach(voxels)
         grid = voxels.grid
         position = (*grid.origin, grid.voxel_size)
@@ -108,7 +108,8 @@ class Foreground:
         self.location.fill(0)
 
     def _attach(self, voxels: SurfaceVoxels) -> None:
-        self._voxels, device = voxels, self._device
+        # Not the voxels, which know the silhouettes: a circle would keep all that they hold.
+        self._surface, device = voxels.surface, self._device
         n_bins = BINS**3
         views, rows, columns = self.location.shape
         defines = self._defines(voxels)
