@@ -65,9 +65,13 @@ def triangulated_track(
     straight = keypoints.undistorted(sequence.rig).points[:, frames][:, :, list(landmarks)]
     found = triangulate(sequence.rig, straight, config.triangulation)
     if not np.isfinite(found.points).any():
+        limits = config.triangulation
+        sure = np.nan_to_num(straight[..., 2]) >= limits.min_confidence
+        several = (sure.sum(0) >= limits.min_cameras).sum()
         raise InputError(
-            f"no keypoint of {sequence.name} is seen by {config.triangulation.min_cameras} cameras "
-            f"that agree within {config.triangulation.max_error:g} px"
+            f"no keypoint of {sequence.name} is seen by {limits.min_cameras} cameras that agree "
+            f"within {limits.max_error:g} px; {several} of {sure[0].size} are seen by so many with "
+            f"a confidence of {limits.min_confidence:g}"
         )
     if progress is not None:
         progress()

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from apf.keypoints import Keypoints
-from psfs.cli.commandline import path_or_name, remark
+from apf.keypoints.agreement import disagreements
+from psfs.cli.commandline import path_or_name, remark, warn
 from psfs.cli.sequence_flags import stated
 from psfs.sequence import Sequence
 
@@ -27,7 +28,7 @@ def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGro
 
 def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:
     """Return the keypoints of --keypoints in the cameras and frames of `sequence`, and print what
-    was guessed about them; None without the flag. Raises InputError."""
+    was guessed about them and what looks wrong; None without the flag. Raises InputError."""
     if args.keypoints is None:
         return None
     path = _path(args, sequence.folder)
@@ -39,6 +40,10 @@ def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | No
         keypoints = Keypoints.open(path, every).of_cameras(sequence.rig.names)
     for note in keypoints.notes:
         remark("note", "cyan", note)
+    wrong = disagreements(keypoints, sequence.rig)
+    for text in wrong:
+        warn(f"{path}: {text}")
+    args.remarks = [*getattr(args, "remarks", ()), *wrong]
     return keypoints
 
 

@@ -1,0 +1,156 @@
+"""Do the cameras' keypoints fit each other? If not: what would make them fit, each guess measured.
+
+A camera is judged by the points that the others triangulate (Hartley & Sturm 1997).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from apf.keypoints.keypoints import Keypoints
+from apf.keypoints.landmarks import landmarks_of
+from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from psfs.cameras.camera import CameraRig
+
+
+@dataclass(frozen=True)
+class AgreementConfig:
+    """When keypoints count as wrong. Set between what the sequences at hand show untouched (in
+    brackets) and what they show spoilt."""
+
+    away: float = 0.04
+    """Share of the picture's height by which a camera's keypoints may lie from where the others see
+    them, median (up to 0.025)."""
+    n_points: int = 100
+    """Keypoints that are looked at, spread over frames and names."""
+    confidence: float = 0.3
+    """Of keypoints that count."""
+    known: float = 0.2
+    """Share of a camera's keypoints that the others must see somewhere, to be compared."""
+    resolutions: tuple[float, ...] = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)
+    """Factors by which the pictures of the keypoints may be larger than the sequence's."""
+
+
+def disagreements(
+    keypoints: Keypoints, rig: CameraRig, config: AgreementConfig | None = None
+) -> list[str]:
+    """Return what is wrong between the cameras' keypoints, px of their original pictures, a line
+    each; nothing where they fit, or are too few to tell."""
+    return _Agreement(keypoints, rig, config or AgreementConfig()).said()
+
+
+class _Agreement:
+    """Some of the keypoints, and how far they are from each other under a guess."""
+
+    def __init__(self, keypoints: Keypoints, rig: CameraRig, config: AgreementConfig) -> None:
+        self.rig, self.config, self.names = rig, config, keypoints.names
+        points = keypoints.points
+        sure = np.nan_to_num(points[..., 2]) >= config.confidence
+        frames, columns = np.nonzero(sure.sum(0) >= min(3, len(rig)))
+        chosen = np.linspace(0, len(frames) - 1, min(config.n_points, len(frames))).astype(int)
+        self.columns = columns[chosen]
+        #: (V, N, K, 3) all keypoints of the frames chosen, and (V, N, 3) those chosen.
+        self.of_frames = points[:, frames[chosen]].astype(np.float64)
+        self.seen = self.of_frames[:, np.arange(len(chosen)), self.columns]
+        self.heights = np.array([camera.size[1] for camera in rig], float)
+
+    def said(self) -> list[str]:
+        away = np.array([self.away(self.seen, view) for view in range(len(self.rig))])
+        wrong = [int(view) for view in np.flatnonzero(away > self.config.away)]
+        if not wrong:
+            return []
+        order = [*wrong, *(view for view in range(len(self.rig)) if view not in wrong)]
+        for text, seen in self.guesses(wrong) if len(self.rig) > 2 else ():
+            if all(self.away(seen, view) <= self.config.away for view in order):
+                return [text]
+        if 2 * len(wrong) > len(self.rig):
+            pixels = float(np.median(away * self.heights))
+            return [
+                f"the cameras' keypoints do not fit each other: {pixels:.0f} px apart (median); "
+                "expected those of these pictures, and the calibration of these cameras"
+            ]
+        return [
+            f"the keypoints of camera {self.rig.names[view]} lie "
+            f"{away[view] * self.heights[view]:.0f} px from where the others see them (median); "
+            "expected its own, of the same time, and its calibration"
+            for view in wrong
+        ]
+
+    def away(self, seen: np.ndarray, view: int) -> float:
+        """Return how far the keypoints (V, N, 3) of a camera are from where the others see them,
+        median, as a share of the picture's height; 0 where none can be compared, 1 where the
+        others do not agree in where they are."""
+        config = self.config
+        straight = seen.copy()
+        for row, camera in zip(straight, self.rig, strict=True):
+            if camera.lens.any():
+                row[:, :2] = camera.undistorted(row[:, :2])
+        others, most = straight.copy(), 1e8
+        if len(self.rig) > 2:
+            others[view] = np.nan
+            most = 0.5 * config.away * float(self.heights.min())
+        limits = TriangulationConfig(max_error=most, min_confidence=config.confidence)
+        points = triangulate(self.rig, others, limits).points
+        errors = reprojection_errors(self.rig, straight, points)[view]
+        sure = np.nan_to_num(seen[..., 2]) >= config.confidence
+        sure = sure[view] & (sure.sum(0) >= min(3, len(self.rig)))
+        known = sure & ~np.isnan(errors)
+        if known.sum() < config.known * sure.sum():
+            return 1.0
+        return float(np.median(errors[known]) / self.heights[view]) if known.any() else 0.0
+
+    def guesses(self, wrong: list[int]) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield what may be wrong, and the keypoints as they would be without it."""
+        if len(wrong) == len(self.rig):
+            yield from self._of_all()
+        for a, b in combinations(wrong, 2):
+            seen = self.seen.copy()
+            seen[[a, b]] = seen[[b, a]]
+            both = f"{self.rig.names[a]} and {self.rig.names[b]}"
+            yield f"the keypoints of {both} look exchanged: each one's fit the other's place", seen
+        for view in wrong:
+            yield from self._of_one(view)
+
+    def _of_all(self) -> Iterator[tuple[str, np.ndarray]]:
+        sizes = np.array([camera.size for camera in self.rig], float)[:, None]
+        seen = self.seen
+        yield "x and y of the keypoints look exchanged", seen[..., [1, 0, 2]]
+        upward = seen.copy()
+        upward[..., 1] = sizes[..., 1] - 1 - seen[..., 1]
+        yield "y of the keypoints seems to go up; expected down, from the picture's top", upward
+        for factor in self.config.resolutions:
+            scaled = seen.copy()
+            scaled[..., :2] = (seen[..., :2] + 0.5) / factor - 0.5
+            width, height = self.rig[0].size
+            yield (
+                f"the keypoints look like those of pictures {factor:.3g} times as large; expected "
+                f"pixels of {self.rig.names[0]}'s {width} x {height}",
+                scaled,
+            )
+
+    def _of_one(self, view: int) -> Iterator[tuple[str, np.ndarray]]:
+        whose = f"the keypoints of camera {self.rig.names[view]}"
+        last = np.array(self.rig[view].size, float) - 1
+        mirrored = self.seen.copy()
+        mirrored[view, :, 0] = last[0] - mirrored[view, :, 0]
+        yield f"{whose} look mirrored, left to right", mirrored
+        turned = self.seen.copy()
+        turned[view, :, :2] = last - turned[view, :, :2]
+        yield f"{whose} look turned by 180 degrees", turned
+        other_side = self.seen.copy()
+        partners = self._partners()[self.columns]
+        other_side[view] = self.of_frames[view, np.arange(len(partners)), partners]
+        yield f"left and right look exchanged in {whose}", other_side
+
+    def _partners(self) -> np.ndarray:
+        """Return of each name (K,) the column of the same point of the other side, or its own."""
+        own = landmarks_of(self.names)
+        columns = {landmark.name: column for column, landmark in own.items()}
+        partners = np.arange(len(self.names))
+        for column, landmark in own.items():
+            partners[column] = columns.get(landmark.partner or "", column)
+        return partners
