@@ -66,7 +66,7 @@ def _say_faults(sequence: Sequence, warnings: list[str], device: Device | NumpyD
     if sequence.settings.sync == "auto":
         for note in kept.timing_notes:
             remark("note", "cyan", note)
-    if any(fault.kind == "unit" for fault in diagnosis.faults):  # which knows better
+    if any(fault.kind in ("unit", "far") for fault in diagnosis.faults):  # which know better
         warnings = [text for text in warnings if UNIT_ASKED not in text]
     for fault in diagnosis.faults:
         if not fault.serious:

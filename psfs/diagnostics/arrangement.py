@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -55,17 +56,24 @@ def _swapped(order: list[int], a: int, b: int) -> list[int]:
     return swapped
 
 
-def mirrored(tangency: Tangency, config: FaultConfig) -> list[int]:
-    """Return the cameras whose pictures fit only the wrong way round, left to right: all, one, or
-    none."""
+#: How pictures may lie wrong.
+Way = Literal["mirrored", "turned"]
+
+
+def flipped(tangency: Tangency, config: FaultConfig) -> tuple[Way, list[int], float] | None:
+    """Return how the pictures of some cameras lie, if they fit only so: left to right or upside
+    down; of which cameras, all or one; and the cost that is left."""
     views = list(range(len(tangency.rig)))
     cost = tangency.compared().cost
-    guesses = [views, *([view] for view in views if len(views) > 2)]
-    tried = [tangency.compared(mirrored=guess).cost for guess in guesses]
+    guesses: list[tuple[Way, list[int]]] = [("mirrored", views)]
+    if len(views) > 2:
+        ways: tuple[Way, ...] = ("mirrored", "turned")
+        guesses += [(way, [view]) for way in ways for view in views]
+    tried = [tangency.compared(**{way: cameras}).cost for way, cameras in guesses]
     if not np.isfinite(tried).any():
-        return []
+        return None
     best = int(np.nanargmin(tried))
-    return guesses[best] if tried[best] < config.mirror_share * cost else []
+    return (*guesses[best], tried[best]) if tried[best] < config.mirror_share * cost else None
 
 
 #: Differences of costs up to this are noise: silhouettes of who keeps still agree at any lag.
@@ -133,6 +141,9 @@ def lateness(tangency: Tangency, most: int, config: FaultConfig) -> list[int]:
                 best.append(shifts[view])
                 continue
             best.append(int(np.nanargmin(curve)) - most)
+            if abs(best[-1]) == most:  # it falls beyond what was looked at: no lag is told
+                gains.append(1.0)
+                continue
             here, least = curve[most + shifts[view]], float(np.nanmin(curve))
             told = here - least > _NOISE
             gains.append((here + _NOISE) / (least + _NOISE) if told else 1.0)

@@ -11,21 +11,26 @@ from cl import Device, NumpyDevice
 from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
 from psfs.diagnostics.arrangement import (
+    Way,
     convention,
     exchanged,
+    flipped,
     lateness,
-    mirrored,
     refined,
     turned_by,
 )
 from psfs.diagnostics.config import FaultConfig
 from psfs.diagnostics.picture_faults import Fault, picture_faults
+from psfs.diagnostics.rig_faults import odd_cameras
 from psfs.diagnostics.small_views import SmallViews, small_views
 from psfs.diagnostics.tangency import CAP, Tangency
 from psfs.sequence import Sequence
 
 #: People are this large, m; a size outside says that the unit is wrong by a power of ten.
 PERSON = (0.25, 4.0)
+#: What people who stand or walk measure here, m, and units that are no powers of ten, in metres.
+_STANDING = (1.1, 2.1)
+_IMPERIAL = {0.0254: "inches", 0.3048: "feet"}
 #: A turn, rad, that is told from calibrations as they are, and one that still is a turn.
 _TURNED = (0.008, 0.5)
 
@@ -33,7 +38,7 @@ _TURNED = (0.008, 0.5)
 #: Longest side, px, of the pictures that say by how many frames a late camera is late.
 _LARGER = 640
 #: Faults of the footage as a whole.
-_OF_ALL = ("exchange", "mirrored", "convention", "disagree")
+_OF_ALL = ("exchange", "mirrored", "convention", "disagree", "unit")
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ class Diagnosis:
     @property
     def reasons(self) -> dict[str, str]:
         """What is wrong with single cameras, by name."""
-        return {f.cameras[0]: f.text for f in reversed(self.faults) if len(f.cameras) == 1}
+        alone = [f for f in reversed(self.faults) if len(f.cameras) == 1 or f.kind == "same"]
+        return {name: fault.text for fault in alone for name in fault.cameras}
 
     def without(self, kind: str) -> Diagnosis:
         """Return the same without the faults of one kind, which are mended."""
@@ -73,10 +79,11 @@ def diagnosed(
     """Look for what is wrong with a sequence, in small pictures of some hundred frames."""
     config = config or FaultConfig()
     views = small_views(sequence, device, config)
-    faults = [*_alone(sequence), *picture_faults(sequence, views)]
+    odd = odd_cameras(sequence.rig)
+    faults = [*_alone(sequence), *odd, *picture_faults(sequence, views)]
     tangency = Tangency(views.rig, views.outlines)
     compared = tangency.compared()
-    if len(sequence.rig) > 1 and math.isfinite(compared.cost):
+    if len(sequence.rig) > 1 and math.isfinite(compared.cost) and not odd:
         if not any(fault.kind == "exchange" for fault in faults):
             found = _arranged(sequence, device, views, tangency, faults, config)
             learnt = not sequence.footage.background
@@ -85,7 +92,7 @@ def diagnosed(
             faults = [*(f for f in found if f.cameras not in hangs), *faults]
         if not any(fault.kind in ("disagree", "convention") for fault in faults):
             faults += _unit(sequence, tangency.size)
-    explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored")]
+    explained = [fault for fault in faults if fault.kind in ("exchange", "mirrored", "turned")]
     faults = explained[:1] or faults  # which spoil all that is said of single cameras
     return Diagnosis(faults, compared.cost, tangency.size, views)
 
@@ -117,9 +124,9 @@ def _arranged(
     """Return what is wrong between the cameras: the first of the guesses that explains it."""
     names = sequence.rig.names
     order = exchanged(tangency, config)
-    flipped = mirrored(tangency, config)
-    if flipped and tangency.compared(mirrored=flipped).cost < tangency.compared(order).cost:
-        return [_mirrored(names, flipped)]
+    flip = flipped(tangency, config)
+    if flip and flip[2] < tangency.compared(order).cost:
+        return [_flipped(names, *flip[:2])]
     if order != list(range(len(order))):
         return [_exchange(names, order)]
     most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
@@ -146,10 +153,14 @@ def _exchange(names: list[str], order: list[int]) -> Fault:
     return Fault("exchange", cameras, f"{text}; rename the files, or the calibration's cameras")
 
 
-def _mirrored(names: list[str], flipped: list[int]) -> Fault:
-    which = "all cameras" if len(flipped) == len(names) else f"camera {names[flipped[0]]}"
-    text = f"the pictures of {which} are mirrored, left to right; flip them back"
-    return Fault("mirrored", tuple(names[view] for view in flipped), text)
+def _flipped(names: list[str], way: Way, views: list[int]) -> Fault:
+    which = "all cameras" if len(views) == len(names) else f"camera {names[views[0]]}"
+    mend = {
+        "mirrored": "mirrored, left to right; flip them back",
+        "turned": "upside down; turn them, and the background, by 180 degrees",
+    }
+    text = f"the pictures of {which} are {mend[way]}"
+    return Fault(way, tuple(names[view] for view in views), text)
 
 
 def _late(sequence: Sequence, name: str, by: int) -> Fault:
@@ -236,15 +247,16 @@ def _unit(sequence: Sequence, size: float) -> list[Fault]:
     now = metres_per_unit(sequence.unit)
     names = {1.0: "m", 0.01: "cm", 0.001: "mm"}
     likely = names.get(float(f"{now * 10.0**power:.6g}"), f"{now * 10.0**power:.3g}")
+    wrong, what = f"wrong by {10 ** abs(power):,}", likely
+    for metres, name in _IMPERIAL.items():
+        own, decimal = size * metres / now, size * 10.0**power
+        if _STANDING[0] < own < _STANDING[1] and not _STANDING[0] < decimal < _STANDING[1]:
+            wrong, what, likely = "wrong", name, f"{metres:g}"
     return [
         Fault(
             "unit",
             (),
-            f"a person would be about {size:.3g} m tall: the unit is wrong by {_times(power)}; "
-            f"it looks like {likely}: --unit {likely} (or --subject object, if it is no person)",
+            f"a person would be about {size:.3g} m tall: the unit is {wrong}; it looks like "
+            f"{what}: --unit {likely} (or --subject object, if it is no person)",
         )
     ]
-
-
-def _times(power: int) -> str:
-    return f"{10 ** abs(power):,}"

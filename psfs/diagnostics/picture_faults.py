@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -80,7 +81,7 @@ def picture_faults(
     if any(not fault.cameras for fault in faults):
         return faults
     named = {name for fault in faults for name in fault.cameras}
-    for check in (_foreign, _frozen, _knocked, _filled, _ghosts, _flickering):
+    for check in (_same, _foreign, _filled, _frozen, _knocked, _ghosts, _flickering):
         for fault in check(sequence, views, config):
             if not named & set(fault.cameras):
                 faults.append(fault)
@@ -108,6 +109,21 @@ def _unseen(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Ite
                 (camera.name,),
                 f"camera {camera.name}: its pictures are of one brightness and show nothing; was "
                 "its lens covered, or its signal lost? Leave it out (--cameras)",
+            )
+
+
+def _same(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
+    """Cameras that show the very same pictures."""
+    if views.pictures is None:
+        return
+    for a, b in combinations(range(len(views.rig)), 2):
+        if (views.pictures[:, a] == views.pictures[:, b]).all():
+            names = sequence.rig.names[a], sequence.rig.names[b]
+            yield Fault(
+                "same",
+                names,
+                f"cameras {names[0]} and {names[1]} show the very same pictures; one is a copy of "
+                "the other's: leave it out (--cameras)",
             )
 
 
@@ -143,7 +159,16 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
                 area = np.s_[: size[1], : size[0]]
                 alike[a, b] = _correlation(views.typical[a][area], plate[area])
     own = np.diag(alike)
-    wrong = [view for view in range(len(names)) if own[view] < config.other_view]
+    over = {view: _turned_over(views, view, own[view], config) for view in range(len(names))}
+    wrong = [view for view in range(len(names)) if own[view] < config.other_view and not over[view]]
+    for view, way in over.items():
+        if way:
+            yield Fault(
+                "background",
+                (names[view],),
+                f"camera {names[view]}: its pictures are {way} beside its background; turn those "
+                "that lie wrong",
+            )
     for view in wrong:
         fits = int(alike[view].argmax())
         if alike[view, fits] > config.same_view and fits != view:
@@ -163,6 +188,20 @@ def _foreign(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
                 f"camera {names[view]}: its pictures and its background show different views; "
                 "film the empty scene again, or take --background frames",
             )
+
+
+def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig) -> str:
+    """Return how a camera's pictures lie, if they show what its background shows only so; own:
+    their correlation as they are."""
+    assert views.plates is not None
+    width, height = views.rig[view].size
+    picture, plate = (shown[view][:height, :width] for shown in (views.typical, views.plates))
+    ways = {"mirrored": picture[:, ::-1], "upside down": picture[::-1, ::-1]}
+    for way, turned in ways.items():
+        alike = _correlation(turned, plate)
+        if alike > config.same_view and alike > own + config.gain:
+            return way
+    return ""
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:

@@ -93,16 +93,18 @@ class Tangency:
         order: Sequence[int] | None = None,
         shifts: Sequence[int] | None = None,
         mirrored: Sequence[int] = (),
+        turned: Sequence[int] = (),
     ) -> PairSums:
         """Compare all pairs where camera v has the pictures of camera order[v], shifts[v] frames
-        later than the others; those of `mirrored` the wrong way round."""
+        later than the others; those of `mirrored` the wrong way round, of `turned` upside down."""
         n = len(self.rig)
         order, shifts = order or range(n), shifts or [0] * n
+        ways = {**dict.fromkeys(mirrored, (-1, 1)), **dict.fromkeys(turned, (-1, -1))}
         sums, counts = np.zeros((n, n)), np.zeros((n, n))
         for a in range(n):
             for b in range(a):
-                first = self._seen(a, order[a], b, a in mirrored)
-                second = self._seen(b, order[b], a, b in mirrored)
+                first = self._seen(a, order[a], b, ways.get(a))
+                second = self._seen(b, order[b], a, ways.get(b))
                 if first is not None and second is not None:
                     pair = self.difference(first, second, shifts[b] - shifts[a])
                     sums[a, b], counts[a, b] = pair
@@ -113,13 +115,19 @@ class Tangency:
         """Does the line between two cameras pass far enough from the scene?"""
         return self._axis(a, b)[2] >= _NEAREST * self.size
 
-    def _seen(self, camera: int, image: int, other: int, mirrored: bool) -> np.ndarray | None:
-        """Return `planes`; None where the cameras are not comparable."""
+    def _seen(
+        self, camera: int, image: int, other: int, way: tuple[int, int] | None
+    ) -> np.ndarray | None:
+        """Return `planes`, the picture turned over along the axes whose sign in `way` is -1; None
+        where the cameras are not comparable."""
         if not self.comparable(camera, other):
             return None
-        if not mirrored:
+        if way is None:
             return self.planes(camera, image, other)
-        points = self._images[image].points * [-1, 1] + [self.rig[camera].size[0] - 1, 0]
+        last = np.array(self.rig[camera].size) - 1
+        points = np.where(
+            np.less(way, 0), last - self._images[image].points, self._images[image].points
+        )
         rays = self.rig[camera].rays(points) if len(points) else np.zeros((0, 3))
         return self._of_rays(image, rays, camera, other)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
+from cl import InputError
 from psfs.cameras.names import listed
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
@@ -26,10 +28,12 @@ def numbered(footage: Footage) -> tuple[Footage, list[str]]:
     numbers = {id(item): _numbers(item) for kind in kinds for item in kind}
     lists = list(numbers.values())
     if not all(lists):
+        for kind in kinds:
+            _check_extra(kind)
         return footage, []
     shortest = min(map(len, lists))
     if len({tuple(n - own[0] for n in own[:shortest]) for own in lists}) == 1:
-        return footage, []
+        return footage, _shifted(kinds[0], lists)
     common = sorted(set.intersection(*map(set, lists)))
     if len(common) < _COMMON * max(map(len, lists)):
         return footage, []
@@ -63,6 +67,34 @@ def _numbers(item: Media) -> list[int]:
     numbers = [int(digits[-1]) for digits in found if digits]
     usable = not item.is_video and len(set(numbers)) == len(item.paths)
     return numbers if usable else []
+
+
+def _shifted(kind: tuple[Media, ...], lists: list[list[int]]) -> list[str]:
+    """Return a remark on pictures that go together in order, where their numbers would pair them
+    otherwise."""
+    common = set.intersection(*map(set, lists))
+    if len({own[0] for own in lists}) == 1 or len(common) < _COMMON * max(map(len, lists)):
+        return []
+    shown = listed(f"{item.name} {own[0]}" for item, own in zip(kind, lists, strict=False))
+    return [f"pictures go together in order, though their numbers begin differently: {shown}"]
+
+
+def _check_extra(kind: tuple[Media, ...]) -> None:
+    """Raise InputError for a camera with more pictures than one that is numbered throughout,
+    because some of them have a number twice, or none."""
+    usual = [len(numbers) for numbers in map(_numbers, kind) if numbers]
+    for item in kind:
+        if not usual or item.is_video or len(item.paths) <= max(usual):
+            continue
+        first: dict[str, Path] = {}
+        for path in item.paths:
+            digits = re.findall(r"[0-9]{1,18}", path.stem)
+            number = str(int(digits[-1])) if digits else ""
+            if number and number not in first:
+                first[number] = path
+                continue
+            has = f"has the number of {first[number].name}" if number else "has no number"
+            raise InputError(f"{path}: {has}; expected one picture for each frame")
 
 
 def _some(numbers: list[int]) -> str:

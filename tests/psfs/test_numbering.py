@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import footage
 
+from cl import InputError
 from psfs.sequence import Sequence
 
 #: Numbers of the pictures of two cameras, and those that are read of each; None: in order.
@@ -54,6 +55,30 @@ def test_numbers(tmp_path: Path, case: str, kind: str) -> None:
     else:
         camera, what = said.split(" ", 1)
         assert f"{names[camera]} {what}" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("extra", "said"),
+    [("0001~.png", "has the number of 0001.png"), ("thumbs.png", "has no number")],
+)
+def test_a_picture_too_many(tmp_path: Path, extra: str, said: str) -> None:
+    """A copy among one camera's pictures would shift all that follow."""
+    rig = footage.rig(2)
+    footage.write_toml(tmp_path / "calibration.toml", footage.tables(rig))
+    for name in rig.names:
+        (tmp_path / "masks" / name).mkdir(parents=True)
+        for number in range(4):
+            picture = np.zeros((48, 64), np.uint8)
+            assert cv2.imwrite(str(tmp_path / "masks" / name / f"{number:04d}.png"), picture)
+    assert Sequence.open(tmp_path).timing_notes == []
+    folder = tmp_path / "masks" / rig.names[1]
+    shutil.copy(folder / "0002.png", folder / extra)
+    with pytest.raises(InputError, match=f"{extra}: {said}; expected one picture for each frame"):
+        Sequence.open(tmp_path)
+    (folder / extra).unlink()
+    (folder / "0000.png").rename(folder / "0004.png")
+    (note,) = Sequence.open(tmp_path).timing_notes
+    assert "begin differently" in note
 
 
 def test_a_video_of_one_frame(tmp_path: Path) -> None:

@@ -42,6 +42,8 @@ def _read(folder: Path, settings: Settings) -> Footage:
     rig = read_rig(calibration, settings, found[primary], folders[primary])
     media: dict[str, tuple] = {}
     notes = list(rig.notes)
+    if all(found.get(name) for name in _IMAGES):
+        notes.append(f"{folder}: {_IMAGES[0]}/ is taken; {_IMAGES[1]}/ is not looked at")
     for name in (images, "masks", "background"):
         if name and found.get(name):
             extras = name == "background"

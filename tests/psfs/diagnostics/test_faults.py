@@ -118,6 +118,9 @@ def test_a_unit_wrong_by_a_power_of_ten(tmp_path: Path, masks: np.ndarray) -> No
     folder = write(tmp_path / "a", masks, large)
     (fault,) = faults(folder)
     assert fault.kind == "unit" and "--unit cm" in str(fault)
+    inches = CameraRig(tuple(replace(camera, t=camera.t / 0.0254) for camera in rig()))
+    (fault,) = faults(write(tmp_path / "b", masks, inches))
+    assert "it looks like inches: --unit 0.0254" in str(fault)
     assert faults(folder, unit="cm") == [] and faults(folder, subject="object") == []
 
 
@@ -170,6 +173,23 @@ def test_another_up_axis(tmp_path: Path, masks: np.ndarray) -> None:
 def test_mirrored_pictures(tmp_path: Path, masks: np.ndarray) -> None:
     (fault,) = faults(write(tmp_path / "a", masks[..., ::-1]))
     assert fault.kind == "mirrored" and "all cameras" in str(fault)
+
+
+def test_a_camera_upside_down(tmp_path: Path, masks: np.ndarray) -> None:
+    spoilt = masks.copy()
+    spoilt[:, 3] = masks[:, 3, ::-1, ::-1]
+    (fault,) = faults(write(tmp_path / "a", spoilt))
+    assert fault.kind == "turned" and fault.cameras == ("c3",) and "180 degrees" in str(fault)
+
+
+def test_a_camera_in_another_unit(tmp_path: Path, masks: np.ndarray) -> None:
+    cameras = list(rig())
+    cameras[2] = replace(cameras[2], t=1000 * cameras[2].t)
+    (fault,) = faults(write(tmp_path / "a", masks, CameraRig(tuple(cameras))))
+    assert fault.kind == "far" and "camera c2 stands" in str(fault)
+    cameras[2] = replace(rig()[2], K=np.array([[6.0, 0, 80], [0, 6, 60], [0, 0, 1]]))
+    (fault,) = faults(write(tmp_path / "b", masks, CameraRig(tuple(cameras))))
+    assert fault.kind == "focal" and "expected pixels, not mm" in str(fault)
 
 
 def test_a_calibration_of_camera_to_world(tmp_path: Path, masks: np.ndarray) -> None:

@@ -1,0 +1,51 @@
+"""Faults that a calibration shows by itself: a camera in another unit than the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from psfs.cameras.camera import CameraRig
+from psfs.diagnostics.picture_faults import Fault
+
+#: A camera that is so many times as far from the others as they are from each other is of another
+#: unit, or world.
+_FAR = 15.0
+#: Focal lengths, as shares of the picture's longer side, of any camera: 152 to 0.6 degrees.
+_FOCAL = (0.125, 100.0)
+
+
+def odd_cameras(rig: CameraRig) -> list[Fault]:
+    """Return the cameras whose calibration is of another unit than the others', or in mm what
+    should be pixels."""
+    return [*_focal(rig), *_far(rig)]
+
+
+def _focal(rig: CameraRig) -> list[Fault]:
+    faults = []
+    for camera in rig:
+        focal, longest = float(camera.K[0, 0]), max(camera.size)
+        if not _FOCAL[0] <= focal / longest <= _FOCAL[1]:
+            width, height = camera.size
+            text = (
+                f"camera {camera.name}: a focal length of {focal:.3g} px for pictures of {width} x "
+                f"{height} px; expected pixels, not mm"
+            )
+            faults.append(Fault("focal", (camera.name,), text))
+    return faults
+
+
+def _far(rig: CameraRig) -> list[Fault]:
+    """Return the one camera that is far from the others, if there is one."""
+    if len(rig) < 4:
+        return []
+    apart = np.linalg.norm(rig.centres[:, None] - rig.centres[None], axis=-1)
+    view = int(apart.sum(0).argmax())
+    others = np.delete(np.arange(len(rig)), view)
+    near, far = float(apart[np.ix_(others, others)].max()), float(apart[view, others].min())
+    if not far > _FAR * near > 0:
+        return []
+    text = (
+        f"camera {rig.names[view]} stands {far:,.4g} m from the others, which stand within "
+        f"{near:.3g} m: its translation is in another unit, or its calibration of another world"
+    )
+    return [Fault("far", (rig.names[view],), text)]
