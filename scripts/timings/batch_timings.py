@@ -38,7 +38,7 @@ from timings.tables.batch import ONE_AFTER_ANOTHER, print_report
 
 #: Takes at once on a GPU; of two GPUs the last two numbers, on each.
 _AT_ONCE = (1, 2, 4, 8)
-#: Takes of each worker that count; with --quick one.
+#: Takes of each worker that count by default; with --quick one.
 _PER_WORKER = 2
 #: The takes: cameras, frames, size; and with --quick.
 _SCENE = {"cameras": 8, "frames": 120, "size": (640, 480), "fps": 60.0}
@@ -56,13 +56,23 @@ def register(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--at-once", type=int, nargs="+", default=_AT_ONCE, metavar="N", help="takes on each GPU"
     )
+    parser.add_argument(
+        "--each", type=int, default=_PER_WORKER, metavar="N",
+        help="takes of each worker that count (%(default)s); of few, when they end is chance",
+    )  # fmt: skip
     parser.add_argument("--lean", action="store_true", help="without overlay and report")
 
 
 def run(args: argparse.Namespace) -> None:
     scene = _QUICK if args.quick else _SCENE
     start, lean = args.start, args.lean
-    settings = {"scene": scene, "start": start, "lean": lean, "begin": ONE_AFTER_ANOTHER}
+    settings = {
+        "scene": scene,
+        "start": start,
+        "lean": lean,
+        "each": args.each,
+        "begin": ONE_AFTER_ANOTHER,
+    }
     results = Results.begin("batch", args, settings)
     with tempfile.TemporaryDirectory(prefix="apf-batch-") as folder:
         takes = _filmed(Path(folder) / "takes", scene)
@@ -75,7 +85,7 @@ def run(args: argparse.Namespace) -> None:
         # The largest first: should the time end, what is left out is what tells least.
         for label, shares in reversed(measured.items()):
             out = Path(folder) / label.replace(" ", "_").replace(",", "")
-            per_worker = 1 if args.quick else _PER_WORKER
+            per_worker = 1 if args.quick else args.each
             measure = partial(throughput, shares, takes, out, flags, start == "true", per_worker)
             results.plan(f"workers {label}", measure)
         results.measure()
@@ -132,7 +142,7 @@ def compiling(
 
 def throughput(
     shares: Sequence[Share], takes: Sequence[Path], out: Path, flags: Sequence[str], given: bool,
-    per_worker: int = _PER_WORKER,
+    per_worker: int,
 ) -> dict[str, Any]:  # fmt: skip
     """Takes per minute of workers with these shares while all are busy; s that such a take spends
     in each stage, and s of a core that it costs."""
