@@ -20,7 +20,8 @@ from apf.results.joint_names import match_joints
 from apf.tracking.batch import track_take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
-from psfs.api import chosen_device, trusted
+from psfs.api import check_sequence, chosen_device, trusted
+from psfs.common.ranges import check_kind, check_range
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
@@ -66,6 +67,14 @@ def track(
     as warnings. Raises InputError where nobody is found or a file is not what it should be,
     DeviceError where the device cannot be used.
     """
+    check_sequence(sequence, frames)
+    check_kind("method", method, Method, ", such as apf.Method.of()")
+    check_kind("body", body, (BodyModel, str, Path))
+    check_kind("init", init, (np.ndarray, str, Path))
+    check_kind("keypoints", keypoints, (Keypoints, str, Path))
+    check_kind("reconstruction", reconstruction, ReconstructionConfig)
+    if height is not None:
+        check_range("height, m,", height, 0.5, 2.5, ends=True)
     device = chosen_device(device)
     if method is None or method.objective != "keypoints":
         sequence = trusted(sequence, device, all_cameras)
@@ -127,8 +136,10 @@ def given_start(
     if init is None:
         return (model, model.rest_pose) if own else None
     if isinstance(init, np.ndarray):
-        if init.shape != (model.n_dof,):
-            raise InputError(f"init has the shape {init.shape}; expected ({model.n_dof},)")
+        if init.shape != (model.n_dof,) or init.dtype.kind not in "iuf":
+            raise InputError(
+                f"init is {init.dtype} of shape {init.shape}; expected ({model.n_dof},) numbers"
+            )
         check_pose(init, model, "init")
         return model, init
     path = Path(init)

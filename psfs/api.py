@@ -11,14 +11,16 @@ import numpy as np
 
 from cl import Device, NumpyDevice, select_device
 from psfs.backend import reconstructor_for
+from psfs.common.ranges import check_kind, check_range
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
+from psfs.footage.settings import Settings
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
 from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris
-from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.grid import VOXEL_EDGES, VoxelCloud, VoxelGrid
 
 log = logging.getLogger(__name__)
 
@@ -61,12 +63,18 @@ def reconstruct(
     occupancy. Raises InputError where nothing stands out from the background, DeviceError where the
     device cannot be used.
     """
+    check_sequence(sequence, frames)
+    check_kind("config", config, ReconstructionConfig)
+    check_range("debris", debris, 0, 1, ends=True)
+    if voxel_size is not None:
+        check_range("voxel_size, m,", voxel_size, *VOXEL_EDGES, ends=True)
+    volume = None if volume is None else Settings(volume=volume).volume
     device = chosen_device(device)
     sequence = trusted(sequence, device, all_cameras)
     if volume is None:
         grid = automatic_grid(sequence, frames, voxel_size, config, device)
     else:
-        low, high = np.asarray(volume, np.float64)
+        low, high = volume
         found = volume_config(sequence, config)
         size = voxel_size or default_voxel_size(sequence.rig, low, high, found)
         grid = VoxelGrid.covering(low, high, size)
@@ -81,6 +89,14 @@ def reconstruct(
             yield without_debris(cloud, debris)
 
     return clouds()
+
+
+def check_sequence(sequence: Sequence, frames: slice | None) -> None:
+    """Raise InputError for a sequence that is not open, or frames that are no slice."""
+    check_kind("sequence", sequence, Sequence, ": psfs.open_sequence(folder)", needed=True)
+    check_kind("frames", frames, slice, ", such as slice(0, 100)")
+    if frames is not None and frames.step is not None:
+        check_range("the step of frames", frames.step, 1, ends=True)
 
 
 def trusted(
@@ -131,6 +147,7 @@ def remarks(diagnosis: Diagnosis, left_out: list[Suspect]) -> list[str]:
 
 def chosen_device(device: Device | NumpyDevice | str | None) -> Device | NumpyDevice:
     """Return `device`, or the one of that name; None takes the fastest. Raises DeviceError."""
+    check_kind("device", device, (Device, NumpyDevice, str))
     if device is None or isinstance(device, str):
         return select_device(device or "auto")
     return device

@@ -23,6 +23,7 @@ from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
 from psfs.common.files import full_path
+from psfs.common.ranges import check_kind
 from psfs.footage.layouts import Footage, recognised
 from psfs.footage.media import Decoder, Media
 from psfs.footage.memory import room_for_frames
@@ -104,6 +105,7 @@ class Sequence:
         overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which
         wins over the layout's own defaults. Raises InputError for whatever does not fit.
         """
+        check_kind("folder", folder, (str, os.PathLike), needed=True)
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
@@ -113,7 +115,7 @@ class Sequence:
         settings = settings.over(layout.defaults)
         try:
             sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
-            _check_used(stated, sequence.background_kind)
+            _check_used(stated, sequence)
             return sequence
         except InputError as error:
             if str(folder) in str(error):
@@ -347,10 +349,12 @@ class Sequence:
         return into
 
 
-def _check_used(stated: Settings, kind: str) -> None:
-    """Raise InputError for a key that is stated by the caller and of no use to a background of this
-    kind."""
+def _check_used(stated: Settings, sequence: Sequence) -> None:
+    """Raise InputError for a key that is stated by the caller and of no use to a sequence."""
+    kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}
     for key, owner in owners.items():
         if getattr(stated, key) is not None and kind != owner:
             raise InputError(f"`{key}` is of the background {owner}; this one is {kind}")
+    if stated.take is not None and sequence.layout != "HumanEva":
+        raise InputError("`take` is of a folder with several takes, as HumanEva's; this has one")

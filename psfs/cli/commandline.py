@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -137,9 +138,19 @@ def log_line(text: str) -> None:
 def _opened(path: Path) -> TextIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file() and not _is_log(path):
+            raise InputError(f"--log-file {path}: is no log of psfs or apf; expected another file")
         return path.open("a", encoding="utf-8", buffering=1)
     except OSError as error:
         raise InputError(f"--log-file {path}: cannot be written: {error.strerror}") from None
+
+
+def _is_log(path: Path) -> bool:
+    """Is a file empty, or does it begin as `log_line` does? Nothing is appended to other files."""
+    with path.open("rb") as file:
+        first = file.read(32)
+    began = re.match(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d[ ,]", first)
+    return not first or began is not None
 
 
 def add_command(

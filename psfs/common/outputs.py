@@ -199,6 +199,12 @@ class OutputFolder:
         with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
             self._locked(file)
         manifest = Manifest.read(self.folder)
+        before = manifest.command if manifest is not None and not self._addition else ""
+        if before and before != self.command:
+            raise InputError(
+                f"{self.folder}: holds what `{before}` wrote, which this command would replace; "
+                "expected another folder"
+            )
         ours = manifest.files if manifest is not None else {}
         for pattern in expected:
             inside = self._real / Path(pattern).parts[0]

@@ -1,4 +1,4 @@
-"""Settings that must lie in a range, and how a message says so."""
+"""Settings that must lie in a range, arguments of a kind, and how a message says so."""
 
 from __future__ import annotations
 
@@ -12,6 +12,25 @@ from psfs.common.names import printable
 #: The largest setting that makes sense without a bound of its own, and how far from an end that
 #: is left out a setting must stay: beyond, float32 overflows or divides by nothing.
 LARGEST, SMALLEST = 1e9, 1e-12
+
+
+def check_kind(
+    name: str,
+    value: Any,
+    kinds: type | tuple[type, ...],
+    hint: str = "",
+    needed: bool = False,
+) -> None:
+    """Raise InputError unless an argument of the library is one of these `kinds` or, where it is
+    not `needed`, None; hint: how to make one."""
+    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
+    if isinstance(value, kinds) or (value is None and not needed):
+        return
+    expected = " or ".join(kind.__name__ for kind in kinds)
+    raise InputError(
+        f"{name} is {printable(repr(value))[:80]}, of type {type(value).__name__}; expected "
+        f"{expected}{hint}"
+    )
 
 
 def check_range(

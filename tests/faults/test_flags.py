@@ -236,7 +236,7 @@ NAMES = {
 def test_strange_names_are_written(stock: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(stock)
     for words in WRITERS:
-        name = NAMES[kind] + (".png" if words[-1] == "--png" else "")
+        name = NAMES[kind] + words[1] + (".png" if words[-1] == "--png" else "")
         outcome = run([*words, name])
         assert outcome.code == 0, outcome
         assert Path(name).exists() and "\x1b[31m" not in outcome.out + outcome.err

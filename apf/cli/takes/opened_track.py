@@ -43,6 +43,11 @@ def opened_track(args: argparse.Namespace) -> Track:
     track = Track.open(args.track)
     if not len(track):
         raise InputError(f"{args.track}: holds no tracked frame; expected at least one")
+    if "cutoff" in args.chosen_flags and args.cutoff >= track.fps / 2:
+        raise InputError(
+            f"--cutoff is {args.cutoff:g} Hz, which smooths nothing; expected less than half of "
+            f"the track's {track.fps:g} frames per second"
+        )
     try:
         if args.body is not None:
             body, own = load_body(args.body), track.body
