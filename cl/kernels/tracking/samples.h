@@ -91,9 +91,9 @@ inline void take_colour(__global const float *camera, __global const uchar *code
 #define RATIO(l) ratios[LANE_OF(table, l) + LANE_OF(code, l)]
     const vint value = PACK_OF(vint, RATIO);
 #undef RATIO
-    sums->inside += inside & (code == NO_CODE) ? 255 : 0;
+    sums->inside += (inside & (code == NO_CODE)) ? 255 : 0;
     sums->n_inside += inside & 1;
-    sums->colour += inside & visible ? value : 0;
+    sums->colour += (inside & visible) ? value : 0;
     sums->n_colour += inside & visible & 1;
 }
 
