@@ -38,6 +38,7 @@ from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
 from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_range
 from psfs.footage.settings import Settings
 from psfs.output.runs import versions
 from psfs.sequence import Sequence
@@ -157,6 +158,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _calibrate(args: argparse.Namespace) -> None:
+    check_range("--height, m,", args.height, -10, 10, ends=True)
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     board = _board_of(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}

@@ -25,6 +25,7 @@ from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
 from psfs.common.files import full_path
 from psfs.common.outputs import output_folder
+from psfs.common.ranges import check_range
 
 #: Flags of this command that are not track's.
 _OWN = ("workers", "scheduler", "part_frames", "to")
@@ -77,6 +78,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> None:
     dask_distributed()  # before anything that takes time
+    if args.part_frames is not None:
+        check_range("--part-frames", args.part_frames, 2, ends=True)
     jobs = jobs_of(args)
     if args.scheduler is None and args.workers is not None:
         shares_of_machine(args.device, args.workers)  # before anything is written
