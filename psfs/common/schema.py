@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
@@ -63,8 +64,10 @@ def flat(*counts: int) -> BeforeValidator:
 def _named(name: str) -> str:
     try:
         return check_name(name, "it")
-    except InputError:
-        raise ValueError("a name of letters, digits, - and _") from None
+    except InputError as error:
+        why = re.search(r"with '.+' in it|a name of \d+ characters", str(error))
+        but = f", not {why.group()}" if why else ""
+        raise ValueError(f"a name of letters, digits, - and _{but}") from None
 
 
 #: A name that can be a file's, see `check_name`.

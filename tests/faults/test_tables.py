@@ -264,7 +264,10 @@ BODIES: dict[str, tuple[Callable[[dict], Any], str]] = {
     "no joints": (lambda b: b.pop("joint"), "joint"),
     "an unknown key": (lambda b: b["bone"][0].update(ofset=[0, 0, 0]), "ofset"),
     "a path as a name": (lambda b: b["joint"][0].update(name="../evil"), "'/'"),
-    "its own parent": (lambda b: b["bone"][1].update(parent=b["bone"][1]["name"]), "no bone"),
+    "its own parent": (
+        lambda b: b["bone"][1].update(parent=b["bone"][1]["name"]),
+        "a bone before it",
+    ),
     "limits reversed": (lambda b: b["bone"][1]["axes"][0].update(limits=[1, -1]), "lower limit"),
     "an index twice": (lambda b: b["bone"][1]["axes"][0].update(dof=0), "indices"),
     "a negative radius": (lambda b: b["cone"][0].update(radii=[0.1, -0.1]), "radii"),
