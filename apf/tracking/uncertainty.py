@@ -39,8 +39,9 @@ class Calibration:
         return np.array([self.floor.get(sideless(name), self.other_floor) for name in names])
 
 
-#: By scripts/calibrate_uncertainty.py on one track of each of the suite's sequences but the walk with
-#: eight cameras, and a tenth more: what the others say of one that was left out holds 83 to 98 %.
+#: By scripts/calibrate_uncertainty.py on one track of each of the suite's sequences but the walk
+#: with eight cameras, and a tenth more: what the others say of one that was left out holds 83 to
+#: 98 %.
 CALIBRATION = Calibration(
     scale=2.0,
     floor={
