@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from apf.body.model import BodyModel
-from apf.body.stature import is_whole
+from apf.body.stature import has_head, is_whole
 from apf.filters.base import Estimate
 from cl import InputError
 from psfs.common.ranges import check_range
@@ -49,6 +49,9 @@ class RecoveryConfig:
     """Factor of the noise in these searches."""
     longer: int = 2
     """Factor of their layers; a particle filter (SIR) has none."""
+    everywhere_too: bool = False
+    """Whether to search everywhere though somebody fits near the last pose: legs alone fit arms and
+    trunk, so bodies without a head do."""
 
     def __post_init__(self) -> None:
         if not (self.ratio > 1 and 0 < self.least <= self.unknown <= self.worst):
@@ -64,7 +67,9 @@ class RecoveryConfig:
     def for_body(self, body: BodyModel) -> RecoveryConfig:
         """Return the config for a track of `body`. A body that is only a part of the person never
         explains the rest of him: with no good frame to compare with, only `worst` is a limit."""
-        return self if is_whole(body) else replace(self, unknown=self.worst)
+        if is_whole(body):
+            return self
+        return replace(self, unknown=self.worst, everywhere_too=not has_head(body))
 
 
 class Judge:
@@ -158,8 +163,9 @@ class Watched:
         if self._wide is None:
             self._wide = self._make_wide()
         found = self._looked_from(self._pose, observation, LOCAL_RESTART)
-        again = self._n_lost % self._judge.config.retry == 0
-        if found.lost and again and self._everywhere is not None:
+        config = self._judge.config
+        again = self._n_lost % config.retry == 0 and (found.lost or config.everywhere_too)
+        if again and self._everywhere is not None:
             tried = [
                 self._looked_from(pose, observation, GLOBAL_RESTART)
                 for pose in self._everywhere(observation)
