@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -74,9 +75,10 @@ def start_of(
         return seen_height(reconstruct(frame), config)
 
     first = shown(frames)
-    if keep_shape or not is_whole(template):
+    heights = [seen_height(voxels, config) for voxels in first]
+    if keep_shape or not is_whole(template) or not heights[0]:
         return found(first, template, keep_shape)
-    least = config.frames.taller * max(seen_height(voxels, config) for voxels in first)
+    least = config.frames.taller * max(heights)
     begun = chosen.index(frames[-1])
     upright = _tallest(sequence, chosen[begun + 1 :], tall, least, config.frames.n_looks)
     if upright is None:
@@ -95,11 +97,13 @@ def _tallest(
     sequence: Sequence, frames: range, tall: Callable[[Frame], float], least: float, n_looks: int
 ) -> int | None:
     """The one of `n_looks` of the `frames`, evenly spread, that is `tall`est; None if none is as
-    tall as `least`."""
+    tall as `least`. One that cannot be read ends the looks: that is the tracking's to say."""
     n = min(n_looks, len(frames))
     picked = [frames[round(k)] for k in np.linspace(0, len(frames) - 1, n)]
-    with sequence.reader(learning=False) as read:
-        heights = {index: tall(read(index)) for index in picked}
+    heights = dict[int, float]()
+    with suppress(InputError), sequence.reader(learning=False) as read:
+        for index in picked:
+            heights[index] = tall(read(index))
     best = max(heights, key=heights.__getitem__, default=None)
     return best if best is not None and heights[best] >= least else None
 

@@ -10,7 +10,7 @@ from apf.body.toml import load_body
 from apf.initialisation import Start, StartConfig, StartError, start_of
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from cl import Device
+from cl import Device, InputError
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 
@@ -25,12 +25,21 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     return Sequence.open(folder)
 
 
-@pytest.mark.parametrize("rises", [False, True])
 @pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize(
+    ("rises", "first_height", "broken"),
+    [(False, 1.2, 99), (True, 1.2, 99), (False, 0.0, 99), (False, 1.2, 50)],
+)
 def test_who_stands_later_is_measured_there(
-    sequence: Sequence, monkeypatch: pytest.MonkeyPatch, rises: bool, fails: bool
+    sequence: Sequence,
+    monkeypatch: pytest.MonkeyPatch,
+    fails: bool,
+    rises: bool,
+    first_height: float,
+    broken: int,
 ) -> None:
-    """Heights and starts are made up; frames are told by their numbers."""
+    """Heights and starts are made up; frames are told by their numbers; the `broken` one cannot be
+    read."""
     template, tall = load_body("song31"), load_body("song31")
     calls = []
 
@@ -43,13 +52,17 @@ def test_who_stands_later_is_measured_there(
 
     class Frame:
         def __init__(self, frame) -> None:
+            if frame.index >= broken:
+                raise InputError("broken")
             self.index = frame.index
 
     monkeypatch.setattr(module, "find_start", find)
     monkeypatch.setattr(module, "reconstructor_for", lambda *a: Frame)
     monkeypatch.setattr(module, "stored", lambda device, voxels: voxels)
     monkeypatch.setattr(
-        module, "seen_height", lambda v, config: 1.7 if rises and 55 <= v.index < 65 else 1.2
+        module,
+        "seen_height",
+        lambda v, config: 1.7 if rises and 55 <= v.index < 65 else first_height,
     )
     grid = VoxelGrid.covering(np.zeros(3), np.ones(3), 0.1)
     start = start_of(Device.best(), sequence, grid, template, slice(2, None))
