@@ -16,7 +16,7 @@ from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import FrameChoice, StartConfig
 from apf.initialisation.kept_voxels import StoredVoxels, person_points, stored
-from apf.initialisation.shape_fit import Cloud
+from apf.initialisation.shape_fit import seen_heights
 from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
@@ -113,7 +113,7 @@ def seen_height(voxels: Voxels | StoredVoxels | HostVoxels, config: StartConfig)
     points = person_points(voxels.grid, voxels.cloud().indices, config.frames)
     if len(points) < config.frames.min_voxels:
         return 0.0
-    low, high = Cloud(points, config.shape).heights
+    _, (low, high) = seen_heights(points, config.shape)
     return high - low
 
 

@@ -26,13 +26,21 @@ from apf.initialisation.shape_model import (
 _STEP = 1e-5
 
 
+def seen_heights(points: np.ndarray, config: ShapeFitConfig) -> tuple[bool, tuple[float, float]]:
+    """Return whether the person of `points` (N, 3) m stands on the floor, and the z, m, of the
+    lowest and the highest point but for strays; the floor's instead of the lowest where he does,
+    see `StandingConfig`."""
+    low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
+    on_floor = config.standing.stands(float(low))
+    return on_floor, (float(config.standing.height if on_floor else low), float(high))
+
+
 class Cloud:
     """Points (N, 3) m of one frame's surface, evenly thinned, and a search tree of all.
 
-    points: (n, 3) the thinned ones. heights: m, of the lowest and the highest, but for strays; the
-    floor's instead of the lowest where the person stands on it (`on_floor`), see `StandingConfig`.
-    part: shares of the height between which points are kept, for a body that is only that part of
-    the person; `heights` are the whole person's.
+    points: (n, 3) the thinned ones. on_floor, heights: see `seen_heights`; they are the whole
+    person's. part: shares of the height between which points are kept, for a body that is only that
+    part of the person.
     """
 
     def __init__(
@@ -42,10 +50,8 @@ class Cloud:
         part: tuple[float, float] = (-np.inf, np.inf),
     ) -> None:
         config = config or ShapeFitConfig()
-        low, high = np.quantile(points[:, 2], (config.stray, 1 - config.stray))
-        self.on_floor = config.standing.stands(float(low))
-        low = config.standing.height if self.on_floor else low
-        self.heights = (float(low), float(high))
+        self.on_floor, self.heights = seen_heights(points, config)
+        low, high = self.heights
         share = (points[:, 2] - low) / max(high - low, 1e-9)
         points = points[(share >= part[0]) & (share <= part[1])]
         n = min(config.n_points, len(points))
