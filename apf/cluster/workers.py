@@ -11,6 +11,7 @@ from typing import Any
 
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_range
+from psfs.footage.memory import FRAME_MEMORY
 
 #: Of one machine.
 MOST_WORKERS = 1000
@@ -103,12 +104,13 @@ def set_up(ignore_interrupts: bool) -> None:
 
 
 def keep_memory() -> None:
-    """Have memory that pictures leave kept for the next ones, where there is glibc.
+    """Have memory that pictures leave kept for the next ones; small ones' where there is glibc.
 
     Dask's workers give it back at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel clears the pages
     of every picture anew: in the look at 120 frames of 8 cameras and 10 tracked ones 1.3 million
     page faults and 3.2 s of a core, kept 0.06 million and 0.6 s.
     """
+    FRAME_MEMORY.keep = True
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)

@@ -36,9 +36,13 @@ _SHORT_JUMP = 32
 
 
 class Decoder(Protocol):
-    """Reads the frames of one `Media`, cheapest in ascending order."""
+    """Reads the frames of one `Media`, cheapest in ascending order.
 
-    def read(self, index: int) -> np.ndarray: ...
+    `read(index, into)` returns the picture (h, w, 3) uint8 BGR; `into`, if a contiguous array of
+    its size is given and the decoder writes to such, which saves clearing and copying one.
+    """
+
+    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray: ...
 
     def close(self) -> None: ...
 
@@ -172,14 +176,14 @@ class VideoDecoder:
         self._capture = _open_capture(media.paths[0])
         self._next = 0
 
-    def read(self, index: int) -> np.ndarray:
+    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
         """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
         if not self._next <= index <= self._next + _SHORT_JUMP:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, index)
             self._next = index
         while self._next < index and self._capture.grab():
             self._next += 1
-        _, image = self._capture.read() if self._next == index else (False, None)
+        _, image = self._capture.read(into) if self._next == index else (False, None)
         if image is None:
             raise InputError(
                 f"{self._media.where}: frame {index} of {self._media.count} cannot be decoded; "
@@ -198,7 +202,7 @@ class ImagesDecoder:
     def __init__(self, media: Media) -> None:
         self._media = media
 
-    def read(self, index: int) -> np.ndarray:
+    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
         """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming the file."""
         path = self._media.paths[index]
         image = read_picture(path)
@@ -230,9 +234,9 @@ class PickingDecoder:
     def __init__(self, decoder: Decoder, picks: Sequence[int]) -> None:
         self._decoder, self._picks = decoder, picks
 
-    def read(self, index: int) -> np.ndarray:
+    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
         """Decode one frame, (h, w, 3) uint8 BGR. Raises InputError naming file and frame."""
-        return self._decoder.read(self._picks[index])
+        return self._decoder.read(self._picks[index], into)
 
     def close(self) -> None:
         self._decoder.close()

@@ -152,10 +152,10 @@ def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(threads, "PATIENCE", 0.3)
     read = media.ImagesDecoder.read
 
-    def hangs(self: Any, index: int) -> np.ndarray:
+    def hangs(self: Any, index: int, *into: Any) -> np.ndarray:
         if index == 2:
             time.sleep(20)
-        return read(self, index)
+        return read(self, index, *into)
 
     monkeypatch.setattr(media.ImagesDecoder, "read", hangs)
     began = time.perf_counter()

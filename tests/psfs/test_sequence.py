@@ -96,9 +96,9 @@ def test_frames_that_are_kept_are_decoded_once(
     expected = {frame.index: frame.images for frame in Sequence.open(folder)}
     read = VideoDecoder.read
 
-    def counted(self: VideoDecoder, index: int) -> np.ndarray:
+    def counted(self: VideoDecoder, index: int, *into: np.ndarray | None) -> np.ndarray:
         decoded.append(index)
-        return read(self, index)
+        return read(self, index, *into)
 
     monkeypatch.setattr(VideoDecoder, "read", counted)
     sequence = Sequence.open(folder)

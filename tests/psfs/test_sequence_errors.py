@@ -164,7 +164,7 @@ class SlowDecoder:
     def __init__(self, fails: bool) -> None:
         self.fails = fails
 
-    def read(self, index: int) -> np.ndarray:
+    def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray:
         if self.fails:
             raise InputError("broken")
         SlowDecoder.reading = True
