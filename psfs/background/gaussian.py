@@ -105,13 +105,14 @@ def _sums(
     """Return (3, h, w, 3) float64: the sums of frames (h, w, 3) uint8, of their squares, and of how
     many values are used. They are exact, of up to `_LOT` frames."""
     flat = len(first), -1  # as OpenCV's masks have no channels
-    total, squares = np.zeros((2, *first.reshape(flat).shape), np.float32)
-    number, used = np.zeros(total.shape, np.uint8), np.full(total.shape, 255, np.uint8)
-    low, high = (None, None) if within is None else (bound.reshape(flat) for bound in within)
+    shape = first.reshape(flat).shape
+    total, squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    number, used = np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
+    bounds = [bound.reshape(flat) for bound in within or ()]
     for frame in chain([first], more):
         values = frame.reshape(flat)
-        if within is not None:
-            cv2.inRange(values, low, high, used)
+        if bounds:
+            cv2.inRange(values, bounds[0], bounds[1], used)
         cv2.accumulate(values, total, used)
         cv2.accumulateSquare(values, squares, used)
         np.subtract(number, used, out=number)  # 255 more is 1 less
@@ -140,9 +141,13 @@ def median_moments(
 
 def stack_median(stack: np.ndarray) -> np.ndarray:
     """Return the median (...) float64 along the first axis of (n, ...), as np.median does."""
-    ordered, count = sorted_stack(stack.copy()), len(stack)
-    middle: np.ndarray = 0.5 * (ordered[(count - 1) // 2].astype(float) + ordered[count // 2])
-    return middle
+    count, flat = len(stack), stack.reshape(len(stack), -1)
+    middle, band = np.empty(flat.shape[1]), max(1, _BAND_BYTES // (count * stack.itemsize))
+    for first in range(0, flat.shape[1], band):
+        ordered = sorted_stack(flat[:, first : first + band].copy())
+        both = ordered[(count - 1) // 2].astype(float) + ordered[count // 2]
+        middle[first : first + band] = 0.5 * both
+    return middle.reshape(stack.shape[1:])
 
 
 def sorted_stack(stack: np.ndarray) -> np.ndarray:

@@ -86,20 +86,19 @@ class Lags:
     """Costs of pairs of cameras at all lags up to `most` frames, either way.
 
     Of each pair with or without what is the same in all frames, whichever fits better at its best:
-    calibrations err by a steady amount, and silhouettes by none. cap: see `Tangency.difference`.
+    calibrations err by a steady amount, and silhouettes by none. cap: see `Tangency.differences`.
     """
 
     def __init__(self, tangency: Tangency, most: int, cap: float = CAP) -> None:
         n = len(tangency.rig)
         self.most, self.n_views = most, n
-        reach = range(-2 * most, 2 * most + 1)
-        self._table = np.zeros((n, n, len(reach), 2))
+        self._table = np.zeros((n, n, 4 * most + 1, 2))
         for a, b in combinations(range(n), 2):
             first, second = tangency.planes(a, a, b), tangency.planes(b, b, a)
             if not tangency.comparable(a, b):
                 continue
             ways = [
-                np.array([tangency.difference(first, second, lag, steady, cap) for lag in reach])
+                tangency.differences(first, second, 2 * most, steady, cap)
                 for steady in (True, False)
             ]
             pair = min(ways, key=lambda way: float(np.nanmin(_costs(way), initial=np.inf)))

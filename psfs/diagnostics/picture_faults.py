@@ -10,11 +10,12 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from psfs.background.gaussian import stack_median
 from psfs.cameras.names import listed
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 
+#: Pixels about a region that the edges on its rim depend on.
+_REACH = 8
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -205,9 +206,9 @@ def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    deviations = [x.astype(float) - x.mean() for x in (a, b)]
-    norm = np.sqrt(np.prod([(d * d).sum() for d in deviations]))
-    return float((deviations[0] * deviations[1]).sum() / norm) if norm else 0.0
+    deviations = [x.astype(float).ravel() - x.mean() for x in (a, b)]
+    (aa, ab), (_, bb) = ([np.einsum("i,i", x, y) for y in deviations] for x in deviations)
+    return float(ab / np.sqrt(aa * bb)) if aa and bb else 0.0
 
 
 def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> Iterator[Fault]:
@@ -225,13 +226,7 @@ def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
                 mask[area].astype(np.uint8), cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)
             )
             shown = _edges(np.where(people > 0, views.plates[view][area], picture[area]))
-            shift, _ = cv2.phaseCorrelate(plate, shown, window)
-            back = [-round(s) for s in shift[::-1]]
-            better = any(back) and (
-                _correlation(plate, np.roll(shown, back, axis=(0, 1)))
-                > _correlation(plate, shown) + config.gain
-            )
-            moves.append(shift if better else (0.0, 0.0))
+            moves.append(_move(plate, shown, window, config))
         moved = np.array(moves)
         away = np.linalg.norm(moved, axis=1) > config.knocked
         typical = np.median(moved[away], axis=0) if away.any() else np.zeros(2)
@@ -246,6 +241,22 @@ def _knocked(sequence: Sequence, views: SmallViews, config: PictureConfig) -> It
                 f"camera {camera.name}: its pictures lie {pixels:.0f} px beside its background"
                 f"{since}; it was moved: leave it out (--cameras), or film and calibrate again",
             )
+
+
+def _move(
+    plate: np.ndarray, shown: np.ndarray, window: np.ndarray, config: PictureConfig
+) -> tuple[float, float]:
+    """Return by how much (x, y), px, edges (h, w) that are `shown` lie beside those of the `plate`;
+    nothing where they do not correlate better laid back."""
+    as_is = _correlation(plate, shown)
+    if as_is >= 1 - config.gain:  # nothing correlates better than by 1
+        return 0.0, 0.0
+    shift, _ = cv2.phaseCorrelate(plate, shown, window)
+    back = [-round(s) for s in shift[::-1]]
+    if not any(back):
+        return 0.0, 0.0
+    laid_back = _correlation(plate, np.roll(shown, back, axis=(0, 1)))
+    return (shift[0], shift[1]) if laid_back > as_is + config.gain else (0.0, 0.0)
 
 
 def _edges(picture: np.ndarray) -> np.ndarray:
@@ -306,9 +317,9 @@ def _is_ghost(
 ) -> bool:
     """Does a background (h, w) hold somebody whom pictures (S, h, w) lack? typical: their median.
     usual: area of a silhouette, px."""
-    apart = np.abs(2 * pictures.astype(np.int16) - (2 * typical).astype(np.int16))
-    still = stack_median(apart) < 2 * config.still
-    steady = (silhouettes.mean(axis=0) >= config.steady) & still
+    steady = silhouettes.mean(axis=0) >= config.steady
+    apart = np.abs(pictures[:, steady] - typical[steady])
+    steady[steady] = np.median(apart, axis=0) < config.still
     there = _edges(plate)
     if max(_rim_ratios(steady, there, typical, config.ghost_area * usual)) > config.ghost_edges:
         return True
@@ -326,6 +337,9 @@ def _rim_ratios(
 ) -> list[float]:
     """Return by how much edges of the background, `there` (h, w), are stronger than those of what
     is `shown` (h, w) around each part of a region (h, w) bool of `least` pixels; 0 of none."""
+    x, y, width, height = cv2.boundingRect(region.view(np.uint8))
+    near = np.s_[max(0, y - _REACH) : y + height + _REACH, max(0, x - _REACH) : x + width + _REACH]
+    region, there, shown = region[near], there[near], shown[near]
     opened = _grown(_shrunk(region.astype(np.uint8)))
     count, labels, facts, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
     ratios, edges = [0.0], None

@@ -3,6 +3,7 @@ ask of the pictures themselves."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
-from psfs.backend import evidence_for
+from psfs.backend import evidence_ahead
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background, stack_median
 from psfs.cameras.camera import CameraRig
@@ -70,14 +71,14 @@ def small_views(
     config = config or FaultConfig()
     shrink = _Shrink(sequence.rig, config.longest_side)
     background = shrink.background(sequence.background)
-    evidence_of = evidence_for(device, shrink.small, background, _SILHOUETTES)
+    begin = evidence_ahead(device, shrink.small, background, _SILHOUETTES)
     frames = looked_at(sequence, config)
     kept = np.unique(np.linspace(0, len(frames) - 1, config.samples).round().astype(int))
     plates = None if background is None else _grey(background.mean.astype(np.uint8))
     outlines, foreground, gains, masks, pictures = [], [], [], [], []
-    for number, frame in enumerate(sequence.frames(slice(frames.start, frames.stop))):
-        small = shrink.frame(frame)
-        silhouettes = evidence_of(small) > 0
+    shown = (shrink.frame(frame) for frame in sequence.frames(slice(frames.start, frames.stop)))
+    for number, (small, evidence) in enumerate(_one_ahead(shown, begin)):
+        silhouettes = evidence > 0
         pairs = list(zip(shrink.small, silhouettes, strict=True))
         outlines.append([outline_of(mask[: c.size[1], : c.size[0]]) for c, mask in pairs])
         foreground.append([np.count_nonzero(mask) / np.prod(c.size) for c, mask in pairs])
@@ -91,6 +92,20 @@ def small_views(
         kept + frames.start, np.stack(masks),
         None if pictures[0] is None else np.stack(pictures),  # type: ignore[arg-type]
     )  # fmt: skip
+
+
+def _one_ahead(
+    frames: Iterable[Frame], begin: Callable[[Frame], Callable[[], np.ndarray]]
+) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Yield frames with their evidence, that of the next one being computed meanwhile."""
+    before: tuple[Frame, Callable[[], np.ndarray]] | None = None
+    for frame in frames:
+        begun = frame, begin(frame)
+        if before is not None:
+            yield before[0], before[1]()
+        before = begun
+    if before is not None:
+        yield before[0], before[1]()
 
 
 def contact_sheet(views: SmallViews, columns: int = 6) -> np.ndarray:
@@ -158,9 +173,13 @@ class _Shrink:
         if self.small.width == self.rig.width:
             return pictures
         shape = (len(self.rig), self.small.height, self.small.width, *pictures.shape[3:])
-        out = np.zeros(shape, pictures.dtype)
+        out = np.empty(shape, pictures.dtype)
         for view, (large, small) in enumerate(zip(self.rig, self.small, strict=True)):
             picture = pictures[view, : large.size[1], : large.size[0]]
+            if small.size == (self.small.width, self.small.height):  # to where it stays
+                cv2.resize(picture, small.size, out[view], interpolation=cv2.INTER_AREA)
+                continue
+            out[view] = 0
             resized = cv2.resize(picture, small.size, interpolation=cv2.INTER_AREA)
             out[view, : small.size[1], : small.size[0]] = resized
         return out
@@ -187,7 +206,10 @@ class _Shrink:
 
 def _grey(pictures: np.ndarray) -> np.ndarray:
     """Return (V, h, w) uint8 of pictures (V, h, w, 3)."""
-    return np.stack([cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in pictures])
+    grey = np.empty(pictures.shape[:3], np.uint8)
+    for picture, into in zip(pictures, grey, strict=True):
+        cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY, into)
+    return grey
 
 
 def _gains(
@@ -196,9 +218,9 @@ def _gains(
     """Return how bright each view is beside its background, where nobody shows."""
     if grey is None or plates is None:
         return [float("nan")] * len(silhouettes)
-    gains = []
-    for picture, plate, mask in zip(grey, plates, silhouettes, strict=True):
-        rest = np.where(mask, np.uint8(0), plate)
-        shown = cv2.mean(picture, rest)[0]
-        gains.append(shown / cv2.mean(plate, rest)[0] if rest.any() else float("nan"))
-    return gains
+    rest = np.where(silhouettes | (plates == 0), np.uint8(0), np.uint8(255))
+    sums = [
+        [cv2.sumElems(cv2.bitwise_and(shown, there))[0] for shown in (picture, plate)]
+        for picture, plate, there in zip(grey, plates, rest, strict=True)
+    ]
+    return [shown / there if there else float("nan") for shown, there in sums]

@@ -23,6 +23,8 @@ CAP = 0.1
 _WIDEST = 2.5
 #: Pairs are left out whose line passes the scene nearer than this share of the person's size.
 _NEAREST = 0.3
+#: Signs of a picture's axes (x, y), -1 where it is turned over.
+Way = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +61,8 @@ class Tangency:
         self.rig, self.n_frames = rig, len(outlines)
         self._images = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
         self._target = axes_meet_ahead(rig)
-        self._planes: dict[tuple[int, int, int], np.ndarray] = {}
-        self._rays: dict[tuple[int, int], np.ndarray] = {}
+        self._planes: dict[tuple[int, int, int, Way], np.ndarray] = {}
+        self._rays: dict[tuple[int, int, Way], np.ndarray] = {}
         self._axes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = {}
         spans = [
             np.nanmedian(np.diff(planes))
@@ -70,23 +72,25 @@ class Tangency:
         ]
         self.size = float(np.median(spans)) if spans else float("nan")
 
-    def planes(self, camera: int, image: int, other: int) -> np.ndarray:
+    def planes(self, camera: int, image: int, other: int, way: Way = (1, 1)) -> np.ndarray:
         """Return the extreme planes (F, 2) of the outlines of `image`, seen by `camera`, around the
         line to the camera `other`: positions at the scene, in the rig's unit. NaN where there is
-        none, or it touches the picture's border."""
-        key = camera, image, other
+        none, or it touches the picture's border. way: the picture is turned over along the axes
+        (x, y) whose sign is -1."""
+        key = camera, image, other, way
         if key not in self._planes:
-            self._planes[key] = self._of_rays(image, self.rays(camera, image), camera, other)
+            rays = self.rays(camera, image, way)
+            self._planes[key] = self._of_rays(image, rays, camera, other)
         return self._planes[key]
 
-    def rays(self, camera: int, image: int) -> np.ndarray:
+    def rays(self, camera: int, image: int, way: Way = (1, 1)) -> np.ndarray:
         """Return the directions (N, 3) of all points of an image's outlines."""
-        if (camera, image) not in self._rays:
-            points = self._images[image].points
-            self._rays[camera, image] = (
-                self.rig[camera].rays(points) if len(points) else np.zeros((0, 3))
-            )
-        return self._rays[camera, image]
+        key = camera, image, way
+        if key not in self._rays:
+            own, points = self.rig[camera], self._images[image].points
+            turned = np.where(np.less(way, 0), np.array(own.size) - 1 - points, points)
+            self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
+        return self._rays[key]
 
     def compared(
         self,
@@ -103,54 +107,43 @@ class Tangency:
         sums, counts = np.zeros((n, n)), np.zeros((n, n))
         for a in range(n):
             for b in range(a):
-                first = self._seen(a, order[a], b, ways.get(a))
-                second = self._seen(b, order[b], a, ways.get(b))
-                if first is not None and second is not None:
-                    pair = self.difference(first, second, shifts[b] - shifts[a])
-                    sums[a, b], counts[a, b] = pair
-                    sums[b, a], counts[b, a] = pair
+                if not self.comparable(a, b):
+                    continue
+                first = self.planes(a, order[a], b, ways.get(a, (1, 1)))
+                second = self.planes(b, order[b], a, ways.get(b, (1, 1)))
+                pair = self.difference(first, second, shifts[b] - shifts[a])
+                sums[a, b], counts[a, b] = pair
+                sums[b, a], counts[b, a] = pair
         return PairSums(sums, counts)
 
     def comparable(self, a: int, b: int) -> bool:
         """Does the line between two cameras pass far enough from the scene?"""
         return self._axis(a, b)[2] >= _NEAREST * self.size
 
-    def _seen(
-        self, camera: int, image: int, other: int, way: tuple[int, int] | None
-    ) -> np.ndarray | None:
-        """Return `planes`, the picture turned over along the axes whose sign in `way` is -1; None
-        where the cameras are not comparable."""
-        if not self.comparable(camera, other):
-            return None
-        if way is None:
-            return self.planes(camera, image, other)
-        last = np.array(self.rig[camera].size) - 1
-        points = np.where(
-            np.less(way, 0), last - self._images[image].points, self._images[image].points
-        )
-        rays = self.rig[camera].rays(points) if len(points) else np.zeros((0, 3))
-        return self._of_rays(image, rays, camera, other)
-
-    def difference(
-        self,
-        a: np.ndarray,
-        b: np.ndarray,
-        lag: int = 0,
-        steady: bool = True,
-        cap: float = CAP,
-    ) -> tuple[float, int]:
-        """Return sum and number of the differences of planes (F, 2), each up to `cap`, as shares of
-        the person's size: a's frame t beside b's frame t + lag. Without `steady`, what is the same
-        in all frames is left out: what a wrong calibration does, and not a lag."""
+    def difference(self, a: np.ndarray, b: np.ndarray, lag: int = 0) -> tuple[float, int]:
+        """Return sum and number of the differences of planes (F, 2), each up to `CAP`, as shares of
+        the person's size: a's frame t beside b's frame t + lag."""
         first, end = max(0, -lag), min(len(a), len(b) - lag)
         if end <= first:
             return 0.0, 0
         apart = (a[first:end] - b[first + lag : end + lag]) / max(self.size, 1e-12)
         known = np.isfinite(apart)
+        return float(np.minimum(np.abs(apart[known]), CAP).sum()), int(known.sum())
+
+    def differences(
+        self, a: np.ndarray, b: np.ndarray, most: int, steady: bool, cap: float
+    ) -> np.ndarray:
+        """Return the same (2 most + 1, 2) at all lags from -most to most, each difference up to
+        `cap`. Without `steady`, what is the same in all frames is left out: what a wrong
+        calibration does, and not a lag."""
+        around = np.pad(b.T, ((0, 0), (most, most)), constant_values=np.nan)
+        shifted = np.lib.stride_tricks.sliding_window_view(around, len(a), axis=1)
+        apart = (a.T[:, None] - shifted) / max(self.size, 1e-12)  # (2, lags, F)
+        counts = np.isfinite(apart).sum(-1)
         if not steady:
-            for column, there in zip(apart.T, known.T, strict=True):
-                column -= _median(column[there]) if there.any() else 0.0
-        return float(np.minimum(np.abs(apart[known]), cap).sum()), int(known.sum())
+            apart -= _medians(apart, counts)[..., None]
+        sums = np.nansum(np.minimum(np.abs(apart), cap), axis=-1)
+        return np.column_stack([sums.sum(0), counts.sum(0)])
 
     def turned(self, camera: int, rotation: np.ndarray) -> float:
         """Return the cost of one camera's pairs if its rays are turned by `rotation` (3, 3)."""
@@ -215,10 +208,12 @@ class _Image:
         return out
 
 
-def _median(values: np.ndarray) -> float:
-    """np.median of a few numbers, in a tenth of its time."""
-    ordered, n = np.sort(values), len(values)
-    return 0.5 * float(ordered[(n - 1) // 2] + ordered[n // 2])
+def _medians(values: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the medians (...) of values (..., n), of which `counts` (...) are no NaN."""
+    ordered, counts = np.sort(values), np.maximum(counts, 1)[..., None]
+    low, high = (np.take_along_axis(ordered, k, -1) for k in ((counts - 1) // 2, counts // 2))
+    medians: np.ndarray = 0.5 * (low + high)[..., 0]
+    return medians
 
 
 def _mean(sums: np.ndarray, counts: np.ndarray) -> float:

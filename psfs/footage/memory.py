@@ -45,7 +45,7 @@ class FrameMemory:
         if piece is None or piece.nbytes < nbytes:
             piece = np.empty(nbytes, np.uint8)  # which gets large pages in one piece
         # Views of it refer to `whole`, not, as those of an array's own views, to `piece`.
-        whole = np.frombuffer(memoryview(piece), np.uint8, nbytes)
+        whole = np.frombuffer(piece.data, np.uint8, nbytes)
         weakref.finalize(whole, self._left, piece).atexit = False
         return whole.reshape(shape)
 
