@@ -29,8 +29,9 @@ IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif
 
 #: Containers that count their frames; the others' counts are guesses from the duration.
 _COUNTING = {".mp4", ".mov", ".m4v", ".avi"}
-#: Frames at the end that are decoded to verify a header's frame count.
-_TAIL = 16
+#: Videos of no more frames are decoded to count them; of longer ones the last frame, to verify the
+#: header's count.
+_SHORT = 16
 #: A jump ahead of at most this many frames is decoded through rather than sought.
 _SHORT_JUMP = 32
 
@@ -259,13 +260,13 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
 
 
 def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
-    """Count the frames that really decode. The header's count is believed if the last `_TAIL`
-    frames before that count are there; else all are decoded and counted.
+    """Count the frames that really decode. The header's count is believed if the last frame by
+    that count is there, and none after it; else all are decoded and counted.
     """
     promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    if promised > _TAIL:
-        capture.set(cv2.CAP_PROP_POS_FRAMES, promised - _TAIL)
-        if _grabbed(capture) == _TAIL:
+    if promised > _SHORT:
+        capture.set(cv2.CAP_PROP_POS_FRAMES, promised - 1)
+        if _grabbed(capture) == 1:
             return promised
     whole = _open_capture(path)  # a video of one frame cannot be wound back
     count = _grabbed(whole)
