@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,7 @@ class _JointFit:
     ) -> None:
         self.body, self.chosen, self.target, self.config = body, chosen, target, config
         self.groups = body.scale_groups
+        self._bones = replace(body, cones=())  # which joints do not depend on
         self.n = body.n_dof + len(self.groups)
         # Of what does not depend on the joints.
         identity = np.eye(self.n)
@@ -78,7 +80,7 @@ class _JointFit:
         """Return all residuals, in deviations."""
         body, config = self.body, self.config
         scales, pose = self.split(x)
-        reached = posed_joints(body.scaled(scales), pose[None])[0, self.chosen]
+        reached = posed_joints(self._bones.scaled(scales), pose[None])[0, self.chosen]
         return np.concatenate(
             [
                 ((reached - self.target) / config.joint).ravel(),
@@ -92,9 +94,9 @@ class _JointFit:
         body, n = self.body, self.n
         scales, pose = self.split(x)
         poses = np.vstack([pose, pose + _STEP * np.eye(body.n_dof)])
-        reached = posed_joints(body.scaled(scales), poses)
+        reached = posed_joints(self._bones.scaled(scales), poses)
         stretched = [
-            body.scaled(self.split(x + _STEP * unit)[0]) for unit in np.eye(n)[body.n_dof :]
+            self._bones.scaled(self.split(x + _STEP * unit)[0]) for unit in np.eye(n)[body.n_dof :]
         ]
         reached = np.concatenate([reached, *(posed_joints(s, pose[None]) for s in stretched)])
         moves = (reached[1:, self.chosen] - reached[0, self.chosen]) / _STEP
