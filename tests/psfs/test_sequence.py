@@ -123,6 +123,20 @@ def test_the_room_for_frames_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None
         assert memory.room_for_frames() == room
 
 
+def test_memory_of_frames_serves_the_next_sequence() -> None:
+    frames = memory.FrameMemory()
+    frames.keep = True
+    first = frames.array((4, 2, 6, 3))
+    place, seen = first.ctypes.data, first[1][2:]  # which somebody still looks at
+    del first
+    second = frames.array((4, 2, 6, 3))
+    assert not np.may_share_memory(seen, second)
+    del second, seen
+    assert frames.array((3, 2, 6, 3)).ctypes.data == place
+    frames.keep = False
+    assert frames.array((9, 2, 6, 3)).shape == (9, 2, 6, 3)  # larger than what is kept
+
+
 def test_native_images_masks_and_one_plate(tmp_path: Path) -> None:
     rig = footage.rig(2)
     footage.write_toml(tmp_path / "Calib_scene.toml", footage.tables(rig))
@@ -245,6 +259,8 @@ def test_background_moments() -> None:
         assert 3.5 < std.mean() < 4.6 and std[3:6].mean() < 4.8
     odd = random.integers(0, 256, (7, 5, 3, 3)).astype(np.uint8)
     np.testing.assert_array_equal(median_moments(odd)[0], np.median(odd, axis=0))
+    many = random.integers(0, 256, (600, 3, 4, 3)).astype(np.uint8)  # the sums of several lots
+    np.testing.assert_allclose(clipped_moments(list(many))[0], many.mean(0), rtol=1e-6)
     constant = np.full((50, 4, 4, 3), 9, np.uint8)
     mean, std = clipped_moments(list(constant))
     assert (mean == 9).all() and (std >= PlateConfig().std_floor).all()
