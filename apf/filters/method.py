@@ -13,6 +13,7 @@ from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, Objective
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.configs import changed_config
+from psfs.common.ranges import check_range
 
 SEARCHES = ("apf", "pso", "sir")
 #: The voxels' likelihood, keypoints alone, and the image objectives of Rymut 2016 eq.
@@ -43,13 +44,15 @@ class Method:
     filter: of every search (n_layers are the swarm's iterations) and of the voxels' likelihood.
     A swarm compares errors of different iterations: with it, `point_turns` should be 1. recover:
     whether a person who was lost is looked for again, which no paper does. both_ways: whether a
-    take is tracked back, too, see `apf.tracking.two_way`; image features are not.
+    take is tracked back, too, see `apf.tracking.two_way`; image features are not. runs: how many
+    runs, each both ways, make a track then.
     """
 
     search: str = "apf"
     objective: str = "voxel"
     recover: bool = True
     both_ways: bool = True
+    runs: int = 2
     filter: FilterConfig = field(default_factory=FilterConfig)
     swarm: SwarmConfig = field(default_factory=SwarmConfig)
     sir: SirConfig = field(default_factory=SirConfig)
@@ -61,6 +64,7 @@ class Method:
             raise InputError(f"the method is {self.search!r}; expected {listed(SEARCHES)}")
         if self.objective not in OBJECTIVES:
             raise InputError(f"the objective is {self.objective!r}; expected {listed(OBJECTIVES)}")
+        check_range("the method: runs", self.runs, 1, ends=True)
         if self.uses_images:
             object.__setattr__(self, "image", replace(self.image, kind=self.objective))
         if self.objective == "keypoints" and not self.uses_keypoints:
@@ -115,6 +119,7 @@ class Method:
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
+            "runs": self.runs if self.goes_back else 1,
             "filter": self.filter.settings,
         }
         if self.search == "pso":

@@ -1,10 +1,11 @@
 """How far each limb of a track is to be believed, judged without truth.
 
 A wrong arm mostly lies inside the silhouettes, laid along the body or into the trunk, and fits them
-about as well as a right one. A take that was tracked both ways gives it away: where they have a
-limb's end apart, one of them is wrong at least. Of what was tracked one way, as live, it is that
-the limb fits nearly as well elsewhere, and that its end trembles. The limb search tries every limb
-elsewhere in every frame, so that both are known without computing anything more on the device:
+about as well as a right one. A take that was tracked both ways, by several runs, gives it away:
+where they have a limb's end apart, some of them are wrong at least. Of what was tracked one way, as
+live, it is that the limb fits nearly as well elsewhere, and that its end trembles. The limb search
+tries every limb elsewhere in every frame, so that both are known without computing anything more on
+the device:
 
 - the margin: by what share the error rises when the limb's end is moved, to the best other place
   that the search found,
@@ -38,8 +39,9 @@ class Regression:
     constants so that 4 % of the right ones count as lost.
 
     One way, of seven runs, 86 % of the wrong ones do; 85 % on pickup, salsa and walks, with 4 % of
-    the right ones. Both ways, of 20 runs, 96 of 98; on pickup, salsa and a walk, 15 runs, 23 of 24,
-    with 4 %. Margin and jitter add nothing to that, and count real limbs as lost that are right.
+    the right ones. Both ways, of 20 tracks by two runs each, 29 of 33 with 3.4 %; on pickup and
+    salsa, 10 tracks, the only one, with 7.7 %. Margin and jitter add nothing to that, and count
+    real limbs as lost that are right.
     """
 
     constant: float = -12.9
@@ -52,9 +54,9 @@ class Regression:
     """Larger margins say no more."""
     at_rest: float = 0.5
     """m/s that is added to the speed, so that an end at rest does not tremble. By hand."""
-    apart: float = 0.063
-    """m between both ways' ends, at which a limb is as likely wrong as right."""
-    disagreement: float = -6.6
+    apart: float = 0.045
+    """m from the track's end to the ways', at which a limb is as likely wrong as right."""
+    disagreement: float = -7.5
     """Log-odds per factor e of the distance beyond it."""
     least: float = 0.02
     """m, a smaller distance says no more. By hand."""
@@ -95,7 +97,8 @@ def limb_confidence(
     """Return (F, L) the probability that each limb is right, NaN where nothing is known.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
-    disagreement: (F, L) m between the ends of both ways; where it is known it says all.
+    disagreement: (F, L) m from the track's ends to the ways' on average; where it is known it says
+    all.
     """
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     n = max(1, round(regression.window / step)) if step > 0 else 1

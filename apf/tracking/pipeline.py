@@ -24,7 +24,7 @@ from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, joined
-from apf.tracking.trackers import seeded, watched, watched_runs
+from apf.tracking.trackers import run_seeds, seeded, watched, watched_runs
 from apf.tracking.two_way import both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import Device, InputError, NumpyDevice, UserError
@@ -106,12 +106,13 @@ def track_seeds(
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
     scene = Scene(device, sequence.rig, grid, body)
-    tracker = watched_runs(scene, scaled, seeds)
+    runs = [run_seeds(seed, method.runs if method.goes_back else 1) for seed in seeds]
+    tracker = watched_runs(scene, scaled, [seed for of in runs for seed in of])
     tracker.start(pose)
     report = progress or (lambda stage: None)
     if method.goes_back:
-        back = [watched(scene, of) for of in seeded(scaled, seeds)]
-        found = both_ways(device, tracker, back, seen, report)
+        back = [[watched(scene, of) for of in seeded(scaled, own)] for own in runs]
+        found = both_ways(device, tracker, back, seen, report, fps=sequence.fps / step)
     else:
         found = one_way(tracker, seen, report)
     provenance: dict[str, Any] = {

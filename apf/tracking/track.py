@@ -79,7 +79,7 @@ class Track:
     covariance (F, J, 3, 3) as below; restart (F,) 0 where the person was tracked, 1 and 2 where he
     was found again around the last good pose and by a search everywhere; standing (F, 2) as below,
     of smoothed tracks; limb_margin, limb_disagreement (F, L) what `limb_confidence` is found from,
-    the latter where a second track is known; limb_confidence (F, L) as below.
+    the latter where it was tracked several ways; limb_confidence (F, L) as below.
     """
 
     body_name: str

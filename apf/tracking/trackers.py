@@ -19,11 +19,19 @@ from apf.tracking.recovery import RecoveryConfig, SeparateRuns, Watched, Watched
 
 #: The search everywhere while a person is lost: it is tried again soon enough.
 _ONE_ATTEMPT = StartConfig(acceptance=AcceptanceConfig(n_attempts=1))
+#: 2^64 over the golden ratio.
+_GOLDEN = 0x9E3779B97F4A7C15
 
 
 def seeded(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for impossible ones."""
     return [replace(method, filter=method.filter.changed(seed=seed)) for seed in seeds]
+
+
+def run_seeds(seed: int, n_runs: int) -> list[int]:
+    """Return the seeds of the runs that make the track of `seed`, which is the first one's; those
+    of others are far from each other's and from it, as a user's are not (Steele et al. 2014)."""
+    return [(seed + run * _GOLDEN) % 2**64 for run in range(n_runs)]
 
 
 def watched_runs(scene: Scene, method: Method, seeds: list[int]) -> WatchedRuns | SeparateRuns:

@@ -1,11 +1,11 @@
-"""Tracking a take forward and back, and what both ways say together.
+"""Tracking a take forward and back by several runs, and what all these ways say together.
 
 A filter knows the past only: an arm that comes out from before the trunk is found again when it
 shows, and was wrong until then. From the end of the take back it is the other way round. As in a
 two-filter smoother (Fraser & Potter 1969, "The optimum linear smoother as a combination of two
-optimum linear filters") both say what each of them saw; where they agree within a limb's breadth
-the mean of both is taken, whose errors are smaller, and elsewhere the way that fits the pictures
-better over the frames on end (Viterbi 1967).
+optimum linear filters") both say what each of them saw. Runs of other random numbers err otherwise.
+Where ways agree within a limb's breadth their mean is taken, whose errors are smaller, and
+elsewhere the way that fits the pictures better over the frames on end (Viterbi 1967).
 
 Long takes are worked on in windows that overlap, for the observations of a window are held in
 memory. Live there is no way back.
@@ -19,6 +19,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_ends, limb_joints, limb_masks, reaching
@@ -26,27 +27,31 @@ from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
 from apf.likelihood.observations import parted, with_points
+from apf.tracking.foot_contact import stances
 from apf.tracking.recovery import Watched
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
 from psfs.common.ranges import check_range
 
-#: A frame of a window: its number, what was observed, and each run's estimate.
-Seen = tuple[int, Any, list[Estimate]]
+#: A frame of a window: its number, what was observed, and for each track its runs' estimates.
+Seen = tuple[int, Any, list[list[Estimate]]]
 
 
 @dataclass(frozen=True)
 class TwoWayConfig:
-    """How both ways are made one. Raises InputError where a value makes no sense."""
+    """How the ways are made one. Raises InputError where a value makes no sense."""
 
     near: float = 0.15
-    """m, joints of both ways that are nearer are the same: their mean is taken. Tuned on
+    """m, joints of ways that are nearer are the same: their mean is taken. Tuned on
     synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good."""
-    jump: float = 0.05
+    jump: float = 0.03
     """m by which joints jump where the way changes, on average ..."""
     misfit: float = 0.05
     """... which costs as much as this error, in the likelihood's unit, in one frame. Three times as
     much or as little changes nothing."""
+    steady: float = 0.15
+    """s, through the frames of so much time about each goes a parabola, see `steadied`. Longer ones
+    flatten fast motion."""
     overlap: int = 30
     """Frames that the way back goes before a window's poses are final; a third of a short one's."""
     memory: float = 0.5
@@ -56,10 +61,14 @@ class TwoWayConfig:
     """Frames of a window, at most."""
 
     def __post_init__(self) -> None:
-        for name in ("near", "jump", "misfit", "memory"):
+        for name in ("near", "jump", "misfit", "steady", "memory"):
             check_range(f"two ways: {name}", getattr(self, name), 0)
         for name in ("overlap", "longest"):
             check_range(f"two ways: {name}", getattr(self, name), 1, ends=True)
+
+    def n_steady(self, fps: float) -> int:
+        """Return the frames of a parabola, an odd number."""
+        return round(self.steady * fps) | 1
 
     def full(self, n_frames: int, n_bytes: int) -> bool:
         """Return whether a window of so many frames and bytes has room for no other."""
@@ -69,17 +78,18 @@ class TwoWayConfig:
 def both_ways(
     device: Device | NumpyDevice,
     forward: Any,
-    back: Sequence[Watched],
+    back: Sequence[Sequence[Watched]],
     seen: Iterable[tuple[int, Any]],
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
+    fps: float = 30.0,
 ) -> Iterator[tuple[int, list[Estimate]]]:
-    """Yield number and each run's estimate of every frame of `seen`.
+    """Yield number and each track's estimate of every frame of `seen`, `fps` of them in a second.
 
-    forward: the runs, which have started (`WatchedRuns`, say); back: a tracker for each of them.
-    progress: called with "tracking" or "tracking back" after each frame. What ends the frames
-    early, an interrupt or an error, is raised after those before it; one on the way back leaves the
-    window as it was tracked forward.
+    forward: the runs of all tracks, which have started (`WatchedRuns`, say); back: for each track
+    a tracker for each of its runs. progress: called with "tracking" or "tracking back" after each
+    frame. What ends the frames early, an interrupt or an error, is raised after those before it;
+    one on the way back leaves the window as each track's first run tracked it forward.
     """
     config = config or TwoWayConfig()
     window, frames = list[Seen](), iter(seen)
@@ -89,8 +99,9 @@ def both_ways(
         n_bytes = sum(_n_bytes(kept) for _, kept, _ in window)
         try:
             for index, shown in frames:
-                estimates = forward.step(shown)
-                window.append((index, _kept(device, shown), estimates))
+                runs = iter(forward.step(shown))
+                by_track = [[next(runs) for _ in trackers] for trackers in back]
+                window.append((index, _kept(device, shown), by_track))
                 n_bytes += _n_bytes(window[-1][1])
                 progress("tracking")
                 if config.full(len(window), n_bytes):
@@ -102,10 +113,10 @@ def both_ways(
         n_final = len(window) if whole else len(window) - min(config.overlap, len(window) // 3)
         try:
             told = partial(progress, "tracking back")
-            final = _smoothed(device, back, window, n_final, config, told)
+            final = _smoothed(device, back, window, fps, config, told)
         except (KeyboardInterrupt, UserError) as error:
-            ended, final = error, [[_alone(one) for one in estimates] for _, _, estimates in window]
-        for (index, _, _), estimates in zip(window, final, strict=False):
+            ended, final = error, [[_alone(runs[0]) for runs in of] for _, _, of in window]
+        for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
             yield index, estimates
         if ended is not None:
             raise ended
@@ -138,33 +149,32 @@ def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any
 
 def _smoothed(
     device: Device | NumpyDevice,
-    back: Sequence[Watched],
+    back: Sequence[Sequence[Watched]],
     window: list[Seen],
-    n_final: int,
+    fps: float,
     config: TwoWayConfig,
     progress: Callable[[], object],
 ) -> list[list[Estimate]]:
-    """Each run's estimates of the first `n_final` frames of a window, by both ways."""
+    """Each track's estimates of the frames of a window, by all ways."""
     if not window:
         return []
-    ways: list[list[tuple[Estimate, np.ndarray]]] = [[] for _ in back]
-    for tracker, last in zip(back, window[-1][2], strict=True):
-        tracker.start(last.pose)
-    for observation, (_, _, estimates) in zip(
+    for trackers, last in zip(back, window[-1][2], strict=True):
+        for tracker, estimate in zip(trackers, last, strict=True):
+            tracker.start(estimate.pose)
+    found: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
+    for observation, (_, _, by_track) in zip(
         _backwards(device, window), reversed(window), strict=True
     ):
-        for way, tracker, ahead in zip(ways, back, estimates, strict=True):
-            behind = tracker.step(observation)
-            errors = tracker.errors_of(exchanged(behind.body, ahead.pose, behind.pose, config))
-            way.append((behind, errors))
+        for frames, trackers, ahead in zip(found, back, by_track, strict=True):
+            ways = [*ahead, *(tracker.step(observation) for tracker in trackers)]
+            poses = np.stack([way.pose for way in ways])
+            frames.append((ways, trackers[0].errors_of(exchanged(ways[0].body, poses, config))))
         progress()
-    by_run, final = [], slice(n_final)
-    for run, way in enumerate(ways):
-        by_ahead = [estimates[run] for _, _, estimates in window[final]]
-        by_behind = [behind for behind, _ in reversed(way)][final]
-        errors = np.stack([errors for _, errors in reversed(way)][final])
-        by_run.append(combined(by_ahead, by_behind, errors, config))
-    return [list(estimates) for estimates in zip(*by_run, strict=True)]
+    tracks = []
+    for frames in found:
+        ways_of, errors = zip(*frames[::-1], strict=True)
+        tracks.append(combined(ways_of, np.stack(errors), config, fps))
+    return [list(estimates) for estimates in zip(*tracks, strict=True)]
 
 
 def _alone(estimate: Estimate) -> Estimate:
@@ -172,103 +182,152 @@ def _alone(estimate: Estimate) -> Estimate:
     return replace(estimate, disagreement=np.full(len(limb_ends(estimate.body)), np.nan))
 
 
-def exchanged(
-    body: BodyModel, ahead: np.ndarray, behind: np.ndarray, config: TwoWayConfig | None = None
-) -> np.ndarray:
-    """Return the poses (2 + 2 L, D) that are compared: both ways' (D,), then `ahead` with each of
-    the L limbs of `behind` where that has it, and the other way round; by their angles those that
-    are at nearly the same places, for their mean is taken."""
-    both, limbs, joints = np.stack([ahead, behind]), limb_masks(body), limb_joints(body)
-    mixed = np.concatenate([np.where(limbs, behind, ahead), np.where(limbs, ahead, behind)])
-    places = posed_joints(body, both)
-    apart = np.linalg.norm(places[0] - places[1], axis=-1)
-    far = np.any(joints & (apart > (config or TwoWayConfig()).near / 2), axis=1)
-    for way, other in enumerate(places[::-1]):
-        rows = way * len(limbs) + np.flatnonzero(far)
-        there = np.tile(other, (len(rows), 1, 1))
-        mixed[rows] = reaching(body, mixed[rows], limbs[far], joints[far], there)
-    return np.concatenate([both, mixed])
+def exchanged(body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = None) -> np.ndarray:
+    """Return the poses (K + K (K - 1) L, D) that are compared: those of K ways (K, D), then each
+    with each of the L limbs of each of the others where that has it; by their angles those that are
+    at nearly the same places, for their mean is taken."""
+    limbs, joints = limb_masks(body), limb_joints(body)
+    trunk, other = np.nonzero(~np.eye(len(poses), dtype=bool))
+    mixed = np.where(limbs, poses[other, None], poses[trunk, None])
+    places = posed_joints(body, poses)
+    apart = np.linalg.norm(places[other] - places[trunk], axis=-1)
+    near = (config or TwoWayConfig()).near
+    far = np.any(joints & (apart[:, None] > near / 2), axis=2)
+    pair, limb = np.nonzero(far)
+    there = places[other[pair]]
+    mixed[far] = reaching(body, mixed[far], limbs[limb], joints[limb], there)
+    return np.concatenate([poses, mixed.reshape(-1, body.n_dof)])
 
 
 def combined(
-    ahead: Sequence[Estimate],
-    behind: Sequence[Estimate],
+    estimates: Sequence[Sequence[Estimate]],
     errors: np.ndarray,
     config: TwoWayConfig | None = None,
+    fps: float = 30.0,
 ) -> list[Estimate]:
-    """Return the estimates of frames on end by both ways, one of each way per frame.
+    """Return the estimates of frames on end, `fps` of them in a second, by K ways' estimates of
+    each frame.
 
-    errors: (F, 2 + 2 L) of the poses that `exchanged` returns. Trunk and limbs are chosen one by
-    one. `disagreement` is how far the ends of the limbs are apart.
+    errors: (F, K + K (K - 1) L) of the poses that `exchanged` returns. Trunk and limbs are chosen
+    one by one. `disagreement` is how far the ways' ends of a limb are from the track's on average.
     """
-    ways, body = _Ways(ahead, behind, config or TwoWayConfig()), ahead[0].body
+    config = config or TwoWayConfig()
+    ways, body = _Ways(estimates, config), estimates[0][0].body
     of_limb, limbs = limb_joints(body), limb_masks(body)
-    rows, trunk = np.arange(len(ahead)), ~np.any(of_limb, axis=0)
+    trunk = ~np.any(of_limb, axis=0)
     trunk |= ~trunk.any()  # of a body that has no joint but its limbs'
-    whole = ways.better(errors[:, :2], ways.joints[:2, :, trunk])
-    taken = ways.taken(whole, trunk)
-    pose, deviation = ways.poses[taken, rows], ways.deviations[taken, rows]
-    own = errors[rows, whole]
+    own = errors[:, : len(ways.poses)]
+    whole = ways.better(own, ways.joints[:, :, trunk])
+    agreed = ways.agreeing(whole, trunk)
+    pose, deviation = averaged(ways.poses, agreed), averaged_deviation(ways.deviations, agreed)
+    by_limb = _errors_of_limbs(errors, own, whole)
+
+    def reached(angles: np.ndarray, places: np.ndarray, limb: int) -> np.ndarray:
+        dofs = limbs[limb]
+        return reaching(body, np.where(dofs, angles, pose), dofs, of_limb[limb], places)
+
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
-        # The limb of the other way on the trunk of the chosen one.
-        other = errors[rows, 2 + len(limbs) * whole + limb]
-        by_way = np.where(whole[:, None] == [0, 1], own[:, None], other[:, None])
-        poses = np.stack([
-            reaching(body, np.where(dofs, limb_of, pose), dofs, joints, places)
-            for limb_of, places in zip(ways.poses, ways.joints, strict=True)
-        ])  # fmt: skip
-        # There it jumps, too, where the trunk's way changes.
-        places = np.stack([posed_joints(body, way)[:, joints] for way in poses[:2]])
-        taken = ways.taken(ways.better(by_way, places), joints)
-        pose[:, dofs] = poses[taken, rows][:, dofs]
-        deviation[:, dofs] = ways.deviations[taken, rows][:, dofs]
+        # It jumps, too, where the trunk's way changes.
+        tried = [reached(*of, limb) for of in zip(ways.poses, ways.joints, strict=True)]
+        places = np.stack([posed_joints(body, of)[:, joints] for of in tried])
+        agreed = ways.agreeing(ways.better(by_limb[..., limb], places), joints)
+        mean = averaged(ways.poses, agreed), averaged(ways.joints, agreed)
+        pose[:, dofs] = reached(*mean, limb)[:, dofs]
+        deviation[:, dofs] = averaged_deviation(ways.deviations, agreed)[:, dofs]
+    known = np.any(~ways.lost, axis=0)
+    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 4)
+    apart = ways.apart_from(pose)
     return [
-        _alone((ahead, behind)[way][row]) if ways.lost[row].all()
-        else replace(
-            (ahead, behind)[way][row],
-            pose=pose[row], deviation=deviation[row], disagreement=ways.apart[row],
-        )
-        for row, way in enumerate(whole)
+        replace(of[way], pose=pose[row], deviation=deviation[row], disagreement=apart[row])
+        if known[row] else _alone(of[way])
+        for row, (way, of) in enumerate(zip(whole, estimates, strict=True))
     ]  # fmt: skip
 
 
-class _Ways:
-    """Poses and deviations (3, F, D) and joints (3, F, J, 3) m of both ways and their mean, in
-    which frames (F, 2) they have lost the person, and how far the limbs' ends (F, L) are apart,
-    m."""
+def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Return the errors (F, K, L) of the trunk of the chosen way `whole` (F,) with each limb of
+    every way, its `own` (F, K) among them; errors: see `combined`."""
+    n_frames, n_ways = own.shape
+    others = ~np.eye(n_ways, dtype=bool)
+    n_limbs = (errors.shape[1] - n_ways) // max(1, others.sum())
+    found = np.repeat(own[..., None, None], n_ways, 2).repeat(n_limbs, 3)
+    found[:, others] = errors[:, n_ways:].reshape(n_frames, others.sum(), n_limbs)
+    return found[np.arange(n_frames), whole]
 
-    def __init__(
-        self, ahead: Sequence[Estimate], behind: Sequence[Estimate], config: TwoWayConfig
-    ) -> None:
-        self._config, body, ways = config, ahead[0].body, (ahead, behind)
+
+def steadied(
+    body: BodyModel, poses: np.ndarray, known: np.ndarray, n: int, most: float
+) -> np.ndarray:
+    """Return poses (F, D) by parabolas through the `n` frames about each (Savitzky & Golay 1964),
+    within the body's limits. Frames that are not `known` (F,) stay as they are, nothing is fitted
+    across them, and a pose stays that would take a joint farther than `most` m from where the
+    parabolas of the joints have it: some angles go other ways round to the same pose.
+    """
+    poses = unwrapped(poses, body)
+    for part in stances(known):
+        if n < 5 or part.stop - part.start < n:  # three points lie on a parabola
+            continue
+        smooth = np.clip(savgol_filter(poses[part], n, 2, axis=0), body.lower, body.upper)
+        places = savgol_filter(posed_joints(body, poses[part]), n, 2, axis=0)
+        off = np.linalg.norm(posed_joints(body, smooth) - places, axis=-1).max(1)
+        poses[part] = np.where(off[:, None] < most, smooth, poses[part])
+    return poses
+
+
+class _Ways:
+    """Poses and deviations (K, F, D) and joints (K, F, J, 3) m of K ways, and in which frames
+    (K, F) they have lost the person."""
+
+    def __init__(self, estimates: Sequence[Sequence[Estimate]], config: TwoWayConfig) -> None:
+        self._config, self._body = config, estimates[0][0].body
+        ways = list(zip(*estimates, strict=True))
         poses = np.stack([[estimate.pose for estimate in way] for way in ways])
-        poses = unwrapped(poses, body)  # from one way to the other
-        deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
-        joints = np.stack([posed_joints(body, of) for of in poses])
-        self.lost = np.array([[estimate.lost for estimate in way] for way in ways]).T
-        self.poses = np.stack([*poses, poses.mean(0)])
-        self.deviations = np.stack([*deviations, np.linalg.norm(deviations, axis=0) / 2])
-        self.joints = np.stack([*joints, joints.mean(0)])
-        off = posed_joints(body, self.poses[2]) - self.joints[2]
-        self._mean_off = np.linalg.norm(off, axis=-1)
-        self._apart = np.linalg.norm(joints[0] - joints[1], axis=-1)
-        self.apart = self._apart[:, limb_ends(body)]
-        self.apart[self.lost.any(1)] = np.nan
+        self.poses = unwrapped(poses, self._body)  # from one way to the other
+        self.deviations = np.stack([[estimate.deviation for estimate in way] for way in ways])
+        self.lost = np.array([[estimate.lost for estimate in way] for way in ways])
+        self.joints = np.stack([posed_joints(self._body, of) for of in self.poses])
 
     def better(self, misfits: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the better way (F,), 0 or 1, by misfits (F, 2) and the jumps of joints, whose
-        `places` (2, F, K, 3) are those of each way, m."""
+        """Return the best way (F,) by misfits (F, K) and the jumps of joints, whose `places`
+        (K, F, N, 3) are those of each way, m."""
         costs = misfits / self._config.misfit
-        costs += 1e6 * (self.lost & ~self.lost.all(1, keepdims=True))
+        costs += 1e6 * (self.lost & ~self.lost.all(0)).T
         jumps = np.linalg.norm(places[None, :, 1:] - places[:, None, :-1], axis=-1).mean(-1)
         return best_path(costs, np.moveaxis(jumps, -1, 0) / self._config.jump)
 
-    def taken(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Return a way (F,), or 2, the mean, where both ways have the joints `of` (J,) at the same
-        places and the mean pose has them between these."""
-        near = self._config.near
-        agreed = (self._apart[:, of].max(1) < near) & (self._mean_off[:, of].max(1) < near / 4)
-        return np.where(agreed & ~self.lost.any(1), 2, way)
+    def agreeing(self, way: np.ndarray, of: np.ndarray) -> np.ndarray:
+        """Return which ways (K, F) have the joints `of` (J,) at the places where the chosen `way`
+        (F,) has them; it alone where the mean of their poses has them elsewhere."""
+        alone = np.arange(len(self.poses))[:, None] == way
+        chosen = self.joints[way, np.arange(len(way))]
+        apart = np.linalg.norm(self.joints - chosen, axis=-1)[..., of].max(-1)
+        agreed = alone | ((apart < self._config.near) & ~self.lost)
+        off = posed_joints(self._body, averaged(self.poses, agreed))
+        off -= averaged(self.joints, agreed)
+        between = np.linalg.norm(off, axis=-1)[:, of].max(-1) < self._config.near / 4
+        return np.where(between, agreed, alone)
+
+    def apart_from(self, poses: np.ndarray) -> np.ndarray:
+        """Return how far (F, L) the limbs' ends are on average from those of `poses` (F, D), m;
+        NaN in frames that one way knows at most."""
+        ends = limb_ends(self._body)
+        away = self.joints[:, :, ends] - posed_joints(self._body, poses)[:, ends]
+        several = (~self.lost).sum(0) > 1
+        mean = averaged(np.linalg.norm(away, axis=-1), ~self.lost | ~several)
+        return np.where(several[:, None], mean, np.nan)
+
+
+def averaged(values: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """Return the means (F, ...) of values (K, F, ...) over those that are `taken` (K, F)."""
+    n_taken = taken.sum(0)
+    shape = n_taken.shape + (1,) * (values.ndim - 2)
+    return np.einsum("kf,kf...->f...", taken, values) / n_taken.reshape(shape)
+
+
+def averaged_deviation(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """Return the deviations (F, D) of means over those that are `taken` (K, F), whose errors, of
+    deviations (K, F, D), are independent."""
+    return np.sqrt(averaged(deviations**2, taken) / taken.sum(0)[:, None])
 
 
 def best_path(costs: np.ndarray, changes: np.ndarray) -> np.ndarray:
