@@ -188,19 +188,20 @@ class DeviceTracker(Tracker):
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
         """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
-        `unit`."""
+        `unit`; of several runs, each of which has learnt colours of its own, their mean."""
         self._settle()
-        n = len(poses)
+        n, n_runs = len(poses), self.particles.n_runs
         if n not in self._judging:
-            given = self.device.empty(poses.shape, np.float32, "poses to judge")
-            errors = self.device.empty((n,), np.float32)
+            given = self.device.empty((n_runs * n, *poses.shape[1:]), np.float32, "poses to judge")
+            errors = self.device.empty((n_runs * n,), np.float32)
             launches = self.likelihood.rescoring_launcher(given, errors)
             self._judging[n] = given, errors, launches
         given, errors, launches = self._judging[n]
-        given.set(poses.astype(np.float32))
+        given.set(np.tile(poses.astype(np.float32), (n_runs, 1)))
         for launch in launches:
             launch()
-        return errors.get() / self.likelihood.unit
+        found: np.ndarray = errors.get().reshape(n_runs, n).mean(0) / self.likelihood.unit
+        return found
 
     def widen(self, factor: float) -> None:
         """Spread the next frames' particles by `factor` times the noise of the config."""

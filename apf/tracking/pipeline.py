@@ -24,7 +24,7 @@ from apf.likelihood.observations import Observed, PointObservations
 from apf.scene import Scene
 from apf.tracking.limb_confidence import limb_margins
 from apf.tracking.track import Track, joined
-from apf.tracking.trackers import run_seeds, seeded, watched, watched_runs
+from apf.tracking.trackers import run_seeds, seeded, watched_runs
 from apf.tracking.two_way import both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import Device, InputError, NumpyDevice, UserError
@@ -111,7 +111,7 @@ def track_seeds(
     tracker.start(pose)
     report = progress or (lambda stage: None)
     if method.goes_back:
-        back = [[watched(scene, of) for of in seeded(scaled, own)] for own in runs]
+        back = [watched_runs(scene, scaled, own) for own in runs]
         found = both_ways(device, tracker, back, seen, report, fps=sequence.fps / step)
     else:
         found = one_way(tracker, seen, report)

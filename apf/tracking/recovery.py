@@ -192,11 +192,12 @@ class WatchedRuns:
         self._tracker = tracker
         self._runs = [watch(run, _Restart(tracker, run)) for run in range(n_runs)]
 
-    def start(self, pose: np.ndarray) -> None:
-        """Put all particles of all runs at `pose` (D,)."""
-        for run in self._runs:
+    def start(self, poses: np.ndarray) -> None:
+        """Put all particles at a pose (D,), or those of each run at its own, (R, D)."""
+        each = np.broadcast_to(poses, (len(self._runs), np.shape(poses)[-1]))
+        self._tracker.start(each[0])
+        for run, pose in zip(self._runs, each, strict=True):
             run.start(pose)
-        self._tracker.start(pose)
 
     def step(self, observation: Any) -> list[Estimate]:
         """Track one frame further; the estimate of each run."""
@@ -206,6 +207,11 @@ class WatchedRuns:
             for run, estimate in zip(self._runs, estimates, strict=True)
         ]
 
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D), see `Tracker.errors_of`."""
+        errors: np.ndarray = self._tracker.errors_of(poses)
+        return errors
+
 
 class SeparateRuns:
     """Trackers that are shown the same, one after the other; same use as `WatchedRuns`."""
@@ -213,14 +219,20 @@ class SeparateRuns:
     def __init__(self, trackers: Sequence[Any]) -> None:
         self._trackers = trackers
 
-    def start(self, pose: np.ndarray) -> None:
-        """Put all particles of all runs at `pose` (D,)."""
-        for tracker in self._trackers:
+    def start(self, poses: np.ndarray) -> None:
+        """Put all particles at a pose (D,), or those of each run at its own, (R, D)."""
+        each = np.broadcast_to(poses, (len(self._trackers), np.shape(poses)[-1]))
+        for tracker, pose in zip(self._trackers, each, strict=True):
             tracker.start(pose)
 
     def step(self, observation: Any) -> list[Estimate]:
         """Track one frame further; the estimate of each run."""
         return [tracker.step(observation) for tracker in self._trackers]
+
+    def errors_of(self, poses: np.ndarray) -> np.ndarray:
+        """Return the errors (N,) of poses (N, D), the mean of the trackers'."""
+        errors: np.ndarray = np.mean([of.errors_of(poses) for of in self._trackers], axis=0)
+        return errors
 
 
 class _Restart:

@@ -28,7 +28,7 @@ from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
 from apf.likelihood.observations import parted, with_points
 from apf.tracking.foot_contact import stances
-from apf.tracking.recovery import Watched
+from apf.tracking.recovery import SeparateRuns, WatchedRuns
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
 from psfs.common.ranges import check_range
@@ -78,7 +78,7 @@ class TwoWayConfig:
 def both_ways(
     device: Device | NumpyDevice,
     forward: Any,
-    back: Sequence[Sequence[Watched]],
+    back: Sequence[WatchedRuns | SeparateRuns],
     seen: Iterable[tuple[int, Any]],
     progress: Callable[[str], object],
     config: TwoWayConfig | None = None,
@@ -86,8 +86,8 @@ def both_ways(
 ) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield number and each track's estimate of every frame of `seen`, `fps` of them in a second.
 
-    forward: the runs of all tracks, which have started (`WatchedRuns`, say); back: for each track
-    a tracker for each of its runs. progress: called with "tracking" or "tracking back" after each
+    forward: the runs of all tracks, as many of each, which have started; back: those of each
+    track. progress: called with "tracking" or "tracking back" after each
     frame. What ends the frames early, an interrupt or an error, is raised after those before it;
     one on the way back leaves the window as each track's first run tracked it forward.
     """
@@ -99,8 +99,9 @@ def both_ways(
         n_bytes = sum(_n_bytes(kept) for _, kept, _ in window)
         try:
             for index, shown in frames:
-                runs = iter(forward.step(shown))
-                by_track = [[next(runs) for _ in trackers] for trackers in back]
+                runs = forward.step(shown)
+                n_runs = len(runs) // len(back)
+                by_track = [runs[n_runs * of : n_runs * (of + 1)] for of in range(len(back))]
                 window.append((index, _kept(device, shown), by_track))
                 n_bytes += _n_bytes(window[-1][1])
                 progress("tracking")
@@ -149,7 +150,7 @@ def _backwards(device: Device | NumpyDevice, window: list[Seen]) -> Iterator[Any
 
 def _smoothed(
     device: Device | NumpyDevice,
-    back: Sequence[Sequence[Watched]],
+    back: Sequence[WatchedRuns | SeparateRuns],
     window: list[Seen],
     fps: float,
     config: TwoWayConfig,
@@ -158,17 +159,16 @@ def _smoothed(
     """Each track's estimates of the frames of a window, by all ways."""
     if not window:
         return []
-    for trackers, last in zip(back, window[-1][2], strict=True):
-        for tracker, estimate in zip(trackers, last, strict=True):
-            tracker.start(estimate.pose)
+    for runs, last in zip(back, window[-1][2], strict=True):
+        runs.start(np.stack([estimate.pose for estimate in last]))
     found: list[list[tuple[list[Estimate], np.ndarray]]] = [[] for _ in back]
     for observation, (_, _, by_track) in zip(
         _backwards(device, window), reversed(window), strict=True
     ):
-        for frames, trackers, ahead in zip(found, back, by_track, strict=True):
-            ways = [*ahead, *(tracker.step(observation) for tracker in trackers)]
+        for frames, runs, ahead in zip(found, back, by_track, strict=True):
+            ways = [*ahead, *runs.step(observation)]
             poses = np.stack([way.pose for way in ways])
-            frames.append((ways, trackers[0].errors_of(exchanged(ways[0].body, poses, config))))
+            frames.append((ways, runs.errors_of(exchanged(ways[0].body, poses, config))))
         progress()
     tracks = []
     for frames in found:

@@ -22,7 +22,7 @@ from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, croppe
 from apf.reference.kept_voxels import uncropped
 from apf.scene import Scene
 from apf.tracking.recovery import SeparateRuns
-from apf.tracking.trackers import run_seeds, watched
+from apf.tracking.trackers import run_seeds, watched, watched_runs
 from apf.tracking.two_way import (
     TwoWayConfig,
     best_path,
@@ -246,7 +246,9 @@ CONFIG = TwoWayConfig(overlap=3, longest=12)
 
 def test_windows_overlap_and_give_every_frame_once(kept_as_it_is: None) -> None:
     back, told = Follower(), list[str]()
-    found = list(both_ways(NumpyDevice(), Forward(), [[back]], frames(25), told.append, CONFIG))
+    found = list(
+        both_ways(NumpyDevice(), Forward(), [SeparateRuns([back])], frames(25), told.append, CONFIG)
+    )
     assert [index for index, _ in found] == list(range(5, 30))
     for (_, (one,)), (_, shown) in zip(found, frames(25), strict=True):
         assert one.pose[0] == pytest.approx(BODY.rest_pose[0] + shown)
@@ -314,7 +316,12 @@ def test_what_ends_the_frames_is_raised_after_them(
     found, back = [], Follower()
     with pytest.raises(type(ending)):
         for one in both_ways(
-            NumpyDevice(), Forward(), [[back]], frames(7, ending), lambda stage: None, CONFIG
+            NumpyDevice(),
+            Forward(),
+            [SeparateRuns([back])],
+            frames(7, ending),
+            lambda stage: None,
+            CONFIG,
         ):
             found.append(one)
     assert len(found) == 7 and len(back.seen) == 7
@@ -330,7 +337,9 @@ def test_what_ends_the_way_back_leaves_the_way_ahead(
 
     found = []
     with pytest.raises(type(ending)):
-        for one in both_ways(NumpyDevice(), Forward(), [[Follower()]], frames(7), progress, CONFIG):
+        for one in both_ways(
+            NumpyDevice(), Forward(), [SeparateRuns([Follower()])], frames(7), progress, CONFIG
+        ):
             found.append(one)
     assert len(found) == 7 and np.isnan(found[3][1][0].disagreement).all()
 
@@ -365,7 +374,7 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
             return alone[-1]
 
     seen = ((k, surface_voxels(device, walker(k))) for k in range(8))
-    back = [[watched(scene, method)]]
+    back = [SeparateRuns([watched(scene, method)])]
     found = list(both_ways(device, Heard(), back, seen, lambda stage: None))
     wrist = SONG.joint_names.index("l_wrist")
     true = posed_joints(SONG, np.stack([walker(k) for k in range(8)]))[:, wrist]
@@ -375,3 +384,23 @@ def test_an_arm_that_began_wrong_is_right_from_the_end_back(device: Device) -> N
     )
     assert by_one[0] > 0.12 and by_one[-1] < 0.08
     assert by_both.max() < 0.08
+
+
+def test_runs_that_start_apart_are_those_alone(device: Device) -> None:
+    """Bit by bit; and poses are judged by what each of them has learnt."""
+    method = Method.of(n_particles=40, n_layers=2, n_points=300)
+    world = World(device)
+    scene = world.scene(device)
+    starts = np.stack([world.pose(0), moved(world.pose(0), l_upper_arm__rx=-0.4)])
+    together = watched_runs(scene, method, [3, 4])
+    together.start(starts)
+    found = [together.step(world.voxels(k)) for k in range(2)]
+    errors = []
+    for run, seed in enumerate([3, 4]):
+        alone = watched_runs(scene, method, [seed])
+        alone.start(starts[run])
+        for k in range(2):
+            (expected,) = alone.step(world.voxels(k))
+            np.testing.assert_array_equal(found[k][run].pose, expected.pose)
+        errors.append(alone.errors_of(starts))
+    np.testing.assert_allclose(together.errors_of(starts), np.mean(errors, 0), atol=1e-6)
