@@ -39,7 +39,7 @@ PARTICLES = (50, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 LAYERS = (1, 2, 5, 10, 20)
 CAMERAS = (1, 2, 4, 6, 8)
 #: Frames on fewer than all cores, which take long.
-_RUNS_ON_FEW = 12
+_RUNS_ON_FEW = 8
 #: Frames timed where a setting grows.
 _GROWTH_RUNS = 15
 #: What a CPU grows to: the others take seconds each.

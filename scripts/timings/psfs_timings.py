@@ -36,7 +36,7 @@ from timings.stages import STAGES, reconstruction_work, stage_of
 from timings.tables.psfs import print_report
 
 #: Frames on fewer than all cores, which take long.
-_RUNS_ON_FEW = 10
+_RUNS_ON_FEW = 6
 #: Frames of one streamed run.
 _STREAM = 16
 
