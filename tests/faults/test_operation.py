@@ -245,6 +245,13 @@ def test_caches_that_cannot_be_written() -> None:
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
 
+def test_a_display_that_matplotlib_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would refuse to be imported; plots go into files."""
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    assert run(["psfs", "devices"]).code == 0
+    assert "MPLBACKEND" not in os.environ
+
+
 def test_closed_standard_streams(stock: Path) -> None:
     words = f"{sys.executable} -m psfs.cli info {stock / 'walk'} --no-pictures >&- <&-"
     done = subprocess.run(words, shell=True, capture_output=True, check=False, text=True)

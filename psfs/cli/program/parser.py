@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 import sys
 import traceback
@@ -64,6 +65,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     """Parse, run the chosen subcommand's `run(args)` and return the exit code of
     `psfs.cli.program.outcome`."""
     words = sys.argv[1:] if argv is None else list(argv)
+    os.environ.pop("MPLBACKEND", None)  # plots go into files: no display of Matplotlib's counts
 
     def run() -> None:
         if any("\0" in word for word in words):
