@@ -83,20 +83,21 @@ def clipped_moments(
     bounds = np.ceil(mean - most).clip(0, 255), np.floor(mean + most).clip(0, 255)
     low, high = (bound.astype(np.uint8) for bound in bounds)
     clipped, variance, count = _moments(frames, (low, high))
-    mean = np.where(count > 0, clipped, mean)
-    return mean.astype(np.float32), with_prior(variance, count, config).astype(np.float32)
+    return np.where(count > 0, clipped, mean), with_prior(variance, count, config)
 
 
 def _moments(
     frames: Iterable[np.ndarray], within: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, variance and number (h, w, 3) float64 of the values used: those `within` the
+    """Return mean, variance and number (h, w, 3) float32 of the values used: those `within` the
     lowest and the highest (h, w, 3) uint8 of each pixel and channel, if such are given."""
     left = iter(frames)
     lots = [_sums(first, islice(left, _LOT - 1), within) for first in left]
     total, squares, number = lots[0] if len(lots) == 1 else np.sum(lots, axis=0)
-    mean = total / np.maximum(number, 1)
-    return mean, np.maximum(squares / np.maximum(number, 1) - mean * mean, 0), number
+    used = np.maximum(number, 1)
+    mean = total / used
+    variance = np.maximum(squares / used - mean * mean, 0)
+    return mean.astype(np.float32), variance.astype(np.float32), number.astype(np.float32)
 
 
 def _sums(
