@@ -168,7 +168,7 @@ class Sequence:
         masks, and where all would take more than `room_for_frames`."""
         shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
         without_masks = self.background_kind in ("gaussian", "frames", "chroma")
-        if without_masks and math.prod(shape) <= room_for_frames():
+        if without_masks and 0 < math.prod(shape) <= room_for_frames():
             self._kept = FRAME_MEMORY.array(shape)
 
     @property

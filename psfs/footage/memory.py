@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import weakref
+from collections import deque
 
 import numpy as np
 
@@ -36,13 +37,16 @@ class FrameMemory:
 
     def __init__(self) -> None:
         self.keep = False
-        self._free: np.ndarray | None = None
+        self._free = deque[np.ndarray](maxlen=1)  # which threads take from, one of them a piece
 
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return an array of `shape`, uint8, whatever is in it."""
         nbytes = math.prod(shape)
-        piece, self._free = self._free, None
-        if piece is None or piece.nbytes < nbytes:
+        try:
+            piece = self._free.pop()
+        except IndexError:
+            piece = np.empty(0, np.uint8)
+        if piece.nbytes < nbytes:
             piece = np.empty(nbytes, np.uint8)  # which gets large pages in one piece
         # Views of it refer to `whole`, not, as those of an array's own views, to `piece`.
         whole = np.frombuffer(piece.data, np.uint8, nbytes)
@@ -51,7 +55,7 @@ class FrameMemory:
 
     def _left(self, piece: np.ndarray) -> None:
         if self.keep:
-            self._free = piece
+            self._free.append(piece)
 
 
 #: That of this process.
