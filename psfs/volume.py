@@ -74,26 +74,26 @@ def foreground_box(
         evidence = [without_speckle(evidence_of(read(indices[int(i)]))) for i in picked]
     min_cameras = config.occupancy.seeing_cameras(len(rig))
 
-    def searched(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        for _ in range(2):  # the second, finer pass sees what coarse voxels were too large for
-            grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
-            found = largest_parts_box(rig, evidence, grid, min_cameras)
-            if found is None:
-                raise InputError(
-                    f"{sequence.folder}: nothing stands out from the background in "
-                    f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
-                )
-            margin = np.maximum(
-                volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
+    def closer(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
+        found = largest_parts_box(rig, evidence, grid, min_cameras)
+        if found is None:
+            raise InputError(
+                f"{sequence.folder}: nothing stands out from the background in "
+                f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
             )
-            low, high = np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
-        return low, high
+        margin = np.maximum(
+            volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
+        )
+        return np.maximum(found[0] - margin, low), np.minimum(found[1] + margin, high)
 
-    everywhere = reachable_box(rig, volume, floor=False)
-    above = reachable_box(rig, volume)
-    box = searched(*everywhere)
-    if above[0][2] > everywhere[0][2] and box[0][2] > volume.floor - volume.floor_depth:
-        return searched(*above)
+    everywhere, above = reachable_box(rig, volume, floor=False), reachable_box(rig, volume)
+    lowest = volume.floor - volume.floor_depth if above[0][2] > everywhere[0][2] else np.inf
+    box = closer(*everywhere)
+    if box[0][2] <= lowest:  # else a closer look, which only makes it smaller, says the same
+        box = closer(*box)  # finer: it sees what coarse voxels were too large for
+    if box[0][2] > lowest:
+        return closer(*closer(*above))
     return box
 
 
