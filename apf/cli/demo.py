@@ -50,7 +50,7 @@ def _demonstrate(args: argparse.Namespace, out: Path) -> None:
     _step("apf", _apf, ["synth", "-o", sequence, *size, *device])
     _step("psfs", psfs.cli.main, ["reconstruct", sequence, "-o", voxels, *device])
     _step("psfs", psfs.cli.main, ["check", voxels, *device])
-    _step("apf", _apf, ["track", sequence, "-o", tracked, "--init", truth, *device])
+    _step("apf", _apf, ["track", sequence, "-o", tracked, *device])
     _step("apf", _apf, ["evaluate", tracked, "--truth", truth])
     write_json(out / "summary.json", _summary(out))
     stdout.print(
