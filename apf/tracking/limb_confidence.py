@@ -39,8 +39,8 @@ class Regression:
     constants so that 4 % of the right ones count as lost.
 
     One way, of seven runs, 86 % of the wrong ones do; 85 % on pickup, salsa and walks, with 4 % of
-    the right ones. Both ways, of 20 tracks by two runs each, 29 of 33 with 3.4 %; on pickup and
-    salsa, 10 tracks, the only one, with 7.7 %. Margin and jitter add nothing to that, and count
+    the right ones. Both ways, of 20 tracks by two runs each, 30 of 33 with 2.6 %; on pickup and
+    salsa, 10 tracks, the only one, with 6.2 %. Margin and jitter add nothing to that, and count
     real limbs as lost that are right.
     """
 
@@ -54,9 +54,9 @@ class Regression:
     """Larger margins say no more."""
     at_rest: float = 0.5
     """m/s that is added to the speed, so that an end at rest does not tremble. By hand."""
-    apart: float = 0.045
+    apart: float = 0.042
     """m from the track's end to the ways', at which a limb is as likely wrong as right."""
-    disagreement: float = -7.5
+    disagreement: float = -10.9
     """Log-odds per factor e of the distance beyond it."""
     least: float = 0.02
     """m, a smaller distance says no more. By hand."""
@@ -97,8 +97,8 @@ def limb_confidence(
     """Return (F, L) the probability that each limb is right, NaN where nothing is known.
 
     margins: (F, L), see `limb_margins`. ends: (F, L, 3) m, the limbs' ends at `times` (F,) s.
-    disagreement: (F, L) m from the track's ends to the ways' on average; where it is known it says
-    all.
+    disagreement: (F, L) m from the track's ends to the ways', their geometric mean; where it is
+    known it says all.
     """
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     n = max(1, round(regression.window / step)) if step > 0 else 1

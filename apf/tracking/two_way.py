@@ -28,6 +28,7 @@ from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
 from apf.likelihood.observations import parted, with_points
 from apf.tracking.foot_contact import stances
+from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import SeparateRuns, WatchedRuns
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
@@ -209,7 +210,7 @@ def combined(
     each frame.
 
     errors: (F, K + K (K - 1) L) of the poses that `exchanged` returns. Trunk and limbs are chosen
-    one by one. `disagreement` is how far the ways' ends of a limb are from the track's on average.
+    one by one. `disagreement` is how far the ways' ends of a limb are from the track's.
     """
     config = config or TwoWayConfig()
     ways, body = _Ways(estimates, config), estimates[0][0].body
@@ -308,12 +309,13 @@ class _Ways:
         return np.where(between, agreed, alone)
 
     def apart_from(self, poses: np.ndarray) -> np.ndarray:
-        """Return how far (F, L) the limbs' ends are on average from those of `poses` (F, D), m;
-        NaN in frames that one way knows at most."""
+        """Return how far (F, L) the limbs' ends are from those of `poses` (F, D), m, the geometric
+        mean over the ways; NaN in frames that one way knows at most."""
         ends = limb_ends(self._body)
         away = self.joints[:, :, ends] - posed_joints(self._body, poses)[:, ends]
+        far = np.maximum(np.linalg.norm(away, axis=-1), REGRESSION.least)
         several = (~self.lost).sum(0) > 1
-        mean = averaged(np.linalg.norm(away, axis=-1), ~self.lost | ~several)
+        mean = np.exp(averaged(np.log(far), ~self.lost | ~several))
         return np.where(several[:, None], mean, np.nan)
 
 

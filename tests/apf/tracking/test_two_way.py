@@ -21,6 +21,7 @@ from apf.filters.method import Method
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
 from apf.reference.kept_voxels import uncropped
 from apf.scene import Scene
+from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import SeparateRuns
 from apf.tracking.trackers import run_seeds, watched, watched_runs
 from apf.tracking.two_way import (
@@ -74,13 +75,14 @@ def test_the_best_path_is_the_cheapest_of_all() -> None:
 
 def test_ways_that_agree_give_their_mean() -> None:
     rest = BODY.rest_pose
-    ahead, behind = 4 * [moved(rest, r_forearm__ry=0.1)], 4 * [moved(rest, r_forearm__ry=-0.1)]
+    ahead, behind = 4 * [moved(rest, r_forearm__ry=0.2)], 4 * [moved(rest, r_forearm__ry=-0.2)]
     np.testing.assert_allclose(together(ahead, behind), 4 * [rest], atol=1e-12)
     frames = [[estimate(p) for p in of] for of in zip(ahead, behind, strict=True)]
     found = combined(frames, np.zeros((4, 2 + 2 * N_LIMBS)))
     np.testing.assert_allclose(found[0].deviation, 0.02 / np.sqrt(2))
     apart = np.array([one.disagreement for one in found])
-    assert apart[:, RIGHT_ARM].min() > 0.01 and np.delete(apart, RIGHT_ARM, 1).max() < 1e-9
+    assert apart[:, RIGHT_ARM].min() > REGRESSION.least
+    assert np.delete(apart, RIGHT_ARM, 1).max() == pytest.approx(REGRESSION.least)
 
 
 def test_the_mean_is_of_the_ways_that_agree() -> None:
@@ -98,9 +100,9 @@ def test_the_mean_is_of_the_ways_that_agree() -> None:
     np.testing.assert_allclose(found[2].deviation[arm], 0.02 / np.sqrt(3))
     np.testing.assert_allclose(found[2].deviation[~arm], 0.02 / np.sqrt(4))
     places = posed_joints(BODY, np.stack([*ways, expected]))[:, BODY.joint_names.index("r_wrist")]
-    away = np.linalg.norm(places[:4] - places[4], axis=-1).mean()
+    away = np.maximum(np.linalg.norm(places[:4] - places[4], axis=-1), REGRESSION.least)
     assert found[2].disagreement is not None
-    assert found[2].disagreement[RIGHT_ARM] == pytest.approx(away)
+    assert found[2].disagreement[RIGHT_ARM] == pytest.approx(np.exp(np.log(away).mean()))
 
 
 def test_poses_are_steadied_by_parabolas() -> None:
