@@ -18,7 +18,7 @@ LIMB_ENDS = {
     "right leg": "r_ankle",
     "head": "head_top",
 }
-#: m: joints that are nearer to the places that they reach for stay.
+#: m: joints that are nearer to the places that they reach for stay, if not stated otherwise.
 _AT_PLACE = 0.02
 #: Of the steps towards them, m^2 / rad^2.
 _REACHING_STEPS, _DAMPING = 3, 1e-3
@@ -104,18 +104,23 @@ def limb_joints(body: BodyModel) -> np.ndarray:
 
 
 def reaching(
-    body: BodyModel, poses: np.ndarray, dofs: np.ndarray, joints: np.ndarray, places: np.ndarray
+    body: BodyModel,
+    poses: np.ndarray,
+    dofs: np.ndarray,
+    joints: np.ndarray,
+    places: np.ndarray,
+    near: float = _AT_PLACE,
 ) -> np.ndarray:
     """Return poses (N, D) whose degrees of freedom `dofs`, (D,) or (N, D) bool, bring the `joints`,
     (J,) or (N, J) bool, as near as they can to their `places` (N, J, 3) m, by a few damped steps
-    (Levenberg 1944). Poses that have them there within 2 cm stay as they are.
+    (Levenberg 1944). Poses that have them there within `near` m stay as they are.
 
     The angles of a limb say where it is on its own trunk alone: on another, a few degrees of a
     chest take a hand elsewhere.
     """
     poses, joints = poses.copy(), np.broadcast_to(joints, places.shape[:2])
     off = np.linalg.norm(posed_joints(body, poses) - places, axis=-1)
-    far = np.flatnonzero(np.any(joints & (off > _AT_PLACE), axis=1))
+    far = np.flatnonzero(np.any(joints & (off > near), axis=1))
     if not far.size:
         return poses
     moved, free = poses[far], np.broadcast_to(dofs, poses.shape)[far]

@@ -37,6 +37,9 @@ from psfs.common.ranges import check_range
 #: A frame of a window: its number, what was observed, and for each track its runs' estimates.
 Seen = tuple[int, Any, list[list[Estimate]]]
 
+#: m from the parabolas of its joints within which a limb stays.
+_STEADY_WITHIN = 0.01
+
 
 @dataclass(frozen=True)
 class TwoWayConfig:
@@ -260,9 +263,10 @@ def steadied(
     body: BodyModel, poses: np.ndarray, known: np.ndarray, n: int, most: float
 ) -> np.ndarray:
     """Return poses (F, D) by parabolas through the `n` frames about each (Savitzky & Golay 1964),
-    within the body's limits. Frames that are not `known` (F,) stay as they are, nothing is fitted
-    across them, and a pose stays that would take a joint farther than `most` m from where the
-    parabolas of the joints have it: some angles go other ways round to the same pose.
+    within the body's limits: first of the angles, then limbs reach for the parabolas of their
+    joints, since some angles go other ways round to the same pose. A frame whose angles would take
+    a joint farther than `most` m from these keeps them. Frames that are not `known` (F,) stay as
+    they are, and nothing is fitted across them.
     """
     poses = unwrapped(poses, body)
     for part in stances(known):
@@ -272,6 +276,8 @@ def steadied(
         places = savgol_filter(posed_joints(body, poses[part]), n, 2, axis=0)
         off = np.linalg.norm(posed_joints(body, smooth) - places, axis=-1).max(1)
         poses[part] = np.where(off[:, None] < most, smooth, poses[part])
+        for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
+            poses[part] = reaching(body, poses[part], dofs, joints, places, _STEADY_WITHIN)
     return poses
 
 
