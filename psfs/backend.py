@@ -64,7 +64,7 @@ def evidence_ahead(
     config: SilhouetteConfig,
 ) -> Callable[[Frame], Callable[[], np.ndarray]]:
     """Return `evidence_for` in two steps: a function that has a frame computed, and returns one
-    that waits for it and returns the counts. The next but one overwrites them.
+    that waits for it and returns the counts, which a device overwrites with the next but one.
 
     Who does something else in between leaves the device its time; a GPU's driver keeps a core busy
     with waiting.

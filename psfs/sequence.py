@@ -295,7 +295,11 @@ class Sequence:
         shape = (len(self.rig), self.rig.height, self.rig.width)
         keeps, images, masks = self._kept is not None and index == self._n_kept, None, None
         if self.has_images:
-            images = self._kept[index] if keeps else np.empty((*shape, 3), np.uint8)  # type: ignore[index]
+            if keeps:
+                assert self._kept is not None
+                images = self._kept[index]
+            else:
+                images = np.empty((*shape, 3), np.uint8)
         pictures = self._pictures(index, decoders, pool, images)
         seen = pictures[: len(self.rig)]
         if self.background_kind == "masks":

@@ -36,12 +36,12 @@ LOST = 0.5
 class Regression:
     """The log-odds that a limb is right. Fitted by logistic regression on limbs beyond 200 mm and
     within 150 mm, as many of either, of tracks of box, jacks, kick and run in the shared suite;
-    constants so that 4 % of the right ones count as lost.
+    constants so that 4 % of the right ones count as lost, of several ways 3 %.
 
     One way, of seven runs, 86 % of the wrong ones do; 85 % on pickup, salsa and walks, with 4 % of
-    the right ones. Both ways, of 25 tracks by two runs each of box, jacks, run, pickup and salsa,
-    22 of 24 with 3 %. Margin and jitter add nothing to that, and count real limbs as lost that are
-    right.
+    the right ones. By two runs each both ways, of 25 tracks of box, jacks, run, pickup and salsa,
+    all of which chose `apart`, 22 of 24 with 3 %. Margin and jitter add nothing to that, and count
+    real limbs as lost that are right.
     """
 
     constant: float = -12.9

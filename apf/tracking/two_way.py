@@ -54,8 +54,8 @@ class TwoWayConfig:
     """... which costs as much as this error, in the likelihood's unit, in one frame. Three times as
     much or as little changes nothing."""
     steady: float = 0.15
-    """s, through the frames of so much time about each goes a parabola, see `steadied`. Longer ones
-    flatten fast motion."""
+    """s, through the frames of so much time about each goes a parabola, see `steadied`; through
+    those of the window, where that begins or ends. Longer ones flatten fast motion."""
     overlap: int = 30
     """Frames that the way back goes before a window's poses are final; a third of a short one's."""
     memory: float = 0.5
@@ -90,10 +90,10 @@ def both_ways(
 ) -> Iterator[tuple[int, list[Estimate]]]:
     """Yield number and each track's estimate of every frame of `seen`, `fps` of them in a second.
 
-    forward: the runs of all tracks, as many of each, which have started; back: those of each
-    track. progress: called with "tracking" or "tracking back" after each
-    frame. What ends the frames early, an interrupt or an error, is raised after those before it;
-    one on the way back leaves the window as each track's first run tracked it forward.
+    forward: the runs of all tracks, as many of each, which have started; back: those of each track.
+    progress: called with "tracking" or "tracking back" after each frame. What ends the frames
+    early, an interrupt or an error, is raised after those before it; one on the way back leaves the
+    window as each track's first run tracked it forward.
     """
     config = config or TwoWayConfig()
     window, frames = list[Seen](), iter(seen)
@@ -120,7 +120,8 @@ def both_ways(
             told = partial(progress, "tracking back")
             final = _smoothed(device, back, window, fps, config, told)
         except (KeyboardInterrupt, UserError) as error:
-            ended, final = error, [[_alone(runs[0]) for runs in of] for _, _, of in window]
+            ended, n_final = error, len(window)
+            final = [[_alone(runs[0]) for runs in of] for _, _, of in window]
         for (index, _, _), estimates in zip(window[:n_final], final, strict=False):
             yield index, estimates
         if ended is not None:
@@ -239,7 +240,7 @@ def combined(
         pose[:, dofs] = reached(*mean, limb)[:, dofs]
         deviation[:, dofs] = averaged_deviation(ways.deviations, agreed)[:, dofs]
     known = np.any(~ways.lost, axis=0)
-    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 4)
+    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 2)
     apart = ways.apart_from(pose)
     return [
         replace(of[way], pose=pose[row], deviation=deviation[row], disagreement=apart[row])
@@ -254,7 +255,7 @@ def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> 
     n_frames, n_ways = own.shape
     others = ~np.eye(n_ways, dtype=bool)
     n_limbs = (errors.shape[1] - n_ways) // max(1, others.sum())
-    found = np.repeat(own[..., None, None], n_ways, 2).repeat(n_limbs, 3)
+    found = np.broadcast_to(own[..., None, None], (n_frames, n_ways, n_ways, n_limbs)).copy()
     found[:, others] = errors[:, n_ways:].reshape(n_frames, others.sum(), n_limbs)
     return found[np.arange(n_frames), whole]
 
@@ -264,20 +265,24 @@ def steadied(
 ) -> np.ndarray:
     """Return poses (F, D) by parabolas through the `n` frames about each (Savitzky & Golay 1964),
     within the body's limits: first of the angles, then limbs reach for the parabolas of their
-    joints, since some angles go other ways round to the same pose. A frame whose angles would take
-    a joint farther than `most` m from these keeps them. Frames that are not `known` (F,) stay as
-    they are, and nothing is fitted across them.
+    joints, since some angles go other ways round to the same pose. What would take a joint farther
+    than `most` m from where it was tracked is left as it is: limbs that jump to where they are
+    found again. So are frames that are not `known` (F,), and nothing is fitted across them.
     """
     poses = unwrapped(poses, body)
     for part in stances(known):
         if n < 5 or part.stop - part.start < n:  # three points lie on a parabola
             continue
+        tracked = posed_joints(body, poses[part])
+        places = savgol_filter(tracked, n, 2, axis=0)
         smooth = np.clip(savgol_filter(poses[part], n, 2, axis=0), body.lower, body.upper)
-        places = savgol_filter(posed_joints(body, poses[part]), n, 2, axis=0)
-        off = np.linalg.norm(posed_joints(body, smooth) - places, axis=-1).max(1)
+        off = np.linalg.norm(posed_joints(body, smooth) - tracked, axis=-1).max(1)
         poses[part] = np.where(off[:, None] < most, smooth, poses[part])
+        moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
-            poses[part] = reaching(body, poses[part], dofs, joints, places, _STEADY_WITHIN)
+            near = moved[:, joints].max(1, initial=0) < most
+            reached = reaching(body, poses[part], dofs, joints, places, _STEADY_WITHIN)
+            poses[part] = np.where(near[:, None], reached, poses[part])
     return poses
 
 
@@ -333,8 +338,8 @@ def averaged(values: np.ndarray, taken: np.ndarray) -> np.ndarray:
 
 
 def averaged_deviation(deviations: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Return the deviations (F, D) of means over those that are `taken` (K, F), whose errors, of
-    deviations (K, F, D), are independent."""
+    """Return the deviations (F, D) of means over those that are `taken` (K, F), as if their errors,
+    of deviations (K, F, D), were independent."""
     return np.sqrt(averaged(deviations**2, taken) / taken.sum(0)[:, None])
 
 

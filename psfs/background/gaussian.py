@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from itertools import chain, islice
 
 import cv2
@@ -92,8 +92,8 @@ def _moments(
     """Return mean, variance and number (h, w, 3) float32 of the values used: those `within` the
     lowest and the highest (h, w, 3) uint8 of each pixel and channel, if such are given."""
     left = iter(frames)
-    lots = [_sums(first, islice(left, _LOT - 1), within) for first in left]
-    total, squares, number = lots[0] if len(lots) == 1 else np.sum(lots, axis=0)
+    lots = (_sums(first, islice(left, _LOT - 1), within) for first in left)
+    total, squares, number = reduce(np.add, lots)
     used = np.maximum(number, 1)
     mean = total / used
     variance = np.maximum(squares / used - mean * mean, 0)

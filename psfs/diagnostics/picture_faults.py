@@ -206,8 +206,8 @@ def _turned_over(views: SmallViews, view: int, own: float, config: PictureConfig
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    deviations = [x.astype(np.float32).ravel() - np.float32(x.mean()) for x in (a, b)]
-    (aa, ab), (_, bb) = ([np.einsum("i,i", x, y) for y in deviations] for x in deviations)
+    x, y = (image.astype(np.float32).ravel() - np.float32(image.mean()) for image in (a, b))
+    aa, ab, bb = (np.einsum("i,i", *pair) for pair in ((x, x), (x, y), (y, y)))
     return float(ab / np.sqrt(aa * bb)) if aa and bb else 0.0
 
 

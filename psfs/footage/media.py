@@ -184,8 +184,11 @@ class VideoDecoder:
             self._next = index
         while self._next < index and self._capture.grab():
             self._next += 1
-        _, image = self._capture.read(into) if self._next == index else (False, None)
-        if image is None:
+        # Not `read`, which says that what it could not retrieve is there, in `into` as it was.
+        good, image = False, None
+        if self._next == index and self._capture.grab():
+            good, image = self._capture.retrieve(into)
+        if not good or image is None:
             raise InputError(
                 f"{self._media.where}: frame {index} of {self._media.count} cannot be decoded; "
                 "the file is damaged or truncated"

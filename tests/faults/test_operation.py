@@ -20,6 +20,7 @@ from helpers.faults import run
 
 import apf.tracking.pipeline as pipeline
 import cl.launch
+import psfs.cli
 import psfs.footage.threads as threads
 from apf.cli.takes.kept_parts import Keeper
 from apf.tracking.track import PARTS, Track
@@ -248,7 +249,8 @@ def test_caches_that_cannot_be_written() -> None:
 def test_a_display_that_matplotlib_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
     """It would refuse to be imported; plots go into files."""
     monkeypatch.setenv("MPLBACKEND", "nonsense")
-    assert run(["psfs", "devices"]).code == 0
+    monkeypatch.setattr(sys, "argv", ["psfs", "devices"])
+    assert psfs.cli.main() == 0
     assert "MPLBACKEND" not in os.environ
 
 

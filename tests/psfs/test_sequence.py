@@ -78,7 +78,7 @@ def test_ascending_reads_do_not_seek(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     def unseekable(*arguments: object) -> SimpleNamespace:
         own = capture(*arguments)
-        names = ("isOpened", "get", "grab", "read", "release")
+        names = ("isOpened", "get", "grab", "retrieve", "read", "release")
         return SimpleNamespace(**{name: getattr(own, name) for name in names})
 
     media = open_media("a", [tmp_path / "a.mp4"])

@@ -31,7 +31,7 @@ def run_program(
     """Run the one of these subcommands, modules with `register`, that `argv` names; return the exit
     code. argv: the process's own by default."""
     parser = program_parser(prog, description, commands)
-    return run_command(parser, sys.argv[1:] if argv is None else list(argv))
+    return run_command(parser, argv)
 
 
 def program_parser(
@@ -65,7 +65,8 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     """Parse, run the chosen subcommand's `run(args)` and return the exit code of
     `psfs.cli.program.outcome`."""
     words = sys.argv[1:] if argv is None else list(argv)
-    os.environ.pop("MPLBACKEND", None)  # plots go into files: no display of Matplotlib's counts
+    if argv is None:  # a process of its own
+        os.environ.pop("MPLBACKEND", None)  # plots go into files: no display of Matplotlib's counts
 
     def run() -> None:
         if any("\0" in word for word in words):
