@@ -101,6 +101,11 @@ class Method:
         return self.both_ways and not self.uses_images
 
     @property
+    def n_runs(self) -> int:
+        """How many runs make a track."""
+        return self.runs if self.goes_back else 1
+
+    @property
     def uses_keypoints(self) -> bool:
         """Whether keypoints have a weight, beside the objective or alone."""
         return self.filter.keypoints.weight > 0
@@ -119,7 +124,7 @@ class Method:
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
-            "runs": self.runs if self.goes_back else 1,
+            "runs": self.n_runs,
             "filter": self.filter.settings,
         }
         if self.search == "pso":

@@ -106,7 +106,7 @@ def track_seeds(
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
     scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
     scene = Scene(device, sequence.rig, grid, body)
-    runs = [run_seeds(seed, method.runs if method.goes_back else 1) for seed in seeds]
+    runs = [run_seeds(seed, method.n_runs) for seed in seeds]
     tracker = watched_runs(scene, scaled, [seed for of in runs for seed in of])
     tracker.start(pose)
     report = progress or (lambda stage: None)

@@ -253,7 +253,7 @@ def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> 
     """Return the errors (F, K, L) of the trunk of the chosen way `whole` (F,) with each limb of
     every way, its `own` (F, K) among them; errors: see `combined`."""
     n_frames, n_ways = own.shape
-    others = ~np.eye(n_ways, dtype=bool)
+    others = ~np.eye(n_ways, dtype=bool)  # row by row, as `exchanged` has them
     n_limbs = (errors.shape[1] - n_ways) // max(1, others.sum())
     found = np.broadcast_to(own[..., None, None], (n_frames, n_ways, n_ways, n_limbs)).copy()
     found[:, others] = errors[:, n_ways:].reshape(n_frames, others.sum(), n_limbs)
