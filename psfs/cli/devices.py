@@ -7,14 +7,10 @@ import argparse
 from rich.table import Table
 
 from cl import list_devices, select_device
-from psfs.cli.commandline import add_command, stdout
+from psfs.cli.commandline import stdout
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    add_command(commands, "devices", _run, help="list the OpenCL devices")
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     devices = list_devices()
     if not devices:
         select_device()  # says what there could be

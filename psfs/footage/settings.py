@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration.common import naming
 from psfs.cameras.names import listed
 from psfs.cameras.units import Unit, metres_per_unit, z_up_from
 from psfs.common.colours import parse_colour
+from psfs.common.files import naming
 from psfs.common.names import check_name
 from psfs.common.ranges import check_range
 from psfs.common.toml import read_toml
