@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
-import signal
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_range
+from psfs.common.system import ignore_signals, keep_freed_memory, own_cores, pin_to_cores
 from psfs.footage.memory import FRAME_MEMORY
 
 #: Of one machine.
@@ -20,8 +19,8 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 #: How many threads OpenCV and its decoder start: one for each core of the machine by themselves,
 #: which cost 22 s of 32 cores where one costs 6, in the same time. Views are decoded side by side.
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
-#: Of glibc's malloc.h; and more than a take allocates in one piece.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 2**28
+#: More than a take allocates in one piece.
+_KEPT_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -82,25 +81,18 @@ def shares_of_machine(
     return [Share(device, group or tuple(cores)) for group in groups]
 
 
-def own_cores() -> list[int]:
-    """Return the numbers of the cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
 def set_up(ignore_interrupts: bool) -> None:
     """Set up this worker process before its first take: pinned to its cores, with a PoCL thread for
     each of them. Without cores of its own it keeps those that it was started on."""
     stated = [int(core) for core in os.environ.get(CORES, "").split(",") if core]
-    if stated and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, stated)
+    if stated:
+        pin_to_cores(stated)
     threads = str(len(stated or own_cores()))  # PoCL counts the machine's cores, not the process's
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before and from PoCL 4 on
         os.environ.setdefault(name, threads)
     keep_memory()
     if ignore_interrupts:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        ignore_signals(["SIGINT"])
 
 
 def keep_memory() -> None:
@@ -111,10 +103,7 @@ def keep_memory() -> None:
     page faults and 3.2 s of a core, kept 0.06 million and 0.6 s.
     """
     FRAME_MEMORY.keep = True
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if mallopt is not None:
-        mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)
-        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+    keep_freed_memory(_KEPT_BYTES)
 
 
 def worker_device(asked: str) -> Device | NumpyDevice:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -23,6 +22,7 @@ from psfs.backend import evidence_for
 from psfs.common.files import written_whole
 from psfs.common.ranges import check_range
 from psfs.common.regions import large_parts
+from psfs.common.system import ignore_signals
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -99,9 +99,7 @@ def estimate_keypoints(
 def _begin(done: Any, stop: Any) -> None:
     """Begin a process. Interrupts are the parent's, which then sets `stop`; what the network's
     libraries print is of no use to anybody."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    ignore_signals(["SIGINT", "SIGTERM", "SIGHUP"])
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     _shared.update(done=done, stop=stop)
 

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import weakref
 from collections import deque
 
 import numpy as np
 
+from psfs.common.system import physical_memory
+
 #: For the frames of a sequence, at most; and the share of what a core has of the machine's.
 _MOST, _SHARE = 2**30, 0.25
-
-
-def physical_memory() -> int:
-    """Return the bytes of this machine's memory; a very large number where nobody knows."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return sys.maxsize
 
 
 def room_for_frames() -> float:

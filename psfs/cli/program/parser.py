@@ -125,7 +125,7 @@ class _Completion(argparse.Action):
                 subparser.filled()
                 for flag in subparser._actions:
                     if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
-                        flag.complete = shtab.FILE  # type: ignore[attr-defined]
+                        flag.complete = shtab.FILE
         print(shtab.complete(parser, str(shell)))
         parser.exit()
 
