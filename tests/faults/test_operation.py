@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyopencl
 import pytest
 from helpers import faults
 from helpers.faults import run
