@@ -87,11 +87,12 @@ def _tried(handle: Any) -> Probe:
     found = try_apart(handle, None)
     if found.fault is None or not pocl_wheel.is_wheel(handle):
         return found
-    own, fitting = pocl_wheel.target(handle), pocl_wheel.fitting_target()
-    mended = try_apart(handle, fitting) if own and fitting and own != fitting else found
-    if mended.fault is None:
-        log.info("PoCL's wheel fails for processor %s (%s); %s works", own, found.fault, fitting)
-        return mended
+    fitting = pocl_wheel.fitting_target()
+    if fitting is not None:
+        mended = try_apart(handle, fitting)
+        if mended.fault is None:
+            log.info("PoCL's wheel fails (%s); compiling for %s works", found.fault, fitting)
+            return mended
     return Probe(
         f"{found.fault}; the wheel pocl-binary-distribution does not know this processor: install "
         "the extra psfs-apf[intel], or the system's PoCL (Debian: pocl-opencl-icd)"
@@ -235,8 +236,6 @@ def cache_key(handle: Any) -> str:
         handle.platform.name, handle.platform.version, handle.name, handle.driver_version,
         pyopencl.VERSION_TEXT, _processor(), _VERSION,
     ]  # fmt: skip
-    if pocl_wheel.is_wheel(handle):
-        parts.append(pocl_wheel.target(handle))
     return " | ".join(str(part).strip() for part in parts)
 
 

@@ -78,6 +78,7 @@ pocl_wheel.set_target(wheel, "generic")
 print(examine(wheel).fault)
 found = probe(wheel)
 print(found.fault, found.target, pocl_wheel.target(wheel))
+assert probe(wheel) == found and probe(wheel, afresh=True).target == found.target
 print(examine(wheel).fault)
 """
     paths = os.pathsep.join(filter(None, sys.path))
