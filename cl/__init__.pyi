@@ -11,4 +11,5 @@ from .launch import Launch as Launch
 from .launch import Step as Step
 from .listing import DeviceInfo as DeviceInfo
 from .listing import list_devices as list_devices
+from .probe import Probe as Probe
 from .profile import Profile as Profile

@@ -14,5 +14,5 @@ COMMANDS = commands_of(
     check="compare reprojected clouds with the silhouettes of their frames",
     mesh="make closed surfaces of reconstructed frames",
     view="play a run in a window, or write a picture where there is no display",
-    devices="list the OpenCL devices",
+    devices="try the OpenCL devices and list them",
 )
