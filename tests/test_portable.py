@@ -14,9 +14,11 @@ from psfs.common import system
 
 ROOT = Path(__file__).parents[1]
 #: Libraries whose own halves for POSIX are imported before its names are taken away.
-LIBRARIES = ("cv2", "scipy.optimize", "matplotlib.figure", "psutil", "pyopencl", "trimesh", "asyncio",
-             "multiprocessing.util", "concurrent.futures.process", "subprocess", "rich.console",
-             "platformdirs", "pydantic", "tempfile", "skimage.measure")  # fmt: skip
+LIBRARIES = (
+    *("cv2", "scipy.optimize", "matplotlib.figure", "psutil", "pyopencl", "trimesh", "asyncio"),
+    *("multiprocessing.util", "concurrent.futures.process", "subprocess", "rich.console"),
+    *("platformdirs", "pydantic", "tempfile", "skimage.measure"),
+)
 #: Run in a process of its own: as Python is on Windows, as far as names go.
 WITHOUT_POSIX = f"""
 import importlib, os, pkgutil, signal, sys
@@ -24,8 +26,8 @@ for name in {LIBRARIES!r}:
     importlib.import_module(name)
 for name in ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog"):
     sys.modules[name] = None
-for name in ("getuid", "geteuid", "getgid", "getpgid", "killpg", "setsid", "fork", "sysconf", "uname",
-             "sched_getaffinity", "sched_setaffinity", "mkfifo", "statvfs", "getloadavg"):
+for name in ("getuid", "geteuid", "getgid", "getpgid", "killpg", "setsid", "fork", "sysconf",
+             "uname", "sched_getaffinity", "sched_setaffinity", "mkfifo", "statvfs", "getloadavg"):
     delattr(os, name)
 for name in [name for name in dir(signal) if name.startswith("SIG") and name.isupper()]:
     if name not in ("SIGINT", "SIGTERM", "SIGABRT", "SIGSEGV", "SIG_DFL", "SIG_IGN"):

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy import ndimage, spatial
-from skimage.measure import marching_cubes
 from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
@@ -51,7 +50,9 @@ def surface_mesh(
     """
     solid = _cleaned(np.asarray(probability, np.float32), threshold, debris)
     # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
-    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices, faces, _, _ = _marching_cubes()(
+        np.pad(solid, 1), threshold, gradient_direction="ascent"
+    )
     vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if smoothing:
@@ -74,6 +75,18 @@ def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.nda
     return cleaned
 
 
+def _marching_cubes() -> Any:
+    """Return scikit-image's function. Raises InputError where it is not installed."""
+    try:
+        from skimage.measure import marching_cubes
+    except ModuleNotFoundError:
+        raise InputError(
+            "surfaces are made by scikit-image, which is not installed; expected: "
+            "pip install 'psfs-apf[mesh]'"
+        ) from None
+    return marching_cubes
+
+
 class Mesher:
     """`mesher(index)`: the mesh of a frame of a finished run.
 
@@ -93,6 +106,7 @@ class Mesher:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
         self._config = run.config
         self._reconstructor: Reconstructor | None = None
+        _marching_cubes()  # which complains before anything is computed
 
     def __call__(self, index: int) -> trimesh.Trimesh:
         """Raises InputError if the frame's cloud is empty."""
