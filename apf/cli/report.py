@@ -8,7 +8,7 @@ from pathlib import Path
 
 from apf.report.agreement import shown_rows
 from apf.report.judged import OVERLAY, judged, write_judged
-from apf.report.page import PAGE
+from apf.report.names import PAGE
 from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tracked_with
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track

@@ -169,9 +169,9 @@ def add_command(
     name: str,
     run: Callable[[argparse.Namespace], None],
     help: str,
-) -> argparse.ArgumentParser:
-    """Add a subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+) -> CommandParser:
+    """Add a subcommand to those of a CommandParser."""
+    parser: CommandParser = commands.add_parser(
         name, help=help, description=help, allow_abbrev=False
     )
     parser.set_defaults(run=run, command=name)

@@ -50,7 +50,10 @@ def is_alive(process: int) -> bool:
     """Does a process of this number run?"""
     import psutil
 
-    return bool(psutil.pid_exists(process))
+    try:
+        return bool(psutil.pid_exists(process))
+    except OverflowError:  # of a name that only looks like ours
+        return False
 
 
 def physical_memory() -> int:

@@ -13,15 +13,15 @@ from apf.cli.flags.shared import (
 )
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
-from apf.report.page import PAGE
+from apf.report.names import PAGE
 from apf.tracking.batch import BatchConfig
 from psfs.cli.commandline import add_device_flag
+from psfs.cli.flags.shared import reconstruction_of
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
 )
 from psfs.cli.settings import add_configs, add_preset_flag
-from psfs.reconstructor import ReconstructionConfig
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +65,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_configs(parser, reconstruction=reconstruction_of)
     add_preset_flag(parser, PRESETS)
     parser.add_argument(
         "--one-way",
