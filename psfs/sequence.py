@@ -21,7 +21,7 @@ from psfs.background.gaussian import Background, background_from_frames, backgro
 from psfs.background.mixture import Mixture
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
+from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
 from psfs.common.files import full_path
 from psfs.common.ranges import check_kind
 from psfs.footage.layouts import Footage, recognised
@@ -92,7 +92,7 @@ class Sequence:
         ):
             self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
         self.fps = timing.fps
-        self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
+        self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._kept: np.ndarray | None = None
@@ -254,7 +254,7 @@ class Sequence:
         corners = np.array(list(product(*np.transpose(stated["own"]))))
         if LEFT_HANDED in self.notes:
             corners = corners @ MIRROR
-        corners = metres_per_unit(self.unit) * corners @ z_up_from(self.settings.up or "z").T
+        corners = metres_per_unit(self.unit) * corners @ rotation_to_z_up(self.settings.up or "z").T
         return corners.min(axis=0), corners.max(axis=0)
 
     @contextmanager

@@ -13,7 +13,7 @@ from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tra
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     last = int(track.frames.max())
-    with naming(folder / "track.npz"):
+    with name_file_in_errors(folder / "track.npz"):
         tracked_grid(track)  # before anything is written
     sequence, config = tracked_sequence(folder, summary, last), tracked_with(folder, summary)
     device = select_device(args.device)

@@ -83,7 +83,7 @@ def start_from_keypoints(
     be triangulated.
     """
     config = config or KeypointStartConfig()
-    keypoints = keypoints.undistorted(rig)
+    keypoints = keypoints.undistort(rig)
     points = points_on(template, keypoints.names)
     seen = keypoints.points[:, frames][:, :, points.columns].astype(np.float64)
     pixel = rig.height / 480

@@ -88,7 +88,7 @@ class _Agreement:
         straight = seen.copy()
         for row, camera in zip(straight, self.rig, strict=True):
             if camera.lens.any():
-                row[:, :2] = camera.undistorted(row[:, :2])
+                row[:, :2] = camera.undistort(row[:, :2])
         others, most = straight.copy(), 1e8
         if len(self.rig) > 2:
             others[view] = np.nan

@@ -78,7 +78,7 @@ class Keypoints:
         rows = [self.camera_names.index(name) for name in names]
         return replace(self, points=self.points[rows], camera_names=tuple(names))
 
-    def undistorted(self, cameras: CameraRig | Sequence[Camera]) -> Keypoints:
+    def undistort(self, cameras: CameraRig | Sequence[Camera]) -> Keypoints:
         """Return the keypoints as the same cameras without distortion would see them.
 
         cameras: one for each of `camera_names`, in this order. Points where the distortion cannot
@@ -93,5 +93,5 @@ class Keypoints:
         points = self.points.copy()
         for view, camera in zip(points, cameras, strict=True):
             if camera.lens.any():
-                view[..., :2] = camera.undistorted(view[..., :2].astype(np.float64))
+                view[..., :2] = camera.undistort(view[..., :2].astype(np.float64))
         return replace(self, points=points)

@@ -49,7 +49,7 @@ def chosen_persons(
     if rig is not None and len(rig) > 2:
         straight = points.copy()
         for view, camera in zip(straight, rig, strict=True):
-            view[..., :2] = camera.undistorted(view[..., :2])
+            view[..., :2] = camera.undistort(view[..., :2])
         for _ in range(config.rounds):
             before = chosen
             away = _disagreement(straight, sizes, before, rig, config)

@@ -14,7 +14,7 @@ from apf.live.sources import Cameras
 from psfs.background.gaussian import Background, background_from_plates
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import turned_rig, z_up_from
+from psfs.cameras.units import rotate_rig, rotation_to_z_up
 from psfs.footage.layouts.common import assigned, chosen
 from psfs.footage.layouts.native import calibration_of
 from psfs.footage.media import media_in
@@ -34,7 +34,7 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
         settings = settings.over(Settings.read(folder / "sequence.toml"))
         calibration, plates = calibration_of(folder, settings), folder / "background"
     rig = read_calibration(calibration, settings.unit)
-    turned = turned_rig(rig, z_up_from(settings.up or "z"))
+    turned = rotate_rig(rig, rotation_to_z_up(settings.up or "z"))
     return Cameras(chosen(turned, settings), names, _background(turned, plates, settings), empty)
 
 

@@ -18,7 +18,7 @@ from apf.results.overlay import frames_of
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
 from psfs.reconstructor import ReconstructionConfig
@@ -73,7 +73,7 @@ def agreement(
     rows, rig, body = shown_rows(len(track)), sequence.rig, track.its_body
     parts, drawn = parts_of(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
     checker = Checker(device, sequence, grid, config)
-    extents = footprints(rig, grid.voxel_size)
+    extents = voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []

@@ -62,7 +62,7 @@ def triangulated_track(
             f"none of the keypoints {listed(keypoints.names)} is a point on the body; expected "
             "names such as left_shoulder or LShoulder"
         )
-    straight = keypoints.undistorted(sequence.rig).points[:, frames][:, :, list(landmarks)]
+    straight = keypoints.undistort(sequence.rig).points[:, frames][:, :, list(landmarks)]
     found = triangulate(sequence.rig, straight, config.triangulation)
     if not np.isfinite(found.points).any():
         limits = config.triangulation

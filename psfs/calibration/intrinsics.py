@@ -14,7 +14,7 @@ from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import contains_name, matched
+from psfs.cameras.names import contains_name, match_files_to_cameras
 from psfs.footage.media import media_in, open_media
 
 #: Pictures of a camera that are looked at, and of which the board must be in.
@@ -34,12 +34,12 @@ def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Cam
     sizes = {camera.name: camera.size for camera in rig}
 
     def sizes_of(names: Sequence[str]) -> list[tuple[int, int]]:
-        pairs, _ = matched(rig.names, list(names), str(path), rig.names)
+        pairs, _ = match_files_to_cameras(rig.names, list(names), str(path), rig.names)
         by_file = {of: sizes[name] for name, of in pairs.items()}
         return [by_file.get(name, rig[0].size) for name in names]
 
     read = read_calibration(found, sizes=sizes_of)
-    pairs, _ = matched(rig.names, read.names, str(path), rig.names)
+    pairs, _ = match_files_to_cameras(rig.names, read.names, str(path), rig.names)
     cameras = []
     for name in rig.names:
         camera = read[read.names.index(pairs[name])]

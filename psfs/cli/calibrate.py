@@ -31,7 +31,7 @@ from psfs.calibration.targets.target import Sighting, wand
 from psfs.calibration.world import by_cameras, on_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import z_up_from
+from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import add_command, frame_range, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import frame_rate, sync_of
 from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
@@ -246,7 +246,7 @@ def _in_world(
     if result.target.known is not None:
         if args.up is None:
             return result, []
-        return result.turned(rigid(z_up_from(args.up), np.zeros(3))), []
+        return result.turned(rigid(rotation_to_z_up(args.up), np.zeros(3))), []
     if floor:
         world = on_floor(result.scene, result.target, floor, args.height)
         return result.turned(world), []

@@ -10,7 +10,7 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou, large_parts
 from psfs.output.runs import Run
 from psfs.reconstructor import ReconstructionConfig
@@ -56,7 +56,7 @@ class Checker:
             device, self.rig, grid, sequence.background, config, sparse=True
         )
         self._volume = volume_region(self.rig, grid)
-        self._extents = footprints(self.rig, grid.voxel_size)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     @classmethod
     def of_run(cls, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> Checker:

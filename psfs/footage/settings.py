@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cameras.names import listed
-from psfs.cameras.units import Unit, metres_per_unit, z_up_from
+from psfs.cameras.units import Unit, metres_per_unit, rotation_to_z_up
 from psfs.common.colours import parse_colour
 from psfs.common.names import check_name
 from psfs.common.ranges import check_range
@@ -68,7 +68,7 @@ class Settings:
         if self.unit is not None:
             metres_per_unit(self.unit)
         if self.up is not None:
-            z_up_from(self.up)
+            rotation_to_z_up(self.up)
         if self.fps is not None:
             check_range("fps", self.fps, 0.001, 100_000, ends=True)
         if self.sync is not None:
@@ -120,7 +120,7 @@ class Settings:
         if not path.exists():
             return cls()
         values = read_toml(path)
-        with naming(path):
+        with name_file_in_errors(path):
             return cls.of(values)
 
     def over(self, other: Settings) -> Settings:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsened
 from psfs.voxels.grid import VoxelCloud
@@ -39,7 +39,7 @@ def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") ->
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
     if cloud.volume:
         text += f"   volume {cloud.volume * 1e3:.3g} l"
-    extents = footprints(rig, edge)
+    extents = voxel_footprints(rig, edge)
 
     def silhouette(view: int) -> np.ndarray:
         columns, rows = rig[view].size

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cameras.names import listed
 from psfs.common.files import read_json
 from psfs.common.outputs import unfinished
@@ -76,7 +76,7 @@ def reopened(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:
         raise MissingFileError(
             f"{file}: its sequence {facts['absolute']} is gone; expected a folder"
         )
-    with naming(file):
+    with name_file_in_errors(file):
         sequence = Sequence.open(folder, **facts["overrides"])
     names = facts.get("cameras", sequence.rig.names)
     if sequence.rig.names != names or last >= len(sequence):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import axes_meet_ahead
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.regions import largest_part_box
 from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
@@ -42,7 +42,7 @@ def reachable_box(
     camera stands from it. With `floor` rigs of people's size stand on one: nothing below z = -0.1.
     """
     config = config or VolumeConfig()
-    target = axes_meet_ahead(rig)
+    target = intersect_axes_ahead(rig)
     reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
     low, high = target - reach, target + reach
     if (

@@ -9,7 +9,7 @@ from pathlib import Path
 from cl import InputError
 from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import matched
+from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
 from psfs.footage.media import Media, opened_media, picture_size
 from psfs.footage.settings import Settings
@@ -61,7 +61,7 @@ def measured_sizes(
     names: Sequence[str], found: Found, where: Path, settings: Settings
 ) -> list[Size]:
     """Return the size of each named camera's pictures."""
-    pairs, _ = matched(names, list(found), str(where), settings.cameras)
+    pairs, _ = match_files_to_cameras(names, list(found), str(where), settings.cameras)
     measured = {camera: picture_size(found[name][0]) for camera, name in pairs.items()}
     # Cameras without pictures are among those that the subset leaves out.
     return [measured.get(name) or next(iter(measured.values())) for name in names]
@@ -79,7 +79,7 @@ def assigned(
     subset = extras or settings.cameras is not None
     rig = chosen(calibrated, settings)
     wanted = rig.names if subset else None
-    pairs, note = matched(calibrated.names, list(found), str(where), wanted)
+    pairs, note = match_files_to_cameras(calibrated.names, list(found), str(where), wanted)
     media = opened_media({name: found[pairs[name]] for name in rig.names})
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:

@@ -10,7 +10,7 @@ from typing import Any
 
 from cl import InputError
 from psfs.cameras.calibration import Size, find_calibration, read_calibration
-from psfs.cameras.names import contains_name, matched, name_tokens, natural_key
+from psfs.cameras.names import contains_name, match_files_to_cameras, name_tokens, natural_key
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
 from psfs.footage.layouts.native import calibration_of
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, media_in
@@ -54,7 +54,7 @@ def _all_pictures(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, dict]
     files = media_in(folder)
     if len(files) != len(cameras) or any(len(paths) > 1 for paths in files.values()):
         return found, None
-    pairs, note = matched(cameras, list(files), str(folder))
+    pairs, note = match_files_to_cameras(cameras, list(files), str(folder))
     for camera, name in pairs.items():
         found[_kind(files[name][0])][camera] = files[name]
     return found, note

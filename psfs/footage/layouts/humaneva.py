@@ -20,7 +20,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
-from psfs.cameras.calibration.common import naming, numbers, read_text
+from psfs.cameras.calibration.common import name_file_in_errors, parse_numbers, read_text
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import listed, natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
@@ -134,8 +134,8 @@ def _late(folder: Path, take: str, media: tuple[Media, ...]) -> tuple[dict[str, 
 
 
 def _offsets(path: Path) -> np.ndarray:
-    with naming(path):
-        values = numbers(read_text(path).split(), "HumanEva's .ofs")
+    with name_file_in_errors(path):
+        values = parse_numbers(read_text(path).split(), "HumanEva's .ofs")
         if values.size < 3 or not np.isfinite(values[:3]).all() or values[2] <= 0:
             raise InputError(
                 f"{values.size} numbers; expected three: a frame of the video, one of the motion "

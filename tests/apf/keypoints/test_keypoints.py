@@ -152,15 +152,15 @@ def test_undistorted_points_are_those_of_the_lens_without_distortion() -> None:
     poses = body.rest_pose[None]
     seen = of_poses(rig, body, poses)
     straight = of_poses(scenes.without_distortion(rig), body, poses)
-    found = seen.undistorted(rig)
+    found = seen.undistort(rig)
     np.testing.assert_allclose(found.points[..., :2], straight.points[..., :2], atol=2e-3)
     assert np.abs(found.points - seen.points)[..., :2].max() > 1
     far = seen.points.copy()
     far[0, 0, 0, :2] = 1e5  # no lens shows it
-    lost = Keypoints(far, seen.names, seen.camera_names).undistorted(rig)
+    lost = Keypoints(far, seen.names, seen.camera_names).undistort(rig)
     assert np.isnan(lost.points[0, 0, 0]).all() and np.isfinite(lost.points[0, 0, 1]).all()
     with pytest.raises(apf.InputError, match="expected those of the keypoints, c0, c1, c2"):
-        seen.undistorted(rig.subset(["c1", "c0", "c2"]))
+        seen.undistort(rig.subset(["c1", "c0", "c2"]))
 
 
 def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:

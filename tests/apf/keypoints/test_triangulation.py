@@ -19,7 +19,7 @@ TRUTH = world_points(BODY, POSES, MEDIAPIPE)
 
 
 def seen(noise: float = 0.0) -> np.ndarray:
-    return of_poses(RIG, BODY, POSES, noise=noise).undistorted(RIG).points.astype(float)
+    return of_poses(RIG, BODY, POSES, noise=noise).undistort(RIG).points.astype(float)
 
 
 def test_exact_keypoints_give_the_exact_points() -> None:

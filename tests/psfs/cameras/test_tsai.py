@@ -84,7 +84,7 @@ def test_points_agree_with_the_equations(tmp_path: Path, kappa1: float) -> None:
     assert shown.sum() > 60 and (depth[shown] > 0).all()
     np.testing.assert_allclose(pixels[shown], expected[shown], atol=1e-6)
 
-    back = camera.undistorted(expected[shown])
+    back = camera.undistort(expected[shown])
     plane = np.array([unprojected(values, pixel) for pixel in expected[shown]])
     focal = np.array([camera.K[0, 0], camera.K[1, 1]])
     np.testing.assert_allclose(back, plane * focal + camera.K[:2, 2], atol=1e-6)
