@@ -1,4 +1,5 @@
-"""Intrinsics that are given: a calibration file, or pictures of the board for each camera alone."""
+"""Read intrinsics from a calibration file, or estimate them from each camera's pictures of the
+board."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.calibration.start.lenses import camera_from_boards
+from psfs.calibration.start.lenses import estimate_camera_from_boards
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
@@ -17,18 +18,20 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras
 from psfs.footage.media import media_in, open_media
 
-#: Pictures of a camera that are looked at, and of which the board must be in.
+#: Most pictures of a camera that are searched, and fewest that must show the board.
 _MOST, _FEWEST = 120, 4
 
 
-def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:
-    """Return the cameras of the `rig` with the intrinsics that `path` holds: a calibration in any
-    format that is read, or a folder with a video or pictures of the board per camera. Raises
-    InputError naming the camera that it does not fit."""
+def read_intrinsics(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:
+    """Read the intrinsics of the rig's cameras from `path`.
+
+    path: a calibration in any supported format, or a folder with one video or folder of pictures of
+    the board per camera. Raises InputError naming the camera that it does not fit.
+    """
     if not path.exists():
         raise MissingFileError(f"{path}: no such file or folder; expected intrinsics")
     if path.is_dir() and find_calibration(path) is None:
-        return [_from_pictures(path, camera, finder) for camera in rig]
+        return [_estimate_from_pictures(path, camera, finder) for camera in rig]
     found = path if path.is_file() else find_calibration(path)
     assert found is not None
     sizes = {camera.name: camera.size for camera in rig}
@@ -52,11 +55,11 @@ def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Cam
     return cameras
 
 
-def _from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:
-    """Return the camera by the pictures of the board that the folder has of it."""
+def _estimate_from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:
+    """Estimate a camera's intrinsics from its pictures of the board in the folder."""
     if finder is None or not finder.target.planar:
         raise InputError(
-            f"{folder}: holds no calibration; expected one, since pictures of a board are of use "
+            f"{folder}: holds no calibration; expected one, since pictures of a board can be used "
             "with --board only"
         )
     media = media_in(folder)
@@ -82,4 +85,4 @@ def _from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camer
             f"{pictures.where}: the {finder.target.name} is found in {len(sightings)} pictures; "
             f"expected {_FEWEST} or more"
         )
-    return camera_from_boards(camera.name, camera.size, finder.target, sightings)
+    return estimate_camera_from_boards(camera.name, camera.size, finder.target, sightings)
