@@ -16,7 +16,7 @@ from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import contains_name, match_files_to_cameras
-from psfs.footage.media import media_in, open_media
+from psfs.footage.media import list_media, open_media
 
 #: Most pictures of a camera that are searched, and fewest that must show the board.
 _MOST, _FEWEST = 120, 4
@@ -62,7 +62,7 @@ def _estimate_from_pictures(folder: Path, camera: Camera, finder: Finder | None)
             f"{folder}: holds no calibration; expected one, since pictures of a board can be used "
             "with --board only"
         )
-    media = media_in(folder)
+    media = list_media(folder)
     names = [name for name in media if contains_name(name, camera.name)]
     if len(names) != 1:
         raise InputError(

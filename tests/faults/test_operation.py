@@ -150,7 +150,7 @@ def test_a_device_that_is_lost(
 def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import psfs.footage.media as media
 
-    monkeypatch.setattr(threads, "PATIENCE", 0.3)
+    monkeypatch.setattr(threads, "TIMEOUT_S", 0.3)
     read = media.ImagesDecoder.read
 
     def hangs(self: Any, index: int, *into: Any) -> np.ndarray:

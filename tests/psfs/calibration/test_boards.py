@@ -85,5 +85,5 @@ def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:
     (found,) = read_intrinsics(tmp_path / "images", rig, finder)
     assert found.name == CAMERA.name and abs(found.K[0, 0] / CAMERA.K[0, 0] - 1) < 0.02
     assert found.t.tolist() == [0, 0, 0]
-    with pytest.raises(InputError, match="of use with --board only"):
+    with pytest.raises(InputError, match="can be used with --board only"):
         read_intrinsics(tmp_path / "images", rig, None)
