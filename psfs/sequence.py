@@ -22,7 +22,7 @@ from psfs.background.mixture import Mixture
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
 from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media
@@ -71,7 +71,7 @@ class Sequence:
 
     def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
         self.folder = folder
-        self.name = full_path(folder).name
+        self.name = resolve_path(folder).name
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = replace(settings, sync=footage.late)
@@ -109,7 +109,7 @@ class Sequence:
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = replace(stated, calibration=str(full_path(stated.calibration)))
+            stated = replace(stated, calibration=str(resolve_path(stated.calibration)))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = find_layout(folder, settings)
         settings = settings.over(layout.defaults)

@@ -24,7 +24,7 @@ from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, path_or_name, stdout, warn
 from psfs.cli.settings import refuse_unused
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 
@@ -122,7 +122,7 @@ def _written(
         evaluation.write_csv(written[-1])
     if "plot" in wanted:
         written.append(folder / "evaluation.png")
-        title = f"{full_path(args.track).name} against {args.truth.name}"
+        title = f"{resolve_path(args.track).name} against {args.truth.name}"
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")

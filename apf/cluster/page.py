@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
-from psfs.common.files import full_path, written_whole
+from psfs.common.files import resolve_path, written_whole
 
 LOGS = "logs"
 #: Columns of the page: what of the row, heading, explanation.
@@ -109,7 +109,7 @@ def _page(out: Path, rows: list[TakeRow]) -> str:
     counts = ", ".join(
         f"{states.count(s)} {s}" for s in ("done", "failed", "waiting") if s in states
     )
-    title = html.escape(full_path(out).name)
+    title = html.escape(resolve_path(out).name)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{title}: takes</title><style>{_STYLE}</style></head>\n"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.common.files import unreadable, write_json
+from psfs.common.files import unreadable_error, write_json
 from psfs.output.runs import versions
 
 RECORD = "take.json"
@@ -37,7 +37,7 @@ class FileFacts:
                 while lot := file.read(_LOT):
                     digest.update(lot)
         except OSError as error:
-            raise unreadable(path, error) from None
+            raise unreadable_error(path, error) from None
         return cls(stat.st_size, stat.st_mtime_ns, digest.hexdigest())
 
     @property

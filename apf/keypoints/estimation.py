@@ -22,7 +22,7 @@ from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
 from psfs.common.ranges import check_range
-from psfs.common.regions import large_parts
+from psfs.common.regions import keep_large_regions
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -162,7 +162,7 @@ def next_crop(
 ) -> np.ndarray | None:
     """Return the crop (4,) int, left, top, right, bottom px, for a silhouette (h, w) bool: the one
     `before` while the person fits; None, the whole picture, where nobody is seen."""
-    rows, columns = np.nonzero(large_parts(silhouette, config.speckle))
+    rows, columns = np.nonzero(keep_large_regions(silhouette, config.speckle))
     if not rows.size:
         return None
     low = np.array([columns.min(), rows.min()])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 
 from cl import InputError
-from psfs.output.video import written_video
+from psfs.output.video import write_video
 
 if TYPE_CHECKING:
     import av
@@ -47,7 +47,7 @@ def _encode(source: av.container.InputContainer, path: Path, bits_per_second: fl
     factor = min(1.0, _WIDTH / stream.width)
     size = (round(stream.width * factor), round(stream.height * factor))
     rate = float(stream.average_rate or 25)
-    with written_video(path, rate, most=max(bits_per_second, _LEAST_RATE)) as video:
+    with write_video(path, rate, most=max(bits_per_second, _LEAST_RATE)) as video:
         for frame in source.decode(stream):
             picture = frame.to_ndarray(format="bgr24")
             video.write(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))

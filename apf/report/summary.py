@@ -17,7 +17,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Positive, Table, Vector, checked
-from psfs.output.runs import SequenceFacts, reopened
+from psfs.output.runs import SequenceFacts, reopen_sequence
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -63,7 +63,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 def tracked_sequence(folder: Path, summary: Mapping[str, Any], last: int) -> Sequence:
     """Open the sequence that the track in `folder` was made of; `last` is a frame that there must
     be. Raises InputError."""
-    return reopened(summary["sequence"], folder / SUMMARY, last)
+    return reopen_sequence(summary["sequence"], folder / SUMMARY, last)
 
 
 def tracked_with(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConfig:

@@ -16,8 +16,8 @@ from apf.body.model import BodyModel, side_of
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.output.preview import picture_of
-from psfs.output.video import written_video
+from psfs.output.preview import crop_view
+from psfs.output.video import write_video
 from psfs.sequence import Frame, Sequence
 
 #: BGR by side, bright enough for dark pictures and grey ones; the plots' hues.
@@ -104,7 +104,7 @@ def overlay_picture(
     for tile, view in enumerate(chosen):
         camera = rig[view].scaled(scale)
         size = (min(camera.size[0], width), min(camera.size[1], height))
-        picture = cv2.resize(picture_of(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(crop_view(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
         picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
         _label(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (tile // columns), width * (tile % columns)
@@ -157,7 +157,7 @@ def write_overlay(
         raise InputError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
     views = [names.index(name) for name in cameras or names]
     cones, cone_names = _shown_cones(body, track)
-    with written_video(path, frame_rate(track)) as video:
+    with write_video(path, frame_rate(track)) as video:
         for row, frame in enumerate(frames_of(sequence, track.frames)):
             picture = overlay_picture(
                 frame,

@@ -24,7 +24,7 @@ from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
-from psfs.common.npz import Values, read_npz, scalar
+from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_range
 
 #: Of a track that is being written, in the order of their names; see `part_name`.
@@ -344,10 +344,10 @@ class Track:
             if name.startswith(_DIAGNOSTIC)
         }
         fields = {key: data[key] for key in _FIELDS if key != "body"}
-        fields |= {key: scalar(data[key]) for key in ("body_name", "provenance", "fps")}
+        fields |= {key: get_scalar(data[key]) for key in ("body_name", "provenance", "fps")}
         beside = path.with_name("body.toml")
         if "body" in data:
-            fields["body"] = body_from_text(scalar(data["body"]), path)
+            fields["body"] = body_from_text(get_scalar(data["body"]), path)
         elif beside.is_file():
             fields["body"] = load_body(beside)
         try:

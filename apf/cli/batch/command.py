@@ -23,7 +23,7 @@ from apf.tracking.export import EXPORTS
 from cl import InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 
@@ -112,7 +112,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
 def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
     """Return a job for each take, by its name. Raises InputError where two have the same, OUT lies
     in a take or is one, or a take has a flag that `apf track` has not."""
-    out, takes = full_path(args.output), listed_takes(args.folders)
+    out, takes = resolve_path(args.output), listed_takes(args.folders)
     found = iter(take_names([take.source for take in takes if take.name is None]))
     words = stated_words(args, without=_OWN)
     jobs: dict[str, TakeJob] = {}
@@ -137,7 +137,7 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
 @contextmanager
 def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
     if args.scheduler is not None:
-        with joined_cluster(args.scheduler, full_path(args.output)) as client:
+        with joined_cluster(args.scheduler, resolve_path(args.output)) as client:
             yield client
         return
     shares = shares_of_machine(args.device, args.workers)

@@ -16,7 +16,7 @@ import numpy as np
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 
 #: Endings of the files.
 ENDINGS = (".csv", ".h5", ".hdf5")
@@ -72,7 +72,7 @@ def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a table: {error}") from None
     heads: dict[str, list[str]] = {}
@@ -108,7 +108,7 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     try:
         table: Any = pandas.read_hdf(path)
     except FileNotFoundError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except Exception as error:  # of pandas, tables, HDF5: almost anything
         raise InputError(f"{path}: no table of pandas: {' '.join(str(error).split())}") from None
     names = list(getattr(table.columns, "names", []))

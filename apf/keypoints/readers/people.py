@@ -20,7 +20,7 @@ from apf.keypoints.readers.orders import order_of
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
 _STEM = re.compile(r"(?P<camera>.*?)[._-]?(?P<frame>\d+)(?:[._-]keypoints)?")
@@ -84,7 +84,7 @@ def _json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except (ValueError, RecursionError) as error:  # also of text that is not UTF-8
         raise InputError(f"{path}: malformed JSON: {' '.join(str(error).split())}") from None
 
@@ -101,7 +101,7 @@ def _unpickled(path: Path) -> Any:
         with path.open("rb") as file:
             return _PlainUnpickler(file).load()
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except Exception as error:  # a broken pickle raises almost anything
         wanted = "lists of frames, persons and pose_keypoints_2d"
         raise InputError(f"{path}: no pickle of plain {wanted}: {error}") from None

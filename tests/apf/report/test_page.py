@@ -20,7 +20,7 @@ from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import body_facts
 from cl import InputError
-from psfs.output.video import frames_of, written_video
+from psfs.output.video import count_frames, write_video
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 FRAMES = 200
@@ -56,7 +56,7 @@ def noise_video(path: Path, n_frames: int, size: tuple[int, int]) -> Path:
     """A video as hard to compress as a recording's noise."""
     rng = np.random.default_rng(0)
     base = cv2.resize(rng.integers(0, 256, (40, 60, 3), np.uint8), size)
-    with written_video(path, 25) as video:
+    with write_video(path, 25) as video:
         for number in range(n_frames):
             shifted = np.roll(base, 3 * number, axis=1)
             video.write(cv2.add(shifted, rng.integers(0, 12, shifted.shape, np.uint8)))
@@ -146,7 +146,7 @@ def test_videos_are_made_to_fit(tmp_path: Path) -> None:
         writer.write(np.full((240, 320, 3), 90, np.uint8))
     writer.release()
     (tmp_path / "new.mp4").write_bytes(page_video(old))
-    assert frames_of(tmp_path / "new.mp4") == 7
+    assert count_frames(tmp_path / "new.mp4") == 7
     assert page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match=r"text\.mp4: cannot be read as a video"):
