@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, relative, zxy
+from apf.body.angles import WORLD, decompose_zxy, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -73,7 +73,7 @@ def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = np.degrees(np.unwrap(zxy(WORLD.T @ frames["pelvis"]), axis=0))
+        turned = np.degrees(np.unwrap(decompose_zxy(WORLD.T @ frames["pelvis"]), axis=0))
         table |= dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
         table |= dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
@@ -81,7 +81,9 @@ def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
         for side in ("",) if far in frames else ("r_", "l_"):
             start = near if near in ("pelvis", "thorax") else side + near
             if {start, side + far} <= set(frames):
-                turned = sign * np.degrees(zxy(relative(frames, start, side + far)))
+                turned = sign * np.degrees(
+                    decompose_zxy(relative_rotations(frames, start, side + far))
+                )
                 ending = f"_{side[0]}" if side else ""
                 table |= {name + ending: turned[:, k] for k, name in enumerate(names)}
     return table

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body.angles import zxy
+from apf.body.angles import decompose_zxy
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import Skeleton, skeleton_of
@@ -37,7 +37,7 @@ def write_bvh(path: str | Path, motion: BodyMotion) -> None:
         if not is_end(skeleton, index):
             if slides(motion.body, node.bone):
                 columns.append(100 * positions[:, index])
-            columns.append(np.degrees(continuous(zxy(rotations[:, index]))))
+            columns.append(np.degrees(continuous(decompose_zxy(rotations[:, index]))))
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / rate:.8f}"]
     table = np.concatenate(columns, axis=1)[rows]
     with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:

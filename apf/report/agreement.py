@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from apf.body.cones import distances, outlines
+from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.report.parts import Part, parts_of
 from apf.results.overlay import frames_of
@@ -111,7 +111,7 @@ def _scores(
 ) -> np.ndarray:
     """Return the IoU of posed cones (C, 16) with a silhouette (H, W) bool, then the share of each
     of the `drawn` ones in it, (1 + n,); NaN where too little is seen."""
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     whole = np.zeros(silhouette.shape, np.uint8)
     scores = np.full(1 + len(cones), np.nan)
     for number, quad in enumerate(corners):
@@ -140,4 +140,4 @@ def _explained(points: np.ndarray, cones: np.ndarray) -> float:
     """Return the share of points (N, 3) m at posed cones (C, 16); NaN without points."""
     if not len(points):
         return np.nan
-    return float((distances(points, cones).min(axis=1) <= _FAR).mean())
+    return float((cone_distances(points, cones).min(axis=1) <= _FAR).mean())

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.body.model import BodyModel, side_of
 from apf.tracking.track import Track
@@ -42,7 +42,7 @@ def draw_overlay(
     cones: (C, 16) posed cones, outlined, one colour per side of the body. joints: (J, 3) m,
     joined along edges (E, 2). What lies behind the camera is left out.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     drawn = np.ascontiguousarray(image).copy()
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)

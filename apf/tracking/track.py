@@ -15,7 +15,7 @@ from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_points
 from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
-from apf.body.toml import body_from_text, body_text
+from apf.body.toml import format_body, parse_body
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
 from apf.formats.motion import bridged
 from apf.formats.trc import CONVENTIONS, write_trc
@@ -316,7 +316,7 @@ class Track:
             "provenance": self.provenance,
         }
         if self.body is not None:
-            arrays["body"] = body_text(self.body)
+            arrays["body"] = format_body(self.body)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with written_whole(path) as temporary:
             np.savez_compressed(temporary, **arrays)
@@ -347,7 +347,7 @@ class Track:
         fields |= {key: get_scalar(data[key]) for key in ("body_name", "provenance", "fps")}
         beside = path.with_name("body.toml")
         if "body" in data:
-            fields["body"] = body_from_text(get_scalar(data["body"]), path)
+            fields["body"] = parse_body(get_scalar(data["body"]), path)
         elif beside.is_file():
             fields["body"] = load_body(beside)
         try:

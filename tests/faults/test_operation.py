@@ -210,7 +210,7 @@ def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> N
     readable(stock / "new")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     warned = run(["psfs", "view", str(stock / "new"), "--png", str(stock / "x.png")])
-    assert warned.code == 0 and "did not come to its end" in warned.err
+    assert warned.code == 0 and "did not finish" in warned.err
 
 
 def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:

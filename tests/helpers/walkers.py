@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body import load_body
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
@@ -32,7 +32,7 @@ def surface_voxels(device: Device, pose: np.ndarray | None) -> StoredVoxels:
     """The surface voxels of a pose; none of None."""
     indices = np.zeros(0, np.int32)
     if pose is not None:
-        distance = distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
+        distance = cone_distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
         shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
         indices = np.flatnonzero(shell).astype(np.int32)
     return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))

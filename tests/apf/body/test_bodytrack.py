@@ -10,7 +10,7 @@ from helpers.shared import shared_data
 from scipy.spatial.transform import Rotation
 
 from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.results.joint_names import EVALUATED_JOINTS
 from cl import InputError
@@ -112,7 +112,7 @@ def test_elliptic_torso_is_wide_along_its_own_x(tmp_path: Path) -> None:
     P = euler(*pose[:3])
     on_surface = pose[3:6] + np.stack([P @ [ra * sx, 0, 0], P @ [0, ra * sy, 0]])
     torso = posed_cones(body, read_poses(tmp_path / "poses.txt"))[1, :1]
-    np.testing.assert_allclose(distances(on_surface * 1e-3, torso), 0, atol=1e-9)
+    np.testing.assert_allclose(cone_distances(on_surface * 1e-3, torso), 0, atol=1e-9)
 
 
 def test_lengths_become_metres_and_limits_stay_open(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from helpers import bodies
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body import bone_matrices, distances, load_body, posed_cones
+from apf.body import bone_matrices, cone_distances, load_body, posed_cones
 from apf.formats.bvh import continuous
 from apf.formats.skeleton import TO_Y_UP, node_name, skeleton_of
 from apf.tracking.track import Track
@@ -189,7 +189,7 @@ def test_gltf_rebuilds_joints_and_skin(tmp_path: Path, name: str) -> None:
         skin = np.einsum("vab,vb->va", bound[owners[:, 0]], ones)[:, :3] @ TO_Y_UP
         # The skin is the body's: its vertices lie on the surface of the posed cones.
         cones = posed_cones(track.its_body, track.poses[frame : frame + 1])[0]
-        assert np.abs(distances(skin, cones)).min(1).max() < 0.02
+        assert np.abs(cone_distances(skin, cones)).min(1).max() < 0.02
 
 
 def test_trimesh_opens_a_glb(tmp_path: Path) -> None:
