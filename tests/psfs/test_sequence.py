@@ -109,7 +109,7 @@ def test_frames_that_are_kept_are_decoded_once(
     # Those that were sought are not kept.
     assert sorted(decoded) == sorted(3 * [5, *range(12)])
     # Nothing is kept of a sequence that is too long for the memory.
-    monkeypatch.setattr("psfs.sequence.room_for_frames", lambda: 12 * 3 * 3 * 48 * 64 - 1)
+    monkeypatch.setattr("psfs.sequence.frame_memory_limit", lambda: 12 * 3 * 3 * 48 * 64 - 1)
     longer = Sequence.open(folder)
     longer.keep_frames()
     decoded.clear()

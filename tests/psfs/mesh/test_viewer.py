@@ -48,7 +48,7 @@ def test_the_window_gets_the_whole_run(
         seen.update(player=player)
 
     monkeypatch.setattr(command, "has_display", lambda: True)
-    monkeypatch.setattr(command, "show", show)
+    monkeypatch.setattr(command, "show_window", show)
     assert main(["view", str(out), *(["--mesh"] if name == "meshes" else [])]) == 0
     player: Player = seen["player"]
     assert player.playback.frames == [0, 1, 2] and player.playback.frame == 1
