@@ -101,14 +101,14 @@ def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
     kind = args.truth.suffix.lower()
     if kind == ".c3d":
         truth = read_c3d(args.truth, args.convention)
-        return truth.at_rate(fps, args.truth_start), args.convention or "z-up"
+        return truth.resample(fps, args.truth_start), args.convention or "z-up"
     if kind != ".trc":
         refuse_unused(args, ["convention"], f"is of a TRC or C3D; {args.truth} has Z up")
     # An npz has the world's own axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(args.truth, convention)
     if args.truth_start is not None:
-        truth = truth.at_rate(fps, args.truth_start)
+        truth = truth.resample(fps, args.truth_start)
     return truth, convention
 
 

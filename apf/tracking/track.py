@@ -17,7 +17,7 @@ from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb
 from apf.body.markers import virtual_markers
 from apf.body.toml import format_body, parse_body
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
-from apf.formats.motion import bridged
+from apf.formats.motion import interpolate_gaps
 from apf.formats.trc import CONVENTIONS, write_trc
 from apf.tracking.foot_contact import feet, flat
 from apf.tracking.limb_confidence import LOST, limb_confidence
@@ -274,7 +274,7 @@ class Track:
         """What files of a moving body are written from. Raises InputError where the track does not
         hold its body."""
         limbs = self.lost_limbs
-        poses = bridged(self.poses, self.times, limbs @ limb_masks(self.its_body))
+        poses = interpolate_gaps(self.poses, self.times, limbs @ limb_masks(self.its_body))
         return BodyMotion(self.its_body, poses, self.lost, limbs, self.points)
 
     def save(self, path: str | Path, axes: str = "y-up") -> None:

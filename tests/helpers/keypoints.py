@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body import BodyModel, bone_matrices
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import CameraRig
 
@@ -34,7 +34,7 @@ def of_poses(
 
 def world_points(body: BodyModel, poses: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """(F, K, 3) m, where the keypoints are; NaN for those that the body has no point for."""
-    on = points_on(body, names)
+    on = locate_points(body, names)
     rotations, origins = bone_matrices(body, poses)
     places = np.full((len(poses), len(names), 3), np.nan)
     places[:, on.columns] = origins[:, on.bones] + np.einsum(

@@ -20,8 +20,8 @@ from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
 from apf.body import bone_matrices, cone_distances, load_body, posed_cones
-from apf.formats.bvh import continuous
-from apf.formats.skeleton import TO_Y_UP, node_name, skeleton_of
+from apf.formats.bvh import make_continuous
+from apf.formats.skeleton import TO_Y_UP, build_skeleton, node_name
 from apf.tracking.track import Track
 
 #: Where programs of animation have the joints.
@@ -70,7 +70,7 @@ def test_bvhio_rebuilds_joints_and_rotations(tmp_path: Path, name: str) -> None:
 
 def test_the_rest_attitude_stands_with_its_arms_out(tmp_path: Path) -> None:
     for name in ("song31", "rymut31"):
-        skeleton = skeleton_of(load_body(name))
+        skeleton = build_skeleton(load_body(name))
         place = {node.name: at for node, at in zip(skeleton.nodes, skeleton.places(), strict=True)}
         assert place["Head"][1] > 0.5 and place["LeftFoot"][1] < -0.8  # Y up
         assert place["LeftToeBase"][2] > 0.1  # faces along Z
@@ -109,7 +109,7 @@ def test_bodies_of_any_structure(tmp_path: Path) -> None:
     track.save(tmp_path / "a.bvh")
     text = (tmp_path / "a.bvh").read_text()
     assert text.count("ROOT") == 2 and text.count("{") == text.count("}")
-    skeleton = skeleton_of(body)
+    skeleton = build_skeleton(body)
     local, shifts = skeleton.motion(body, track.poses)
     turned, placed = np.empty_like(local), np.empty_like(shifts)
     for index, node in enumerate(skeleton.nodes):
@@ -128,7 +128,7 @@ def test_angles_do_not_jump() -> None:
     rotations = Rotation.from_euler("ZXY", np.stack([turning, 0.9 * turning, -turning], -1))
     wrapped = rotations.as_euler("ZXY")
     assert np.abs(np.diff(wrapped, axis=0)).max() > 3
-    found = continuous(wrapped)
+    found = make_continuous(wrapped)
     assert np.abs(np.diff(found, axis=0)).max() < 0.1
     again = Rotation.from_euler("ZXY", found)
     assert (again.inv() * rotations).magnitude().max() < 1e-9

@@ -233,7 +233,7 @@ def test_deeplabcuts_h5_is_its_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.undo()
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("tables")
-    with pytest.raises(apf.InputError, match="no table of pandas"):
+    with pytest.raises(apf.InputError, match="not a pandas table"):
         Keypoints.open(tmp_path, RIG)
     for view, path in enumerate(sorted(tmp_path.glob("*.h5"))):
         keys = [("DLC", name, axis) for name in COCO_17 for axis in ("x", "y", "likelihood")]
