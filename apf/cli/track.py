@@ -22,7 +22,7 @@ from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.presets import PRESETS
-from apf.report.judged import FILES, judged, run_facts, write_judged
+from apf.report.judged import FILES, judge_track, run_facts, write_report
 from apf.report.page import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
@@ -302,8 +302,8 @@ def finish_take(
         if compared:
             line.begin("judging")
             progress = partial(line, "judging")
-            quality = judged(device, take.sequence, track, _config(args), progress)
-        files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
+            quality = judge_track(device, take.sequence, track, _config(args), progress)
+        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 

@@ -15,7 +15,7 @@ from helpers.browser import browser
 
 from apf.cli import main
 from apf.report.agreement import Agreement
-from apf.report.film import page_video
+from apf.report.film import encode_page_video
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import body_facts
@@ -139,18 +139,18 @@ def test_in_a_browser(page_file: Path) -> None:
 def test_videos_are_made_to_fit(tmp_path: Path) -> None:
     """Those of other codecs and those that are too large are encoded anew, frame for frame."""
     small = noise_video(tmp_path / "small.mp4", 5, (320, 240))
-    assert page_video(small) == small.read_bytes()
+    assert encode_page_video(small) == small.read_bytes()
     old = tmp_path / "old.mp4"
     writer = cv2.VideoWriter(str(old), cv2.VideoWriter.fourcc(*"mp4v"), 25, (320, 240))
     for _ in range(7):
         writer.write(np.full((240, 320, 3), 90, np.uint8))
     writer.release()
-    (tmp_path / "new.mp4").write_bytes(page_video(old))
+    (tmp_path / "new.mp4").write_bytes(encode_page_video(old))
     assert count_frames(tmp_path / "new.mp4") == 7
-    assert page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
+    assert encode_page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match=r"text\.mp4: cannot be read as a video"):
-        page_video(tmp_path / "text.mp4")
+        encode_page_video(tmp_path / "text.mp4")
 
 
 def test_tracks_are_judged_and_reports_made_again(
