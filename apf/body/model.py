@@ -159,7 +159,7 @@ def sideless(name: str) -> str:
     return name.removeprefix("l_").removeprefix("r_")
 
 
-def side_of(name: str) -> str:
+def find_side(name: str) -> str:
     """Return left, right or middle, from the beginning of a bone's, cone's or joint's name."""
     lower = name.lower()
     sides = (side for side in ("left", "right") if lower.startswith((f"{side[0]}_", side)))

@@ -14,7 +14,7 @@ from apf.tracking.track import Track
 
 @dataclass(frozen=True)
 class ChunksConfig:
-    """How chunks overlap, and when they agree."""
+    """The overlap of chunks, and the threshold for their agreement."""
 
     overlap: float = 1.0
     """Overlap of two chunks, s. A track settles within about half of it after a found start."""
@@ -77,15 +77,17 @@ def join_tracks(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
         for name in tracks[0].diagnostics
         if name in names
     }
-    said = json.loads(tracks[0].provenance)
-    said["parts"] = [{"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams]
+    provenance = json.loads(tracks[0].provenance)
+    provenance["parts"] = [
+        {"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams
+    ]
     whole = replace(
         tracks[0],
         frames=stacked("frames"),
         poses=stacked("poses"),
         joints=stacked("joints"),
         diagnostics=diagnostics,
-        provenance=json.dumps(said),
+        provenance=json.dumps(provenance),
     )
     return whole, seams
 

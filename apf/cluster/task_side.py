@@ -95,8 +95,8 @@ class TaskProgress:
             from distributed import get_worker
 
             done = self._done[self._stage]
-            said = Progress(self._task, self._stage, done, self.n_frames, self.worker)
-            get_worker().log_event(self._batch, asdict(said))
+            message = Progress(self._task, self._stage, done, self.n_frames, self.worker)
+            get_worker().log_event(self._batch, asdict(message))
 
 
 def run_task(name: str, batch: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:

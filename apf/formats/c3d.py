@@ -80,8 +80,8 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
 
 def _read_convention(path: Path, point: Any) -> str:
     """Return the up axis that the file states. Raises InputError for an unknown one."""
-    said = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
-    up = str(said[0]).strip().upper() if said else "+Z"
+    stated = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
+    up = str(stated[0]).strip().upper() if stated else "+Z"
     found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(up)
     if found is None:
         raise InputError(f"{path}: POINT:Y_SCREEN is {up!r}; expected +Z or +Y, or --convention")

@@ -14,7 +14,7 @@ import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.body.mesh import BodyMesh, rounded_mesh
-from apf.body.model import side_of
+from apf.body.model import find_side
 from apf.formats.bvh import is_translating
 from apf.formats.motion import BodyMotion
 from apf.formats.skeleton import Skeleton, build_skeleton
@@ -58,8 +58,7 @@ class _File:
         self._bytes = bytearray()
 
     def add(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
-        """Add values (N, ...), float32 or unsigned, and return their accessor; kind: SCALAR, VEC3,
-        ..."""
+        """Add values (N, ...), float32 or unsigned, return their accessor; kind: such as VEC3."""
         types = {"f4": 5126, "u4": 5125, "u1": 5121}
         data = np.ascontiguousarray(values)
         flat = data.reshape(len(data), -1)
@@ -128,7 +127,7 @@ def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh)
     }
     primitives = []
     for side, colour in _COLOURS.items():
-        faces = mesh.faces[[side_of(mesh.names[part]) == side for part in mesh.parts]]
+        faces = mesh.faces[[find_side(mesh.names[part]) == side for part in mesh.parts]]
         if not len(faces):
             continue
         indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", gltf.ELEMENT_ARRAY_BUFFER)

@@ -17,7 +17,7 @@ import numpy as np
 from apf.body.anatomy import standing_axes
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
-from apf.body.model import BodyModel, Joint, side_of, sideless
+from apf.body.model import BodyModel, Joint, find_side, sideless
 
 #: From the tracker's world to the files': (x, y, z) -> (x, z, -y).
 TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -183,5 +183,5 @@ def _list_descendants(body: BodyModel, bone: int) -> list[int]:
 def node_name(name: str) -> str:
     """Return the name of a bone, joint or marker in animation files."""
     plain = sideless(name)
-    side = "" if plain == name else side_of(name).capitalize()
+    side = "" if plain == name else find_side(name).capitalize()
     return side + _NAMES.get(plain, "".join(word.capitalize() for word in plain.split("_")))

@@ -44,7 +44,7 @@ def find_disagreements(
 
     Empty if they are consistent, or too few for a comparison.
     """
-    return _Agreement(keypoints, rig, config or AgreementConfig()).said()
+    return _Agreement(keypoints, rig, config or AgreementConfig()).report()
 
 
 class _Agreement:
@@ -62,7 +62,7 @@ class _Agreement:
         self.seen = self.of_frames[:, np.arange(len(chosen)), self.columns]
         self.heights = np.array([camera.size[1] for camera in rig], float)
 
-    def said(self) -> list[str]:
+    def report(self) -> list[str]:
         away = np.array([self.away(self.seen, view) for view in range(len(self.rig))])
         wrong = [int(view) for view in np.flatnonzero(away > self.config.away)]
         if not wrong:

@@ -30,7 +30,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 
 @dataclass(frozen=True)
 class CropConfig:
-    """How pictures are cropped around the silhouette for the network."""
+    """The crop of pictures around the silhouette for the network."""
 
     margin: float = 0.5
     """Margin added on every side, as a share of the silhouette's larger side."""

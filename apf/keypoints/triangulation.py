@@ -17,7 +17,7 @@ from psfs.common.ranges import check_range
 
 @dataclass(frozen=True)
 class TriangulationConfig:
-    """When a camera is excluded from a point, and when a point is rejected."""
+    """Thresholds to exclude a camera from a point, and to reject a point."""
 
     max_error: float = 15.0
     """Largest mean reprojection error, px; cameras are excluded until it is below. Pose2Sim's

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import side_of, sideless
+from apf.body.model import find_side, sideless
 from apf.report.parts import plain_name
 from apf.report.quality import Quality
 from apf.tracking.track import Track
@@ -21,7 +21,7 @@ def angle_curves(track: Track) -> list[dict[str, Any]]:
     """
     groups = defaultdict[str, list[dict[str, Any]]](list)
     for name, values in track.angles.items():
-        side, (joint, *of) = side_of(name), sideless(name).split("_")
+        side, (joint, *of) = find_side(name), sideless(name).split("_")
         curve = {"name": " ".join(of), "side": side, "values": round_for_json(values, 1)}
         groups[joint].append(curve)
     if not groups:

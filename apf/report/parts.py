@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from apf.body.limbs import LIMB_ENDS, limb_chains
-from apf.body.model import BodyModel, side_of, sideless
+from apf.body.model import BodyModel, find_side, sideless
 
 
 @dataclass(frozen=True)
@@ -40,5 +40,5 @@ def _part(body: BodyModel, bones: set[int], name: str) -> Part:
 
 def plain_name(name: str) -> str:
     """Return a bone's or joint's usual name: left upper arm for `l_upper_arm`."""
-    side, words = side_of(name), sideless(name).replace("_", " ")
+    side, words = find_side(name), sideless(name).replace("_", " ")
     return words if side == "middle" else f"{side} {words}"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import side_of
+from apf.body.model import find_side
 from apf.report.quality import Quality
 from apf.results.overlay import COLOURS
 
@@ -31,7 +31,7 @@ def player_scene(quality: Quality) -> dict[str, Any]:
     scene: dict[str, Any] = {
         "joint_names": list(track.joint_names),
         "edges": track.edges.tolist(),
-        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[side_of(n)][::-1]) for n in names],
+        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[find_side(n)][::-1]) for n in names],
         "joints": _encode(track.joints, "<f4"),
         "low": (low - 0.2).round(3).tolist(),
         "high": (high + 0.2).round(3).tolist(),

@@ -66,9 +66,9 @@ class Quality:
         inside = 1.0 if self.agreement is None else self.agreement.inside
         confidence: np.ndarray = np.nan_to_num(certain * inside**_POWER, nan=0.0)
         names = limb_names(self.track.its_body)
-        for limb, said in enumerate(self.track.limb_confidence[self.rows].T):
-            if names[limb] in self.parts and np.isfinite(said).all():
-                confidence[:, self.parts.index(names[limb])] = said
+        for limb, stated in enumerate(self.track.limb_confidence[self.rows].T):
+            if names[limb] in self.parts and np.isfinite(stated).all():
+                confidence[:, self.parts.index(names[limb])] = stated
         confidence[self.track.lost[self.rows]] = 0.0
         return confidence
 

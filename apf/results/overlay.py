@@ -12,7 +12,7 @@ import numpy as np
 
 from apf.body.cones import project_outlines
 from apf.body.kinematics import CONE_FLOATS, posed_cones
-from apf.body.model import BodyModel, side_of
+from apf.body.model import BodyModel, find_side
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
@@ -47,7 +47,7 @@ def draw_overlay(
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (_fixed(corners[i]), COLOURS[side_of(cone_names[i])])
+        (_fixed(corners[i]), COLOURS[find_side(cone_names[i])])
         for i in np.argsort(-distance)  # near ones are drawn over far ones
         if np.isfinite(corners[i]).all()
     ]

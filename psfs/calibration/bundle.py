@@ -24,7 +24,7 @@ _POSE, _LENS = 6, 8
 _POSE_COLUMNS, _LENS_COLUMNS = slice(0, _POSE), slice(_POSE, _POSE + _LENS)
 #: Tolerance of each step's linear system (LSMR), and the most steps of a round.
 _TOLERANCE, _MOST_STEPS = 1e-6, 25
-#: Rounds, each of which decorrelates the parameters anew; a round of so few steps is the last.
+#: Rounds, each of which decorrelates the parameters again; a round of so few steps is the last.
 _ROUNDS, _FEW_STEPS = 12, 8
 
 
@@ -151,7 +151,7 @@ class _Problem:
         if not sightings:
             return np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2))
         rows = [np.full(len(s.ids), self.frames[s.frame]) for s in sightings]
-        points = [self.target.points_at(s.frame)[s.ids] for s in sightings]
+        points = [self.target.frame_points(s.frame)[s.ids] for s in sightings]
         pixels = [s.pixels for s in sightings]
         return np.concatenate(rows), np.concatenate(points), np.concatenate(pixels)
 

@@ -190,9 +190,11 @@ def _exclude_outlier_cameras(
     views = list(range(len(names)))
     disagreeing: dict[str, str] = {}
     while (
-        odd := find_outlier_camera(compare_cameras(scene, target, sightings, views, config), config)
+        outlier := find_outlier_camera(
+            compare_cameras(scene, target, sightings, views, config), config
+        )
     ) is not None:
-        views.remove(odd.view)
+        views.remove(outlier.view)
         agreeing = [s for s in sightings if s.view in views]
         counts = {frame: len(here) for frame, here in group_by_frame(agreeing).items()}
         enough = 1 if target.planar or target.known is not None else 2
@@ -203,9 +205,9 @@ def _exclude_outlier_cameras(
         scene = adjust_bundle(
             scene, target, agreeing, FreeParameters(lenses, held, freedom.poses), config
         )
-        others = tuple(view for view in range(len(names)) if view != odd.view)
-        own = [s for s in sightings if s.view == odd.view and s.frame in scene.poses]
+        others = tuple(view for view in range(len(names)) if view != outlier.view)
+        own = [s for s in sightings if s.view == outlier.view and s.frame in scene.poses]
         scene = adjust_bundle(scene, target, own, FreeParameters((), others, poses=False), config)
-        why = explain_disagreement(replace(odd, scene=scene), target, own, config)
-        disagreeing[names[odd.view]] = f"{odd.own:.1f} px off what the others see; {why}"
+        why = explain_disagreement(replace(outlier, scene=scene), target, own, config)
+        disagreeing[names[outlier.view]] = f"{outlier.own:.1f} px off what the others see; {why}"
     return scene, [s for s in sightings if s.view in views and s.frame in scene.poses], disagreeing

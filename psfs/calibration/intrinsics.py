@@ -36,12 +36,12 @@ def read_intrinsics(path: Path, rig: CameraRig, finder: Finder | None) -> list[C
     assert found is not None
     sizes = {camera.name: camera.size for camera in rig}
 
-    def sizes_of(names: Sequence[str]) -> list[tuple[int, int]]:
+    def find_sizes(names: Sequence[str]) -> list[tuple[int, int]]:
         pairs, _ = match_files_to_cameras(rig.names, list(names), str(path), rig.names)
         by_file = {of: sizes[name] for name, of in pairs.items()}
         return [by_file.get(name, rig[0].size) for name in names]
 
-    read = read_calibration(found, sizes=sizes_of)
+    read = read_calibration(found, sizes=find_sizes)
     pairs, _ = match_files_to_cameras(rig.names, read.names, str(path), rig.names)
     cameras = []
     for name in rig.names:

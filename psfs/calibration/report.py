@@ -22,7 +22,7 @@ _GOOD, _BAD = 1.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class ViewReport:
-    """What a camera saw of the target.
+    """The sightings of one camera.
 
     frames: number of frames with the target. shared: most frames shared with one other camera.
     pixels: (N, 2) of its points. errors: (N,) px. cells: (6, 8) bool, which cells hold points.

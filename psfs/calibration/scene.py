@@ -22,7 +22,7 @@ class CalibrationScene:
 
     def points(self, target: Target, frame: int) -> np.ndarray:
         """Return the target's points (P, 3) m in the world."""
-        return transform_points(self.poses[frame], target.points_at(frame))
+        return transform_points(self.poses[frame], target.frame_points(frame))
 
     def transform(self, world: np.ndarray) -> CalibrationScene:
         """Transform the scene to another world, x' = world x, (4, 4)."""

@@ -125,8 +125,8 @@ class Settings:
 
     def over(self, other: Settings) -> Settings:
         """Return these settings, filled with `other`'s where these are None."""
-        said = {key: value for key, value in vars(self).items() if value is not None}
-        return replace(other, **said)
+        stated = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(other, **stated)
 
 
 def _check_path(value: Any) -> None:

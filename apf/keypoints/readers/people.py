@@ -127,7 +127,7 @@ def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
                 f"{path}: {_POINTS} of person {number} is not a list x, y, confidence, x, ...; "
                 f"found {points.size if points.ndim else type(values).__name__} values"
             )
-        if points.size:  # OpenPose leaves it empty if it only looked for hands
+        if points.size:  # OpenPose leaves it empty if it only searched for hands
             found.append(points.reshape(-1, 3))
     return found
 

@@ -33,7 +33,7 @@ class Target:
         """Whether a single picture determines its pose, as a board's does."""
         return bool(np.linalg.matrix_rank(self.points - self.points[0], tol=1e-6) == 2)
 
-    def points_at(self, frame: int) -> np.ndarray:
+    def frame_points(self, frame: int) -> np.ndarray:
         """Return the points (P, 3) m to which the frame's pose is applied."""
         return self.points if self.known is None else self.known[frame]
 
@@ -107,7 +107,9 @@ def make_wand(lengths: Sequence[float]) -> Target:
     points = np.zeros((len(lengths) + 1, 3))
     points[1:, 0] = np.cumsum(lengths)
     order = np.arange(len(points))
-    told = len(lengths) == 2 and not _EQUAL_RATIOS[0] < lengths[0] / lengths[1] < _EQUAL_RATIOS[1]
-    orders = [order] if told else [order, order[::-1]]
+    distinct = (
+        len(lengths) == 2 and not _EQUAL_RATIOS[0] < lengths[0] / lengths[1] < _EQUAL_RATIOS[1]
+    )
+    orders = [order] if distinct else [order, order[::-1]]
     name = "wand of " + " and ".join(f"{length:g}" for length in lengths) + " m"
     return Target(name, points, np.stack(orders))

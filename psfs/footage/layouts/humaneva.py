@@ -104,10 +104,10 @@ def _read(folder: Path, settings: Settings) -> Footage:
     late, more = _compute_delays(_find_subfolder(folder, "sync_data"), take, images)
     notes += [*remarks, *more]
     background = None
-    plates = _find_background_videos(folder)
-    if set(choose_cameras(rig, settings).names) <= plates.keys():
+    empty = _find_background_videos(folder)
+    if set(choose_cameras(rig, settings).names) <= empty.keys():
         background, remarks = assign_pictures(
-            rig, plates, folder / "Background", settings, extras=True
+            rig, empty, folder / "Background", settings, extras=True
         )
         notes += remarks
     rig_in_use = choose_cameras(rig, settings)

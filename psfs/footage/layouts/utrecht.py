@@ -29,7 +29,7 @@ def _list_videos(folder: Path, stem: str) -> Found:
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
-    videos, plates = _list_videos(folder, "video"), _list_videos(folder, "background")
+    videos, empty = _list_videos(folder, "video"), _list_videos(folder, "background")
     where = folder / "cam*" / "video.avi"
     sizes = make_size_lookup(videos, where, settings)
     if settings.calibration is None:
@@ -45,9 +45,9 @@ def _read(folder: Path, settings: Settings) -> Footage:
             f"the unit {_UNIT} comes from a board of 115 mm that measures 151: uncertain",
         ]
     background = None
-    if plates:
+    if empty:
         background, remarks = assign_pictures(
-            rig, plates, folder / "cam*" / "background.avi", settings, extras=True
+            rig, empty, folder / "cam*" / "background.avi", settings, extras=True
         )
         notes = notes + remarks
     return Footage(
