@@ -1,4 +1,4 @@
-"""Keypoints of a body that is known, as a network without errors would give them."""
+"""Keypoints of a known body, as a network without errors would detect them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def of_poses(
 
 
 def world_points(body: BodyModel, poses: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """(F, K, 3) m, where the keypoints are; NaN for those that the body has no point for."""
+    """Return the keypoints' positions (F, K, 3) m; NaN for those that the body lacks."""
     on = locate_points(body, names)
     rotations, origins = bone_matrices(body, poses)
     places = np.full((len(poses), len(names), 3), np.nan)

@@ -1,4 +1,4 @@
-"""HumanEva's folders, made on the spot: takes, cameras, their beginning together, empty rooms."""
+"""HumanEva's folders: takes, cameras, synchronisation, empty rooms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clinical angles: their signs, their conventions, and what bodies do not have."""
+"""Clinical angles: signs, conventions, and joints that a body lacks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SONG = load_body("song31")
 
 
 def pose_of(body: BodyModel = SONG, **degrees: float) -> np.ndarray:
-    """(1, D) all angles at 0 but these: `l_thigh_ry=30`."""
+    """Return a pose (1, D) with all angles at 0 except the given ones, such as `l_thigh_ry=30`."""
     pose = np.zeros((1, body.n_dof))
     for name, value in degrees.items():
         pose[0, body.dof_names.index(".".join(name.rsplit("_", 1)))] = np.radians(value)

@@ -1,4 +1,4 @@
-"""Tapered cones: outlines and distances against geometry worked out another way."""
+"""Tapered cones: outlines and distances compared with independent geometry."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def cone(
 
 
 def surface(row: np.ndarray, n_rows: int = 41, n_around: int = 180) -> np.ndarray:
-    """(n_rows, n_around, 3) points on the mantle of a cone."""
+    """Return points (n_rows, n_around, 3) on the mantle of a cone."""
     a, b, x, y = row[0:3], row[4:7], row[8:11], row[12:15]
     t = np.linspace(0, 1, n_rows)[:, None, None]
     angle = np.linspace(0, 2 * np.pi, n_around, endpoint=False)[None, :, None]
@@ -77,7 +77,7 @@ def test_round_sides_are_normal_to_axis_and_view() -> None:
 @pytest.mark.parametrize("row", CONES.values(), ids=CONES)
 @pytest.mark.parametrize("direction", [(1, 0.2, 0.1), (-0.5, 1, 0.7), (0.3, -1, -0.4)])
 def test_outline_is_the_silhouette_seen_from_afar(row: np.ndarray, direction: tuple) -> None:
-    """Seen from far away the trapezoid spans all of the mantle, neither more nor less."""
+    """Seen from far away, the trapezoid covers exactly the mantle."""
     eye = 500 * np.array(direction) / np.linalg.norm(direction)
     corners = outline_corners(eye, row)
     # Across the axis in the picture plane.
@@ -148,7 +148,7 @@ def test_mantles_are_at_distance_zero(row: np.ndarray) -> None:
 
 
 def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
-    """A cylinder without its rounded ends: the nearest of many points on its mantle."""
+    """The distance to a cylinder is that to the nearest of many points on its mantle."""
     row = cone([0.2, 0.1, 0.3], [0.5, -0.2, 0.9], (0.1, 0.1))
     random = np.random.default_rng(1)
     axis = row[4:7] - row[0:3]
@@ -171,7 +171,7 @@ def test_distances_are_per_point_and_cone() -> None:
 
 
 def test_corners_far_out_of_the_picture_count_as_unseen() -> None:
-    """Beside the camera a corner's pixel may be at 1e17: no line to there can be drawn."""
+    """A corner beside the camera may have its pixel at 1e17: no line to it can be drawn."""
     camera = camera_at([3, 0, 1], [0, 0, 1])
     assert camera.max_radius2 == np.inf
     beside = cone([2.9, 0.5, 0.5], [2.5, 0, 1.2])

@@ -56,7 +56,7 @@ def test_limbs_swing_from_their_upper_bones_whatever_carries_these(
 
 
 def test_a_limb_reaches_for_places() -> None:
-    """Within its limits and as far as it can; what is there already stays."""
+    """Inverse kinematics respects limits, gets as near as possible, and leaves what is in place."""
     body = load_body("song31")
     limbs, joints = limb_masks(body), limb_joints(body)
     poses = np.tile(body.rest_pose, (len(limbs), 1))

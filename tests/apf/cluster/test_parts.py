@@ -1,4 +1,4 @@
-"""Where a long take is cut, and that its parts are joined where they agree."""
+"""Cutting a long take into chunks, and joining the chunks where they agree."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from apf.tracking.track import Track
 
 
 def part_of(track: Track, begin: int, end: int, shift: np.ndarray | float = 0.0) -> Track:
-    """Frames begin to end, moved by `shift` (F,) m."""
+    """Return frames begin to end of a track, moved by `shift` (F,) m."""
     rows = slice(begin, end)
     moved = track.joints[rows] + np.reshape(shift * np.ones(end - begin), (-1, 1, 1))
     diagnostics = {name: values[rows] for name, values in track.diagnostics.items()}
@@ -39,7 +39,7 @@ def test_parts_cover_all_and_overlap() -> None:
 
 @pytest.mark.parametrize("n_frames", [90, 130, 1000, 5])
 def test_short_takes_are_not_cut(n_frames: int) -> None:
-    """Nor is one into parts that would be all overlap."""
+    """Nor is a take cut into chunks that would consist of overlap only."""
     assert cut_chunks(range(100), n_frames, 8) == [range(100)]
 
 

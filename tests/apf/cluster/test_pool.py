@@ -28,14 +28,14 @@ pytest.importorskip("distributed")
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    """Two workers, each pinned to the first core."""
+    """Yield a client of two workers, both pinned to the first core."""
     core = sorted(os.sched_getaffinity(0))[:1]
     with start_cluster([Share("cpu", tuple(core))] * 2) as client:
         yield client
 
 
 def test_every_task_has_its_outcome(client: Any, tmp_path: Path) -> None:
-    """Two faults are survived, three deaths and three faults are not; no other task notices."""
+    """Two failures are survived, three deaths or failures are not; other tasks are unaffected."""
     said: list[Progress] = []
     pool = Pool(client, said.append)
     for name, work, times in (

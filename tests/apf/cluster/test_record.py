@@ -1,4 +1,4 @@
-"""Which takes count as finished, and that folders of results are whole or not there."""
+"""Which takes count as finished; folders of results are complete or absent."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_files_of_others_stay(tmp_path: Path) -> None:
 
 
 def test_leftovers_of_the_dead_are_cleared(tmp_path: Path) -> None:
-    """Not those of other takes, other hosts, or processes that live."""
+    """Those of other takes, other hosts or running processes stay."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     here = platform.node()

@@ -1,4 +1,4 @@
-"""C3D, TRC, MOT and CSV as other readers see them."""
+"""C3D, TRC, MOT and CSV files read by independent readers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cl import InputError
 
 
 def walk() -> Track:
-    """With a covariance, and lost in frames 3 and 4."""
+    """Return a track with a covariance that is lost in frames 3 and 4."""
     track = strider(10)
     lost = np.zeros(10, bool)
     lost[3:5] = True

@@ -1,4 +1,5 @@
-"""BVH and GLB as other readers see them: bvhio, pygltflib, trimesh, and Blender where it is."""
+"""BVH and GLB files read by independent readers: bvhio, pygltflib, trimesh, and Blender if
+installed."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def wild(name: str, frames: int = 12) -> Track:
 
 
 def in_world(point: object) -> np.ndarray:
-    """A place of a file with Y up, in the tracker's world."""
+    """Convert a position of a file with Y up to the tracker's world."""
     return TO_Y_UP.T @ np.array(list(point))  # type: ignore[call-overload]
 
 
@@ -145,7 +146,7 @@ def gltf_values(file: pygltflib.GLTF2, accessor: int) -> np.ndarray:
 
 
 def gltf_nodes(file: pygltflib.GLTF2, frame: int) -> np.ndarray:
-    """(N, 4, 4) where the animation puts the nodes in the world in a frame."""
+    """Return the world matrices (N, 4, 4) of the animated nodes in a frame."""
     parents = {child: index for index, node in enumerate(file.nodes) for child in node.children}
     moves = [(n.translation or [0, 0, 0], n.rotation or [0, 0, 0, 1]) for n in file.nodes]
     for channel in file.animations[0].channels:

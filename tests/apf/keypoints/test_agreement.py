@@ -1,4 +1,4 @@
-"""Keypoints of cameras that were exchanged, turned, of other pictures: said in one line."""
+"""Keypoints that are swapped, rotated or of other pictures are reported in one line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rig() -> CameraRig:
 
 @pytest.fixture(scope="module")
 def seen(rig: CameraRig) -> Keypoints:
-    """The joints of a walker as four cameras see them, 1 px beside."""
+    """Return a walker's joints as four cameras see them, with an error of 1 px."""
     truth = tracks.truth_of(tracks.walker(12))
     pixels = np.stack([camera.project(truth.joints)[0] for camera in rig])
     pixels += np.random.default_rng(4).normal(0, 1, pixels.shape)

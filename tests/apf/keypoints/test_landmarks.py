@@ -1,4 +1,4 @@
-"""Names of keypoints are points on the body, wherever its limbs point while all angles are 0."""
+"""Keypoint names are points on the body, independent of its limbs' directions at angle 0."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_every_name_of_the_known_networks_is_a_landmark(name: str) -> None:
 
 
 def landmarks_side(name: str) -> str | None:
-    """Left or right of a network's name, told as a reader would."""
+    """Return left or right of a network's name, as a reader would understand it."""
     words = name.lower().split("_")
     if "left" in words or "right" in words:
         return "l" if "left" in words else "r"

@@ -1,4 +1,5 @@
-"""OpenPose's JSON as programs lay it out, OpenCap's pickles, DeepLabCut's tables, persons."""
+"""OpenPose's JSON in the layouts of several programs, OpenCap's pickles, DeepLabCut's tables,
+persons."""
 
 from __future__ import annotations
 
@@ -45,12 +46,12 @@ def walked(dx: float = 0.0, dy: float = 0.0, rig: CameraRig = RIG, **options: An
 
 
 def person(points: np.ndarray) -> dict[str, Any]:
-    """(K, 3) as OpenPose lists it: zeros for what it has not found."""
+    """Return keypoints (K, 3) as OpenPose lists them, with zeros for missing ones."""
     return {"person_id": [-1], "pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}
 
 
 def write(folder: Path, layout: str, *people: Keypoints) -> Path:
-    """The JSON files of several persons."""
+    """Write the JSON files of several persons."""
     first = people[0]
     for view, camera in enumerate(first.camera_names):
         for frame in range(first.n_frames):
@@ -188,7 +189,7 @@ def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
 
 
 def table(points: np.ndarray, names: tuple[str, ...], individuals: bool = False) -> list[list[Any]]:
-    """The rows of DeepLabCut's csv for (F, K, 3)."""
+    """Return the rows of DeepLabCut's csv for (F, K, 3)."""
     parts = [name for name in names for _ in range(3)]
     rows = [["scorer", *["DLC_net"] * len(parts)]]
     rows += [["individuals", *["one"] * len(parts)]] if individuals else []

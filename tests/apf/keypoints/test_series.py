@@ -1,4 +1,4 @@
-"""Gaps of points over time, and the low-pass."""
+"""Gaps of points over time, and the low-pass filter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from apf.keypoints.series import fill_gaps, low_pass
 
 
 def line(frames: int = 40, points: int = 3) -> np.ndarray:
-    """(F, K, 3): every point on a line of its own, at a steady pace."""
+    """Return points (F, K, 3) that move along lines at constant speed."""
     random = np.random.default_rng(2)
     start, step = random.normal(size=(2, 1, points, 3))
     return start + step * np.arange(frames)[:, None, None]

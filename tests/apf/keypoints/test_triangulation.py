@@ -1,4 +1,4 @@
-"""Points in space from keypoints of cameras, some of which are wrong."""
+"""Triangulation of keypoints, some of which are wrong."""
 
 from __future__ import annotations
 

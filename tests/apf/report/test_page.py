@@ -1,4 +1,4 @@
-"""The report's page in a browser: the player follows the slider, and nothing is asked for."""
+"""The report's page in a browser: the player follows the slider, and no request leaves the page."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
 
 
 def quality_of(n_frames: int, n_voxels: int) -> Quality:
-    """A track with random voxels, and an arm that is doubtful in frames 3 and 4."""
+    """Return the quality of a track with random voxels and an arm that is doubtful in frames 3 and
+    4."""
     track = tracks.walker(n_frames)
     lost = np.arange(n_frames) == 7
     track = replace(track, diagnostics={"lost": lost, "confidence": np.full(n_frames, 0.9)})
@@ -53,7 +54,7 @@ def quality_of(n_frames: int, n_voxels: int) -> Quality:
 
 
 def noise_video(path: Path, n_frames: int, size: tuple[int, int]) -> Path:
-    """A video as hard to compress as a recording's noise."""
+    """Write a video as hard to compress as a recording's noise."""
     rng = np.random.default_rng(0)
     base = cv2.resize(rng.integers(0, 256, (40, 60, 3), np.uint8), size)
     with write_video(path, 25) as video:

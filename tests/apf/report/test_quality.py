@@ -1,4 +1,4 @@
-"""A track judged without truth: what is right is believed, what is wrong is named."""
+"""Judging a track without ground truth: wrong limbs are found, right ones are not."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_good_track_looks_good(scene: Scene) -> None:
     ],
 )
 def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> None:
-    """In the frames in which it is wrong."""
+    """It is reported in the frames in which it is wrong."""
     track = scene[3]
     poses = track.poses.copy()
     poses[1:4, track.dof_names.index(dof)] += by

@@ -1,4 +1,4 @@
-"""Finding rendered boards: exact, the right way round, and what is seen instead."""
+"""Detection of rendered boards: accuracy, orientation, and hints of other boards."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pictured(render: Callable[..., np.ndarray], pose: np.ndarray, seed: int = 0)
 
 @pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
 def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
-    """5 x 4 inner corners: its two ends differ in colour."""
+    """With 5 x 4 inner corners the board's two ends differ in colour."""
     render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
     rng = np.random.default_rng(3)
     pose = made.facing(rng, CAMERA.centre, reach=0.2)

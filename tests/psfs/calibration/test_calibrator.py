@@ -1,4 +1,4 @@
-"""Cameras from sightings with noise, of boards and wands in known places."""
+"""Calibration from noisy sightings of boards and wands in known poses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def calibration_of(
     ("target", "frames"), [(BOARD, 70), (UNEVEN, 120)], ids=["board", "wand of three"]
 )
 def test_cameras_and_lenses_are_found(target: Target, frames: int) -> None:
-    """Known lenses are tried with rendered pictures."""
+    """Known lenses are tested with rendered pictures."""
     noise = 0.2 if target.planar else 0.3
     sightings = made.sighted(target, CAMERAS, poses(target, frames), noise)
     result = calibration_of(target, sightings, known=False)
@@ -68,7 +68,7 @@ def test_false_detections_are_left_out() -> None:
 
 
 def test_a_camera_that_was_moved_is_named() -> None:
-    """cam03 by 4 cm, in frame 30 of 50; the others are as good as without it."""
+    """cam03 is moved by 4 cm in frame 30 of 50; the others are as accurate as without it."""
     target, places = WAND, poses(WAND, 50)
     later = [*CAMERAS]
     later[2] = made.moved(CAMERAS[2], np.array([0.03, 0.0, 0.026]))
@@ -103,7 +103,7 @@ def test_a_camera_that_is_late_is_named() -> None:
 
 
 def test_intrinsics_of_another_picture_size_are_named() -> None:
-    """As pose2sim_balance has them: 0.74 % too long, the centre 7 px away."""
+    """As in pose2sim_balance: the focal length is 0.74 % too long, the centre 7 px off."""
     K = CAMERAS[1].K.copy()
     K[:2] *= 1.0074
     K[1, 2] += 7.2
@@ -114,7 +114,7 @@ def test_intrinsics_of_another_picture_size_are_named() -> None:
 
 
 def test_the_jacobian_is_that_of_the_residuals() -> None:
-    """By the gradient: from a start far off, one run reaches what a second does not improve."""
+    """Tests the gradient: from a distant start, one run reaches what a second does not improve."""
     places = poses(WAND, 30)
     sightings = made.sighted(WAND, CAMERAS, places)
     sightings = [replace(s, ids=np.arange(2)) for s in sightings]

@@ -1,4 +1,4 @@
-"""Calibration readers: each format read back from a rig that was written in it."""
+"""Calibration readers read back a rig that was written in each format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sets of pixels and voxels: agreement and connected parts."""
+"""Regions of pixels and voxels: overlap and connected components."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a viewer draws of clouds, meshes, cameras and the floor."""
+"""Drawings of clouds, meshes, cameras and the floor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 
 def cloud_of(count: int, coloured: bool = True) -> VoxelCloud:
-    """`count` voxels with probabilities up to 1, red."""
+    """Return `count` red voxels with probabilities up to 1."""
     grid = scenes.small_grid()
     indices = 10_000 + 7 * np.arange(count)
     colour = np.tile(np.uint8([255, 0, 0]), (count, 1)) if coloured else None

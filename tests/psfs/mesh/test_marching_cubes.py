@@ -1,4 +1,4 @@
-"""Surfaces: closed, free of debris, in their place, not shrunk; files as their formats ask."""
+"""Surfaces are closed, free of debris, in place and not shrunk; files conform to their formats."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ CENTRE, RADIUS = np.array([-0.25, 2.7, 1.35]), 0.55
 
 
 def ball(centre: np.ndarray = CENTRE, radius: float = RADIUS) -> np.ndarray:
-    """Smoothed probability of a ball, as the reconstruction gives it: steep, but not a step."""
+    """Return the smoothed probability of a ball, as the reconstruction computes it: steep, not a
+    step."""
     distance = np.linalg.norm(GRID.centres() - centre, axis=1).reshape(GRID.shape) - radius
     smooth: np.ndarray = ndimage.uniform_filter((distance < 0).astype(np.float32), 3)
     return smooth
@@ -77,7 +78,7 @@ def test_nothing_occupied_is_said() -> None:
 
 
 def cloud(colour: bool) -> VoxelCloud:
-    """The ball's voxels, red above CENTRE's height and blue below."""
+    """Return the ball's voxels, red above CENTRE's height and blue below."""
     indices = np.flatnonzero(ball() > 0.5).astype(np.int32)
     red = GRID.centres(indices)[:, 2] > CENTRE[2]
     colours = np.where(red[:, None], np.uint8([200, 0, 0]), np.uint8([0, 0, 100]))

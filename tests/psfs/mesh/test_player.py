@@ -1,4 +1,4 @@
-"""What is to be seen of a run, and what the keys do, without a window."""
+"""The viewer's state and its keys, without a window."""
 
 from __future__ import annotations
 

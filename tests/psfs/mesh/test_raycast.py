@@ -1,4 +1,4 @@
-"""Silhouettes and pictures of meshes, by rays."""
+"""Silhouettes and pictures of meshes by ray casting."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_directions_undo_the_projection() -> None:
 
 
 def test_silhouette_of_a_ball() -> None:
-    """The rays that pass the centre at less than the radius."""
+    """The silhouette is the rays that pass the centre at less than the radius."""
     view = camera()
     pixels = np.stack(np.meshgrid(np.arange(161), np.arange(121)), -1).reshape(-1, 2)
     directions = view.rays(pixels)
@@ -46,7 +46,7 @@ def test_silhouette_of_a_ball() -> None:
 
 
 def test_around_and_behind_the_camera() -> None:
-    """A camera inside the ball sees nothing else; one that looks away from it sees none of it."""
+    """A camera inside the ball sees only the ball; one that looks away from it does not see it."""
     view = camera()
     inside = replace(view, t=-view.R @ CENTRE)
     assert RayScene(ball()).silhouette(inside).all()

@@ -1,4 +1,4 @@
-"""`psfs view`: what the window gets, and the picture where there is none."""
+"""`psfs view`: the window's contents, and the picture without a display."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def test_a_window_that_does_not_open_is_said(monkeypatch: pytest.MonkeyPatch) ->
 
 
 class FakeGui:
-    """Open3D's gui as far as a window without a display goes: `script(window)` runs in place of
-    the loop that waits for keys."""
+    """A substitute for Open3D's gui without a display: `script(window)` runs instead of the event
+    loop."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, script: Any) -> None:
         visualization = load_open3d().visualization
@@ -106,7 +106,7 @@ class FakeGui:
         self.gui, self.scene = gui, rendering.Open3DScene.return_value
 
     def __getattr__(self, name: str) -> Any:
-        """`on_key`, `on_tick_event`: the window's callbacks."""
+        """Return the window's callback `on_key` or `on_tick_event`."""
         return getattr(self.window, f"set_{name}").call_args.args[0]
 
     def press(self, name: str) -> bool:
@@ -114,7 +114,7 @@ class FakeGui:
         return self.on_key(SimpleNamespace(key=self.gui.KeyName[name].value, type=down))
 
     def drawn(self) -> list[str]:
-        """The layers that were drawn since the last call."""
+        """Return the layers drawn since the last call."""
         names = [call.args[0] for call in self.scene.add_geometry.call_args_list]
         self.scene.add_geometry.reset_mock()
         return names
@@ -127,7 +127,7 @@ def a_player(shape: Any) -> Player:
 
 
 def test_a_session_at_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only what changes is drawn; keys, slider and time change it."""
+    """Keys, slider and time change the drawings; only those that change are redrawn."""
 
     def shape(frame: int) -> tuple[VoxelCloud, None]:
         return VoxelCloud(scenes.small_grid(), np.arange(frame), np.ones(frame, np.float32)), None

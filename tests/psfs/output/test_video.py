@@ -1,4 +1,4 @@
-"""Videos written whole, in H.264."""
+"""Videos are written completely, in H.264."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from psfs.output.video import write_video
 
 
 def pictures(n: int, shape: tuple[int, int] = (64, 96)) -> list[np.ndarray]:
-    """A bright bar that moves."""
+    """Return pictures of a bright moving bar."""
     out = np.zeros((n, *shape, 3), np.uint8)
     for number, picture in enumerate(out):
         picture[:, 4 * number : 4 * number + 8] = (40, 120, 250)
@@ -67,7 +67,7 @@ def test_nothing_stays_of_one_that_fails(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
-    """Played by a limit of the size of files."""
+    """A limit on file sizes simulates a full disk."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (30, 240, 320, 3), np.uint8)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
