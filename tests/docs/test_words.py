@@ -34,6 +34,7 @@ TO_DO = {
     "apf/tracking",
     "cl/launch.py",
     "cl/listing.py",
+    "cl/probe.py",
     "cl/profile.py",
     "cl/program.py",
     "psfs/api.py",
