@@ -100,7 +100,7 @@ def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) ->
     with pytest.raises(apf.InputError, match="matches no file"):
         Keypoints.open(session / "Cam*" / "none", RIG)
     path.write_bytes(pickle.dumps(SimpleNamespace(people=[])))
-    with pytest.raises(apf.InputError, match=r"no pickle of plain lists.*SimpleNamespace"):
+    with pytest.raises(apf.InputError, match=r"not a pickle of plain lists.*SimpleNamespace"):
         Keypoints.open(path, RIG)
     path.write_bytes(pickle.dumps({"people": []}))
     with pytest.raises(apf.InputError, match="holds a dict; expected a list of frames"):
@@ -152,7 +152,7 @@ def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
         (
             ("{", "malformed JSON"),
             ('{"persons": []}', "lacks the list people"),
-            ('{"people": [7]}', "no list x, y, confidence"),
+            ('{"people": [7]}', "not a list x, y, confidence"),
             ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "found 2 values"),
             ('{"people": [{"pose_keypoints_2d": [1, 2, "x"]}]}', "found list values"),
             ('{"people": [{"pose_keypoints_2d": [1, 2, 0.5]}]}', "1, 33 keypoints; expected the"),
