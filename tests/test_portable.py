@@ -111,12 +111,12 @@ def test_processes_cores_and_memory_are_known(monkeypatch: pytest.MonkeyPatch) -
     assert system.is_alive(os.getpid()) and not system.is_alive(ended.pid)
     assert not system.is_alive(2**70)
     assert system.physical_memory() > 2**28
-    before = system.own_cores()
+    before = system.list_own_cores()
     system.pin_to_cores(before[:1])
     try:
-        assert system.own_cores() == before[:1]
+        assert system.list_own_cores() == before[:1]
     finally:
         system.pin_to_cores(before)
     monkeypatch.delattr(psutil.Process, "cpu_affinity")  # as on macOS
     system.pin_to_cores([0])
-    assert system.own_cores() == list(range(os.cpu_count() or 1))
+    assert system.list_own_cores() == list(range(os.cpu_count() or 1))

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from cl import InputError
-from psfs.common.files import full_path
-from psfs.common.names import printable
+from psfs.common.files import resolve_path
+from psfs.common.names import escape_unprintable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def _printable(text: str) -> str:
-    return "\n".join(printable(line) for line in text.split("\n"))
+    return "\n".join(escape_unprintable(line) for line in text.split("\n"))
 
 
 @dataclass
@@ -49,9 +49,9 @@ class Messages:
     @cached_property
     def console(self) -> Console:
         """The console of rich."""
-        from psfs.cli.console import terminal
+        from psfs.cli.console import make_terminal
 
-        return terminal(self._stderr)
+        return make_terminal(self._stderr)
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich's console does, without control characters, unless this is quiet."""
@@ -75,27 +75,27 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     """Print `kind: text`, the kind in a colour."""
     from rich.text import Text
 
-    stream.print(Text.assemble((f"{kind}:", style), f" {printable(text)}"), soft_wrap=True)
+    stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
 
 
 class CommandParser(argparse.ArgumentParser):
     """A parser whose errors are one line; so are those of its subcommands. `fill`, where it is set,
-    adds the flags before the first words are parsed, or when `filled` is called."""
+    adds the flags before the first words are parsed, or when `add_flags` is called."""
 
     fill: Callable[[], None] | None = None
 
-    def filled(self) -> None:
+    def add_flags(self) -> None:
         """Add the flags, unless they have been added."""
         fill, self.fill = self.fill, None
         if fill is not None:
             fill()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        self.filled()
+        self.add_flags()
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
 
 
 @contextmanager
@@ -114,10 +114,10 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         handlers: list[logging.Handler] = [shown]
         log = None
         if args.log_file is not None:
-            from psfs.cli.console import log_console
+            from psfs.cli.console import make_log_console
 
             file = stack.enter_context(_opened(args.log_file))
-            log = log_console(file)
+            log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         for handler in handlers:
@@ -207,14 +207,14 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 def path_or_name(text: str) -> str:
     """Return a path in full where there is such a file or folder, else the text (argparse type)."""
     path = Path(text)
-    return str(full_path(path)) if path.exists() else text
+    return str(resolve_path(path)) if path.exists() else text
 
 
 def progress_bar() -> Progress:
     """Make the bar that all long work shows, on standard error."""
-    from psfs.cli.console import bar_on
+    from psfs.cli.console import make_progress_bar
 
-    return bar_on(stderr.console, _state.quiet)
+    return make_progress_bar(stderr.console, _state.quiet)
 
 
 def frame_range(text: str) -> slice:

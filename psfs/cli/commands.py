@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from psfs.cli.program.command import commands_of
+from psfs.cli.program.command import list_commands
 
-COMMANDS = commands_of(
+COMMANDS = list_commands(
     "psfs.cli",
     info="cameras, frames and warnings of a sequence",
     calibrate="find the cameras from a board or a wand that was waved through the volume",

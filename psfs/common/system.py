@@ -63,7 +63,7 @@ def physical_memory() -> int:
     return int(psutil.virtual_memory().total)
 
 
-def own_cores() -> list[int]:
+def list_own_cores() -> list[int]:
     """Return the numbers of the cores that this process may run on; all where the system does not
     pin processes to cores, as macOS."""
     import psutil
@@ -84,7 +84,7 @@ def pin_to_cores(cores: Sequence[int]) -> None:
 
 
 @contextmanager
-def handled_as(handler: Callable[[int, Any], Any], names: Iterable[str]) -> Iterator[None]:
+def handle_signals(handler: Callable[[int, Any], Any], names: Iterable[str]) -> Iterator[None]:
     """Have the signals of these names, as many as the system has, call `handler` inside. In the
     main thread only."""
     before = {number: signal.signal(number, handler) for number in _signals(names)}

@@ -16,7 +16,7 @@ from apf.presets import PRESETS
 from apf.report.names import PAGE
 from apf.tracking.batch import BatchConfig
 from psfs.cli.commandline import add_device_flag
-from psfs.cli.flags.shared import reconstruction_of
+from psfs.cli.flags.shared import read_reconstruction
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -65,7 +65,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
-    add_configs(parser, reconstruction=reconstruction_of)
+    add_configs(parser, reconstruction=read_reconstruction)
     add_preset_flag(parser, PRESETS)
     parser.add_argument(
         "--one-way",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.cli.commandline import add_device_flag
-from psfs.cli.flags.shared import reconstruction_of
+from psfs.cli.flags.shared import read_reconstruction
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -54,7 +54,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_all_cameras_flag(parser)
     add_device_flag(parser)
-    add_configs(parser, reconstruction=reconstruction_of)
+    add_configs(parser, reconstruction=read_reconstruction)
     add_preset_flag(parser, PRESETS)
 
 

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from psfs.reconstructor import ReconstructionConfig
 
 
-def reconstruction_of(values: Mapping[str, Any], where: str) -> ReconstructionConfig:
+def read_reconstruction(values: Mapping[str, Any], where: str) -> ReconstructionConfig:
     """Return the settings of a table [reconstruction]. Raises InputError."""
     from psfs.reconstructor import ReconstructionConfig
 

@@ -120,7 +120,7 @@ class _Completion(argparse.Action):
             if not isinstance(action, argparse._SubParsersAction):
                 continue
             for subparser in action.choices.values():
-                subparser.filled()
+                subparser.add_flags()
                 for flag in subparser._actions:
                     if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
                         flag.complete = shtab.FILE
