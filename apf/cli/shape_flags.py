@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from apf.body.mesh import FRUSTUM_VERTICES
+from apf.body.frusta import FRUSTUM_VERTICES
 from cl import InputError
 from psfs.cli.commandline import path_or_name
 

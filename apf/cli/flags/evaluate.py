@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from apf.formats.trc import CONVENTIONS
+from apf.formats.axes import AXES
 from apf.results.marker_sets import SHIPPED
 from psfs.cli.commandline import path_or_name
 
@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--convention",
-        choices=CONVENTIONS,
+        choices=AXES,
         help="axes of a TRC or C3D: y-up (X Y Z) = world (x z -y), as `apf track` writes it; "
         "pose2sim = world (y z x); z-up = world (x y z) (default: y-up of a TRC; what a C3D says)",
     )

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from apf.cli.flags.shared import add_smoothing_flags
-from apf.formats.trc import CONVENTIONS
+from apf.formats.axes import AXES
 from apf.tracking.exports import EXPORTS, OF_POINTS
 
 
@@ -26,7 +26,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--axes",
-        choices=tuple(CONVENTIONS),
+        choices=AXES,
         default="y-up",
         help="of the TRC: y-up (X Y Z) = world (x z -y), z-up = world (x y z), pose2sim = "
         "world (y z x) (default: %(default)s)",

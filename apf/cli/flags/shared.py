@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from apf.formats.trc import CONVENTIONS
+from apf.formats.axes import AXES
 from apf.keypoints.triangulation import TriangulationConfig
 from apf.tracking.smoothing import SmoothingConfig
 from psfs.cli.commandline import path_or_name
@@ -36,7 +36,7 @@ def add_start_flags(parser: argparse.ArgumentParser) -> None:
         "--height", type=float, metavar="M", help="stature of the person, m, if it is known"
     )
     group.add_argument(
-        "--convention", choices=CONVENTIONS, default="y-up", help="axes of a TRC (default: y-up)"
+        "--convention", choices=AXES, default="y-up", help="axes of a TRC (default: y-up)"
     )
     group.add_argument("--voxel-size", type=voxel_edge, metavar="M", help="edge of a voxel, m")
 

@@ -22,7 +22,6 @@ from psfs.cli.commandline import (
 )
 from psfs.cli.program.command import Command
 from psfs.cli.program.outcome import exit_code
-from psfs.cli.settings import add_config_flag, with_settings
 from psfs.common.versions import versions
 
 #: The shells that shtab writes completions for.
@@ -62,6 +61,8 @@ def program_parser(
 
 def _add_flags(command: Command, parser: CommandParser) -> None:
     """Add a subcommand's own flags and those that all have."""
+    from psfs.cli.settings import add_config_flag  # imports pydantic, which --help does without
+
     command.add_flags(parser)
     add_config_flag(parser)
     add_message_flags(parser)
@@ -78,7 +79,10 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     def run() -> None:
         if any("\0" in word for word in words):
             parser.error("an argument holds the character NUL; expected text")
-        args = with_settings(parser, parser.parse_args(words), words)
+        args = parser.parse_args(words)
+        from psfs.cli.settings import with_settings
+
+        args = with_settings(parser, args, words)
         with messages(args):
             _logged(parser.prog, args, words)
 
