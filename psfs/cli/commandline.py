@@ -135,7 +135,7 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
 
 
 def has_log() -> bool:
-    """Do messages go into a log file, too?"""
+    """Return whether messages go into a log file, too."""
     return _state.log is not None
 
 

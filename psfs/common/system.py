@@ -47,7 +47,7 @@ def _lock_byte(file: IO[bytes]) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Does a process of this number run?"""
+    """Return whether a process of this number runs."""
     import psutil
 
     try:
