@@ -11,10 +11,10 @@ import numpy as np
 
 from cl import Device, NumpyDevice, select_device
 from psfs.backend import reconstructor_for
-from psfs.common.ranges import check_kind, check_range
+from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
@@ -65,10 +65,10 @@ def reconstruct(
     """
     check_sequence(sequence, frames)
     check_kind("config", config, ReconstructionConfig)
-    check_range("debris", debris, 0, 1, ends=True)
+    check_number("debris", debris, 0, 1)
     if voxel_size is not None:
-        check_range("voxel_size, m,", voxel_size, *VOXEL_EDGES, ends=True)
-    volume = None if volume is None else Settings(volume=volume).volume
+        check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
+    volume = None if volume is None else SequenceSettings(volume=volume).volume
     device = chosen_device(device)
     sequence = trusted(sequence, device, all_cameras)
     if volume is None:
@@ -96,7 +96,7 @@ def check_sequence(sequence: Sequence, frames: slice | None) -> None:
     check_kind("sequence", sequence, Sequence, ": psfs.open_sequence(folder)", needed=True)
     check_kind("frames", frames, slice, ", such as slice(0, 100)")
     if frames is not None and frames.step is not None:
-        check_range("the step of frames", frames.step, 1, ends=True)
+        check_number("the step of frames", frames.step, 1)
 
 
 def trusted(

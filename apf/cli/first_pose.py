@@ -17,7 +17,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import path_or_name, warn
 from psfs.cli.sequence_flags import voxel_edge
 from psfs.cli.settings import refuse_unused
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 
@@ -56,7 +56,7 @@ def check_start(args: argparse.Namespace) -> None:
     if not any(path.suffix.lower() == ".trc" for path in joints):
         refuse_unused(args, ["convention"], "is of a TRC; expected one as --init with it")
     if args.height is not None:
-        check_range("--height, m,", args.height, 0.5, 2.5, ends=True)
+        check_number("--height, m,", args.height, 0.5, 2.5)
 
 
 def found_start(

@@ -38,7 +38,6 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.cli.settings import add_configs, refuse_unused, write_settings
-from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.volume import automatic_grid
@@ -86,7 +85,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "pixels still are no larger than voxels, else 1)",
     )
     add_method_flags(parser)
-    add_configs(parser, live=partial(config_of, LiveConfig))
+    add_configs(parser, live=LiveConfig.from_dict)
     add_device_flag(parser)
 
 
@@ -99,7 +98,7 @@ def run(args: argparse.Namespace) -> None:
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
         noise = config.noise
-    method = replace(method, filter=method.filter.changed(velocity=0.0, noise=noise))
+    method = method.replace(filter=method.filter.changed(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
@@ -158,17 +158,15 @@ def chosen_method(args: argparse.Namespace) -> Method:
     shape = shape_settings(args)
     terms = _terms(args.likelihood) if args.likelihood is not None else {}
     settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
-    method = replace(base, filter=base.filter.changed(**settings))
+    method = base.replace(filter=base.filter.changed(**settings))
     looks = given({**_WEIGHTS, **_PARTS["image"][1]}) | shape
-    image = replace(method.image, **looks) if images else method.image
-    proximity = replace(method.features.proximity, **given(_PARTS["proximity"][1]))
-    features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))
-    swarm = replace(method.swarm, **given(_PARTS["swarm"][1]))
-    sir = replace(method.sir, **given(_PARTS["sir"][1]))
+    image = method.image.replace(**looks) if images else method.image
+    proximity = method.features.proximity.replace(**given(_PARTS["proximity"][1]))
+    features = method.features.replace(proximity=proximity, **given(_PARTS["features"][1]))
+    swarm = method.swarm.replace(**given(_PARTS["swarm"][1]))
+    sir = method.sir.replace(**given(_PARTS["sir"][1]))
     both_ways = method.both_ways and not getattr(args, "one_way", False)
-    return replace(
-        method, both_ways=both_ways, image=image, features=features, swarm=swarm, sir=sir
-    )
+    return method.replace(both_ways=both_ways, image=image, features=features, swarm=swarm, sir=sir)
 
 
 def _refuse_others(args: argparse.Namespace, base: Method) -> None:
@@ -207,7 +205,7 @@ def _base(args: argparse.Namespace) -> Method:
     stated = args.stated_settings
     objective = stated.get("objective", base.objective)
     if stated.get("method", base.search) == base.search:
-        return replace(base, objective=objective)
+        return base.replace(objective=objective)
     if args.config is None:  # a preset, which says no more than it means
         own = {"search": args.method, "objective": objective}
         return Method.from_dict({**args.preset_tables["method"], **own}, "method")

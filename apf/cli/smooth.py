@@ -29,7 +29,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    config = SmoothingConfig(args.cutoff, args.lag)
+    config = SmoothingConfig(cutoff=args.cutoff, lag=args.lag)
     folder = args.track if args.track.is_dir() else args.track.parent
     inputs = [folder, *([args.body] if args.body else [])]
     with output_folder(args.output, args.parser.prog, inputs, RESULTS):

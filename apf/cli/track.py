@@ -64,7 +64,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         type=int,
         metavar="N",
         help="of several takes, work on N at a time "
-        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
+        f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
     )
 
 

@@ -13,17 +13,6 @@ from apf.tracking.track import Track
 
 
 @dataclass(frozen=True)
-class PartsConfig:
-    """How parts overlap and when they agree."""
-
-    overlap: float = 1.0
-    """s that two parts share. A track has settled on a start that was found within about half."""
-    agreement: float = 0.05
-    """m, mean over the joints, up to which two tracks of a frame are the same but for noise: runs
-    with different seeds lie about 10 to 20 mm apart, a wrong start 100 and more."""
-
-
-@dataclass(frozen=True)
 class Seam:
     """Where two parts are joined: the first frame of the later one, and the mean distance of their
     joints there, m; infinite where they share no frame that both are sure of."""

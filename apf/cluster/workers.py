@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from apf.cluster.config import WorkerConfig
 from cl import Device, NumpyDevice, list_devices, select_device
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.footage.memory import FRAME_MEMORY
 
 #: Of one machine.
@@ -22,21 +23,6 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
 #: Of glibc's malloc.h; and more than a take allocates in one piece.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 2**28
-
-
-@dataclass(frozen=True)
-class WorkerConfig:
-    """How many workers an embedded cluster has. A worker is a process that does one take at a
-    time."""
-
-    per_gpu: int = 8
-    """At most: a take leaves a GPU idle while its host decodes and fits; contexts on one GPU take
-    turns. On an H200 with 16 cores 2 did 24 takes per minute, 4 41 and 8 70, see
-    `docs/cluster.md`."""
-    beside_gpu: float = 2.0
-    """Cores for each worker of a GPU: what its take keeps busy, decoding and waiting."""
-    cores: int = 1
-    """Of a worker that computes on the CPU. By hand: a take's decoding and start use one core."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +51,7 @@ def shares_of_machine(
     """
     config = config or WorkerConfig()
     if n_workers is not None:
-        check_range("--workers", n_workers, 1, MOST_WORKERS, ends=True)
+        check_number("--workers", n_workers, 1, MOST_WORKERS)
     chosen = select_device(device)  # in a process that starts no worker by forking
     if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
         names = [device]

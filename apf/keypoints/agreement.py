@@ -6,33 +6,15 @@ A camera is judged by the points that the others triangulate (Hartley & Sturm 19
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from apf.keypoints.config import AgreementConfig, TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import landmarks_of
-from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
-
-
-@dataclass(frozen=True)
-class AgreementConfig:
-    """When keypoints count as wrong. Set between what the sequences at hand show untouched (in
-    brackets) and what they show spoilt."""
-
-    away: float = 0.04
-    """Share of the picture's height by which a camera's keypoints may lie from where the others see
-    them, median (up to 0.025)."""
-    n_points: int = 100
-    """Keypoints that are looked at, spread over frames and names."""
-    confidence: float = 0.3
-    """Of keypoints that count."""
-    known: float = 0.2
-    """Share of a camera's keypoints that the others must see somewhere, to be compared."""
-    resolutions: tuple[float, ...] = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)
-    """Factors by which the pictures of the keypoints may be larger than the sequence's."""
 
 
 def disagreements(

@@ -16,36 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
-from psfs.common.ranges import check_range
 from psfs.common.regions import large_parts
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
-
-
-@dataclass(frozen=True)
-class CropConfig:
-    """How pictures are cropped around the silhouette before the network sees them."""
-
-    margin: float = 0.5
-    """Added on every side, as a share of the silhouette's larger side."""
-    slack: float = 0.1
-    """The silhouette must stay this far from the crop's border, likewise; else a new crop is made,
-    and the network looks for the person anew."""
-    largest: float = 4.0
-    """A crop is too large if it is so many times as large as the silhouette."""
-    speckle: float = 0.1
-    """Parts of the silhouette smaller than this share of the largest are left out."""
-
-    def __post_init__(self) -> None:
-        check_range("margin", self.margin, self.slack)
-        check_range("slack", self.slack, 0, ends=True)
-        check_range("largest", self.largest, 1 + 2 * self.margin)
-        check_range("speckle", self.speckle, 0, 1, ends=True)
 
 
 @dataclass(frozen=True)

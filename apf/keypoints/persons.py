@@ -6,29 +6,13 @@ little; then, where cameras are calibrated, the one that is where the others' ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from apf.keypoints.config import PersonConfig, TriangulationConfig
+from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
-
-
-@dataclass(frozen=True)
-class PersonConfig:
-    """What makes a person the one that is followed, beside confidence and size, which give 0 to 1
-    in every frame."""
-
-    motion: float = 2.0
-    """Cost of a step as large as the person himself; larger ones cost no more."""
-    agreement: float = 3.0
-    """Cost of lying as far from where the other cameras see the person as he is large."""
-    rounds: int = 3
-    """Of comparing cameras, each with the others' choice of the round before."""
-    largest_error: float = 0.3
-    """Reprojection error, as a share of the person's size in the picture, up to which cameras
-    agree on a point."""
 
 
 def chosen_persons(

@@ -11,26 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from apf.keypoints.config import TriangulationConfig
 from psfs.cameras.camera import CameraRig
-from psfs.common.ranges import check_range
-
-
-@dataclass(frozen=True)
-class TriangulationConfig:
-    """When cameras are left out of a point, and when there is no point."""
-
-    max_error: float = 15.0
-    """px. Cameras are left out until the mean reprojection error of the rest is below. What
-    Pose2Sim has by default, for pictures about 1000 px high."""
-    min_confidence: float = 0.3
-    """A keypoint below counts as missing. Pose2Sim's default."""
-    min_cameras: int = 2
-    """Fewer give no point."""
-
-    def __post_init__(self) -> None:
-        check_range("max_error", self.max_error, 0)
-        check_range("min_confidence", self.min_confidence, 0, 1, ends=True)
-        check_range("min_cameras", self.min_cameras, 2, ends=True)
 
 
 @dataclass(frozen=True, eq=False)

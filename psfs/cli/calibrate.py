@@ -35,11 +35,10 @@ from psfs.cameras.units import z_up_from
 from psfs.cli.commandline import add_command, frame_range, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import frame_rate, sync_of
 from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
-from psfs.common.configs import config_of
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
-from psfs.footage.settings import Settings
+from psfs.common.ranges import check_number
+from psfs.footage.settings import SequenceSettings
 from psfs.output.runs import versions
 from psfs.sequence import Sequence
 
@@ -92,9 +91,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--sync", type=sync_of, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",
     )  # fmt: skip
-    add_configs(
-        parser, calibration=lambda values, where: config_of(CalibrationConfig, values, where)
-    )
+    add_configs(parser, calibration=CalibrationConfig.from_dict)
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
@@ -158,11 +155,11 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _calibrate(args: argparse.Namespace) -> None:
-    check_range("--height, m,", args.height, -10, 10, ends=True)
+    check_number("--height, m,", args.height, -10, 10)
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     board = _board_of(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
-    views = open_uncalibrated(Path(args.folder), Settings.of(stated))
+    views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
     chosen, floor = _chosen(args, views, config)
     finder = board or _marker_finder(args, views, chosen)
     known = args.intrinsics is not None

@@ -15,7 +15,7 @@ from psfs.cli.commandline import add_command, add_device_flag, progress_bar, std
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import full_path, write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
 from psfs.mesh.marching_cubes import FORMATS, MOST_SMOOTHING, SMOOTHING, Mesher, write_mesh
@@ -77,7 +77,7 @@ def _frame(text: str) -> int | str:
 
 
 def _run(args: argparse.Namespace) -> None:
-    check_range("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING, ends=True)
+    check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
     run = Run.open(args.out)
     run.warn_if_unfinished(warn)
     with ExitStack() as stack:

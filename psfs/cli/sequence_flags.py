@@ -10,7 +10,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.api import examined, remarks
 from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.common.files import full_path
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.sequence import Sequence
@@ -134,7 +134,7 @@ def frame_rate(text: str) -> float:
 def voxel_edge(text: str) -> float:
     """Return the edge of a voxel, m (argparse type)."""
     try:
-        check_range("the edge of a voxel, m,", float(text), *VOXEL_EDGES, ends=True)
+        check_number("the edge of a voxel, m,", float(text), *VOXEL_EDGES)
     except ValueError as error:
         told = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
         raise argparse.ArgumentTypeError(str(told)) from None

@@ -10,7 +10,7 @@ import numpy as np
 from cl import InputError
 from psfs.calibration.targets.target import Target, check_squares, chessboard
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Families of markers by the names that --dictionary takes, smallest sets first. A set is the
 #: beginning of those after it; the fewer markers to tell apart, the more and the sooner are found.
@@ -121,7 +121,7 @@ class CharucoFinder:
         self, squares: tuple[int, int], square: float, marker: float, dictionary: str = "auto"
     ) -> None:
         check_squares(squares, square)
-        check_range("marker (m)", marker, 0.0005, square)
+        check_number("marker (m)", marker, 0.0005, 0.999 * square)
         if dictionary not in ("auto", *DICTIONARIES):
             raise InputError(f"dictionary {dictionary!r}; expected auto, {listed(DICTIONARIES)}")
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)

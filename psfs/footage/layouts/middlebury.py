@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
-from psfs.footage.settings import Settings
+from psfs.footage.settings import SequenceSettings
 
 
-def _matches(folder: Path, settings: Settings) -> bool:
+def _matches(folder: Path, settings: SequenceSettings) -> bool:
     return len(list(folder.glob("*_par.txt"))) == 1
 
 
-def _read(folder: Path, settings: Settings) -> Footage:
+def _read(folder: Path, settings: SequenceSettings) -> Footage:
     calibration = next(folder.glob("*_par.txt"))
     if settings.calibration is not None:
         calibration = folder / settings.calibration
@@ -32,7 +31,7 @@ def _read(folder: Path, settings: Settings) -> Footage:
             raise InputError(f"{good}: names no view of {calibration.name}")
         if len(kept) < len(rig):
             notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
-        settings = replace(settings, cameras=kept)
+        settings = settings.replace(cameras=kept)
     images, remarks = assigned(rig, found, folder, settings, extras=True)
     return Footage(chosen(rig, settings), rig.unit, images=images, notes=notes + remarks)
 
@@ -43,7 +42,7 @@ MIDDLEBURY = Layout(
     "middlebury",
     _matches,
     _read,
-    Settings(
+    SequenceSettings(
         up="y",
         background="threshold",
         threshold=0.19,
