@@ -27,6 +27,7 @@ from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult
 from apf.live.sources import Replay, Source
 from apf.results.evaluate import load_truth
+from apf.settings import Settings
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
@@ -85,7 +86,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "pixels still are no larger than voxels, else 1)",
     )
     add_method_flags(parser)
-    add_configs(parser, live=LiveConfig.from_dict)
+    add_configs(parser, Settings, "live")
     add_device_flag(parser)
 
 

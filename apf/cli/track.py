@@ -28,6 +28,7 @@ from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import write_overlay
+from apf.settings import Settings
 from apf.tracking.batch import BatchConfig, Take, at_once, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
 from apf.tracking.trackers import seeded
@@ -96,7 +97,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
     parser.add_argument(
         "--one-way",

@@ -99,11 +99,14 @@ class Method(Config):
         "Song et al.",
     )
     recover: bool = setting(
-        True, "Whether a person who was lost is looked for again, which no paper does."
+        True,
+        "Whether a person who was lost is looked for again, which no paper does.",
+        "docs/tracking.md",
     )
     both_ways: bool = setting(
         True,
         "Whether a take is tracked back, too, see `apf.tracking.two_way`; image features are not.",
+        "docs/accuracy.md",
     )
     runs: int = setting(
         2, "Number of runs, each both ways, that make a track then.", "docs/accuracy.md", least=1
@@ -138,7 +141,7 @@ class Method(Config):
         """Return a method with the search's own defaults and single `settings` of its filter, named
         as in `FilterConfig.of`."""
         config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
-        return cls(search=search, objective=objective, filter=config)
+        return cls().replace(search=search, objective=objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:

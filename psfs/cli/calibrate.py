@@ -41,6 +41,7 @@ from psfs.common.ranges import check_number
 from psfs.footage.settings import SequenceSettings
 from psfs.output.runs import versions
 from psfs.sequence import Sequence
+from psfs.settings import Settings
 
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 #: Of the keys of `sequence.toml`, those that a calibration needs.
@@ -91,7 +92,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--sync", type=sync_of, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",
     )  # fmt: skip
-    add_configs(parser, calibration=CalibrationConfig.from_dict)
+    add_configs(parser, Settings, "calibration")
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:

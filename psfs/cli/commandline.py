@@ -27,6 +27,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cl import InputError
+from psfs.cli.recording import RecordingParser
 from psfs.common.files import full_path
 from psfs.common.names import printable
 
@@ -86,7 +87,7 @@ def remark(kind: str, style: str, text: str, console: Console = stdout) -> None:
     console.print(Text.assemble((f"{kind}:", style), f" {printable(text)}"), soft_wrap=True)
 
 
-class CommandParser(argparse.ArgumentParser):
+class CommandParser(RecordingParser):
     """A parser whose errors are one line; so are those of its subcommands."""
 
     def error(self, message: str) -> NoReturn:

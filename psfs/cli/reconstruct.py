@@ -40,6 +40,7 @@ from psfs.output.preview import preview
 from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.settings import Settings
 from psfs.volume import automatic_grid, expected_person, foreground_box
 from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
@@ -87,7 +88,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     add_all_cameras_flag(parser)
     add_device_flag(parser)
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from typing import Any
 
 from cl import Device, InputError, NumpyDevice
@@ -31,9 +30,6 @@ def add_sequence_flags(
     """Add the positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
     takes several folders, as `folders`."""
     parser.set_defaults(fps=None)
-    # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
-    # argument looks like a negative number, by this pattern.
-    parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
     name, count = ("folders", "+") if several else ("folder", None)
     parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
     if frames:

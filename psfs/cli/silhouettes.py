@@ -22,6 +22,7 @@ from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth
 from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.settings import Settings
 
 REPORT = "silhouettes.json"
 #: Frames shown by default, spread over the sequence.
@@ -42,7 +43,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     add_sequence_flags(parser)
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
     add_device_flag(parser)
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
 
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import numpy as np
 from pydantic import field_validator
 
 from cl import InputError
-from psfs.cameras.calibration.common import naming
-from psfs.cameras.names import listed
-from psfs.cameras.units import Unit, metres_per_unit, z_up_from
-from psfs.common.colours import parse_colour
 from psfs.common.config import Config, setting
 from psfs.common.names import check_name
 from psfs.common.toml import read_toml
@@ -40,11 +35,14 @@ SUBJECTS: tuple[str, ...] = get_args(Subject)
 #: Frames by which a camera may come late, or early.
 _LATEST = 1_000_000
 
+if TYPE_CHECKING:
+    import numpy as np
+
 
 class SequenceSettings(Config):
     """The keys of `sequence.toml`; None where nothing is said."""
 
-    unit: Unit | None = setting(
+    unit: str | float | None = setting(
         None,
         "Unit of the calibration: m, cm, mm, 0.76mm or metres per unit.",
         "the calibration's own, else metres",
@@ -72,6 +70,7 @@ class SequenceSettings(Config):
         None,
         "Brightness, 0 to 1, from which on a pixel is foreground where the background is "
         "`threshold`.",
+        "to be stated",
         above=0,
         below=1,
     )
@@ -104,11 +103,15 @@ class SequenceSettings(Config):
         "object.",
         "person",
     )
-    take: str | None = setting(None, "Which of the takes in the folder, where it has several.")
+    take: str | None = setting(
+        None, "Which of the takes in the folder, where it has several.", "to be stated"
+    )
 
     @field_validator("unit")
     @classmethod
-    def _is_length(cls, value: Unit | None) -> Unit | None:
+    def _is_length(cls, value: str | float | None) -> str | float | None:
+        from psfs.cameras.units import metres_per_unit
+
         if value is not None:
             metres_per_unit(value)
         return value
@@ -116,6 +119,8 @@ class SequenceSettings(Config):
     @field_validator("up")
     @classmethod
     def _is_axis(cls, value: str | None) -> str | None:
+        from psfs.cameras.units import z_up_from
+
         if value is not None:
             z_up_from(value)
         return value
@@ -123,6 +128,8 @@ class SequenceSettings(Config):
     @field_validator("key")
     @classmethod
     def _is_colour(cls, value: str | None) -> str | None:
+        from psfs.common.colours import parse_colour
+
         if value is not None:
             parse_colour(value)
         return value
@@ -148,7 +155,7 @@ class SequenceSettings(Config):
             raise InputError("cameras is empty; expected a list of names")
         names = tuple(check_name(name, "a camera in `cameras`") for name in value)
         if len(set(names)) < len(names):
-            raise InputError(f"cameras = {listed(names)}; expected each of them once")
+            raise InputError(f"cameras = {', '.join(names)}; expected each of them once")
         return names
 
     @field_validator("sync")
@@ -164,6 +171,8 @@ class SequenceSettings(Config):
     @classmethod
     def read(cls, path: Path) -> SequenceSettings:
         """Return those of a `sequence.toml`; all None if there is none."""
+        from psfs.cameras.calibration.common import naming
+
         if not path.exists():
             return cls()
         values = read_toml(path)
@@ -190,13 +199,15 @@ def _volume(value: Any) -> Any:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
-            raise InputError(f"volume has the keys {listed(map(str, value))}; expected own")
+            raise InputError(f"volume has the keys {', '.join(map(str, value))}; expected own")
         low, high = _corners(value["own"], math.inf)
         return {"own": [low.tolist(), high.tolist()]}
     return _corners(value, _FARTHEST)
 
 
 def _corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+    import numpy as np
+
     try:
         plain = np.asarray(value)
         if plain.dtype.kind not in "iuf":

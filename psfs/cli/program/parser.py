@@ -55,7 +55,7 @@ def program_parser(
         add_config_flag(subparser)
         add_message_flags(subparser)
         subparser.usage = _usage(subparser)
-        for action in subparser._actions:
+        for action in subparser.actions:
             if action.type in (Path, path_or_name) or action.dest in ("folder", "folders"):
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
     return parser
@@ -108,10 +108,10 @@ def version_line() -> str:
                       f"{platform.system()} {platform.machine()}"])  # fmt: skip
 
 
-def _usage(parser: argparse.ArgumentParser) -> str:
+def _usage(parser: CommandParser) -> str:
     """Return what must be stated, and that there is more."""
     words = ["%(prog)s"]
-    for action in parser._actions:
+    for action in parser.actions:
         name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
         if not action.option_strings:
             words.append(f"{name} [{name} ...]" if action.nargs == "+" else name)
