@@ -14,7 +14,7 @@ from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
@@ -68,7 +68,7 @@ def reconstruct(
     check_number("debris", debris, 0, 1)
     if voxel_size is not None:
         check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
-    volume = None if volume is None else SequenceSettings(volume=volume).volume
+    volume = None if volume is None else Settings(volume=volume).volume
     device = chosen_device(device)
     sequence = trusted(sequence, device, all_cameras)
     if volume is None:

@@ -29,7 +29,7 @@ from psfs.footage.media import Decoder, Media
 from psfs.footage.memory import FRAME_MEMORY, room_for_frames
 from psfs.footage.numbering import numbered
 from psfs.footage.prefetch import prefetched
-from psfs.footage.settings import MIXTURES, SequenceSettings
+from psfs.footage.settings import MIXTURES, Settings
 from psfs.footage.threads import PATIENCE, HangingError, Threads
 from psfs.footage.timing import timed, timing_of
 
@@ -69,9 +69,7 @@ class Sequence:
     no open files: each iteration decodes for itself, unless it is told to `keep_frames`.
     """
 
-    def __init__(
-        self, folder: Path, layout: str, footage: Footage, settings: SequenceSettings
-    ) -> None:
+    def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
         self.folder = folder
         self.name = full_path(folder).name
         self.layout = layout
@@ -104,15 +102,15 @@ class Sequence:
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
         """Recognise the folder's layout and read its calibration.
 
-        overrides: the keys of `sequence.toml` (see `SequenceSettings`); they win over the file,
+        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file,
         which wins over the layout's own defaults. Raises InputError for whatever does not fit.
         """
         check_kind("folder", folder, (str, os.PathLike), needed=True)
         folder = Path(folder)
-        stated = SequenceSettings.from_dict({k: v for k, v in overrides.items() if v is not None})
+        stated = Settings.from_dict({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
             stated = stated.replace(calibration=str(full_path(stated.calibration)))
-        settings = stated.over(SequenceSettings.read(folder / "sequence.toml"))
+        settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = recognised(folder, settings)
         settings = settings.over(layout.defaults)
         try:
@@ -135,7 +133,7 @@ class Sequence:
         shifts = {name: by for name, by in both.items() if by}
         return self._again(self.settings.replace(sync=shifts))
 
-    def _again(self, settings: SequenceSettings) -> Sequence:
+    def _again(self, settings: Settings) -> Sequence:
         """Open the same folder with other settings."""
         layout = recognised(self.folder, settings)
         return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
@@ -365,7 +363,7 @@ def _pad(pictures: list[np.ndarray], into: np.ndarray) -> np.ndarray:
     return into
 
 
-def _check_used(stated: SequenceSettings, sequence: Sequence) -> None:
+def _check_used(stated: Settings, sequence: Sequence) -> None:
     """Raise InputError for a key that is stated by the caller and of no use to a sequence."""
     kind = sequence.background_kind
     owners = {"key": "chroma", **dict.fromkeys(("threshold", "dilate", "erode"), "threshold")}

@@ -10,7 +10,7 @@ from psfs.background.config import PlateConfig, ScreenConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import ConsistencyConfig, FaultConfig, PictureConfig
-from psfs.footage.settings import SequenceSettings
+from psfs.footage import settings as footage
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
 
@@ -32,8 +32,8 @@ class DiagnosticsSettings(Config):
 class Settings(Config):
     """The settings of every room of psfs."""
 
-    capture: SequenceSettings = part(
-        SequenceSettings, "What the files of a sequence do not say: the keys of sequence.toml."
+    capture: footage.Settings = part(
+        footage.Settings, "What the files of a sequence do not say: the keys of sequence.toml."
     )
     background: BackgroundSettings = part(
         BackgroundSettings, "How the empty scene is learnt from pictures."

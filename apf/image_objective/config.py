@@ -239,8 +239,7 @@ class ObjectiveConfig(Config):
         "trapezoids track best and fastest there",
     )
     mesh_file: str = setting(
-        "",
-        "Mesh of the person instead, metres, that trimesh reads, in the rest pose of the body.",
+        "", "Mesh of the person instead, metres, that trimesh reads, in the rest pose of the body."
     )
     mesh_weights: str = setting(
         "",

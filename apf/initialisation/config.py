@@ -216,9 +216,7 @@ class CostConfig(Config):
         above=0,
     )
     bend: float = setting(
-        0.003,
-        "Unexplained share that counts as much as one joint bent by `bend_range`.",
-        least=0,
+        0.003, "Unexplained share that counts as much as one joint bent by `bend_range`.", least=0
     )
     bend_range: float = setting(0.25, "Share of an axis's range.", above=0)
     overlap: float = setting(
@@ -325,9 +323,7 @@ class ShapeFitConfig(Config):
     )
     n_points: int = setting(800, "Number of points of each cloud that are compared.", least=1)
     damping: float = setting(
-        1e-3,
-        "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).",
-        least=0,
+        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).", least=0
     )
     n_steps: int = setting(6, "Number of Gauss-Newton steps.", least=1)
     first_reach: float = setting(
@@ -421,9 +417,7 @@ class JointFitConfig(Config):
     )
     n_headings: int = setting(4, "Number of headings that are tried, evenly around.", least=1)
     n_trial: int = setting(
-        8,
-        "Number of evaluations after which the best of the headings is gone on with.",
-        least=1,
+        8, "Number of evaluations after which the best of the headings is gone on with.", least=1
     )
 
 
@@ -471,9 +465,7 @@ class PointFitConfig(Config):
         above=0,
     )
     damping: float = setting(
-        1e-3,
-        "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).",
-        least=0,
+        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).", least=0
     )
     suspect: float = setting(
         1.5,

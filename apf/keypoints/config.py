@@ -57,9 +57,7 @@ class PersonConfig(Config):
     SOURCE: ClassVar = "by hand"
 
     motion: float = setting(
-        2.0,
-        "Cost of a step as large as the person himself; larger ones cost no more.",
-        least=0,
+        2.0, "Cost of a step as large as the person himself; larger ones cost no more.", least=0
     )
     agreement: float = setting(
         3.0,

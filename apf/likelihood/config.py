@@ -123,10 +123,7 @@ class KeypointConfig(Config):
         most=1,
     )
     room: int = setting(
-        512,
-        "Number of sightings that a frame may have.",
-        "33 points in 15 cameras",
-        least=1,
+        512, "Number of sightings that a frame may have.", "33 points in 15 cameras", least=1
     )
 
 

@@ -18,7 +18,7 @@ from psfs.cameras.units import turned_rig, z_up_from
 from psfs.footage.layouts.common import assigned, chosen
 from psfs.footage.layouts.native import calibration_of
 from psfs.footage.media import media_in
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 
 def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: float) -> Cameras:
@@ -27,11 +27,11 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
     `folder` may be the calibration file itself. stated: keys of `sequence.toml`, which they win
     over. Where `folder/background` shows the empty scene it is the background. Raises InputError.
     """
-    settings = SequenceSettings.from_dict(stated)
+    settings = Settings.from_dict(stated)
     if folder.is_file():
         calibration, plates = folder, None
     else:
-        settings = settings.over(SequenceSettings.read(folder / "sequence.toml"))
+        settings = settings.over(Settings.read(folder / "sequence.toml"))
         calibration, plates = calibration_of(folder, settings), folder / "background"
     rig = read_calibration(calibration, settings.unit)
     turned = turned_rig(rig, z_up_from(settings.up or "z"))
@@ -48,9 +48,7 @@ def box_around(
     return low, low + np.array([2 * side, 2 * side, config.box_height])
 
 
-def _background(
-    rig: CameraRig, plates: Path | None, settings: SequenceSettings
-) -> Background | None:
+def _background(rig: CameraRig, plates: Path | None, settings: Settings) -> Background | None:
     if plates is None or not plates.is_dir():
         return None
     media, _ = assigned(rig, media_in(plates), plates, settings, extras=True)

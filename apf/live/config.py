@@ -60,18 +60,13 @@ class GovernorConfig(Config):
 
     share: float = setting(0.85, "Share of a frame's time that is planned with.", above=0, most=1)
     window: int = setting(
-        8,
-        "Number of frames by whose median the size is chosen anew.",
-        unit="frames",
-        least=1,
+        8, "Number of frames by whose median the size is chosen anew.", unit="frames", least=1
     )
     too_long: float = setting(
         1.2, "Factor of the time allowed above which a smaller search is chosen.", above=0
     )
     with_room: float = setting(
-        0.7,
-        "Share of the time allowed that a larger search must stay below to be chosen.",
-        above=0,
+        0.7, "Share of the time allowed that a larger search must stay below to be chosen.", above=0
     )
 
 

@@ -19,11 +19,7 @@ class SceneConfig(Config):
     SOURCE: ClassVar = "by hand: a small sequence with what usual cameras show"
 
     cameras: int = setting(
-        4,
-        "Number of cameras on a ring around the person.",
-        least=1,
-        most=64,
-        flag="--cameras",
+        4, "Number of cameras on a ring around the person.", least=1, most=64, flag="--cameras"
     )
     frames: int = setting(
         60, "Number of frames per camera.", least=1, most=1_000_000, flag="--frames"

@@ -307,11 +307,7 @@ class TriangulatedConfig(Config):
         TriangulationConfig, "When cameras are left out of a point."
     )
     longest_gap: float | None = setting(
-        None,
-        "Longest gap that is filled; none to fill all.",
-        "all are filled",
-        "s",
-        least=0,
+        None, "Longest gap that is filled; none to fill all.", "all are filled", "s", least=0
     )
     low_pass: float = setting(
         0.0,

@@ -170,10 +170,7 @@ class ScreenConfig(Config):
         least=1,
     )
     stride: int = setting(
-        2,
-        "Distance, along both axes, of the pixels that are looked at.",
-        unit="px",
-        least=1,
+        2, "Distance, along both axes, of the pixels that are looked at.", unit="px", least=1
     )
     brightest: float = setting(
         30.0,
@@ -188,9 +185,7 @@ class ScreenConfig(Config):
         most=1,
     )
     near: float = setting(
-        0.12,
-        "Distance of chromaticities within which a pixel is of the screen's colour.",
-        above=0,
+        0.12, "Distance of chromaticities within which a pixel is of the screen's colour.", above=0
     )
     least_share: float = setting(
         0.1, "Least share of the pictures that a screen fills.", least=0, most=1

@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from cl import InputError
+from psfs import settings
 from psfs.calibration.calibrator import Calibrated, calibrated
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.intrinsics import given_cameras
@@ -38,10 +39,9 @@ from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_number
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 from psfs.output.runs import versions
 from psfs.sequence import Sequence
-from psfs.settings import Settings
 
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
 #: Of the keys of `sequence.toml`, those that a calibration needs.
@@ -92,7 +92,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         "--sync", type=sync_of, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",
     )  # fmt: skip
-    add_configs(parser, Settings, "calibration")
+    add_configs(parser, settings.Settings, "calibration")
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:
@@ -160,7 +160,7 @@ def _calibrate(args: argparse.Namespace) -> None:
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     board = _board_of(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
-    views = open_uncalibrated(Path(args.folder), SequenceSettings.from_dict(stated))
+    views = open_uncalibrated(Path(args.folder), Settings.from_dict(stated))
     chosen, floor = _chosen(args, views, config)
     finder = board or _marker_finder(args, views, chosen)
     known = args.intrinsics is not None

@@ -210,9 +210,7 @@ class PictureConfig(Config):
         least=0,
     )
     frozen: float = setting(
-        0.01,
-        "Change of a silhouette's area over time below which its camera hangs.",
-        least=0,
+        0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
     )
     moving: float = setting(
         0.05,

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class SequenceSettings(Config):
+class Settings(Config):
     """The keys of `sequence.toml`; None where nothing is said."""
 
     unit: str | float | None = setting(
@@ -51,12 +51,7 @@ class SequenceSettings(Config):
         None, "Up axis of the calibration's world: z, -z, y, -y, x or -x.", "z"
     )
     fps: float | None = setting(
-        None,
-        "Frame rate.",
-        "the videos' own, else 30",
-        "frames/s",
-        least=0.001,
-        most=100_000,
+        None, "Frame rate.", "the videos' own, else 30", "frames/s", least=0.001, most=100_000
     )
     background: BackgroundKind | None = setting(
         None, "How silhouettes are made.", "by what lies in the folder"
@@ -169,7 +164,7 @@ class SequenceSettings(Config):
         return None if value is None else _volume(value)
 
     @classmethod
-    def read(cls, path: Path) -> SequenceSettings:
+    def read(cls, path: Path) -> Settings:
         """Return those of a `sequence.toml`; all None if there is none."""
         from psfs.cameras.calibration.common import naming
 
@@ -179,7 +174,7 @@ class SequenceSettings(Config):
         with naming(path):
             return cls.from_dict(values)
 
-    def over(self, other: SequenceSettings) -> SequenceSettings:
+    def over(self, other: Settings) -> Settings:
         """Return these settings, and `other`'s where these say nothing."""
         return other.replace(**{key: value for key, value in self if value is not None})
 

@@ -170,9 +170,7 @@ class VolumeConfig(Config):
         least=0,
     )
     head_room: float = setting(
-        1.0,
-        "Room that must be left above the floor for `floor` to hold.",
-        unit="m",
+        1.0, "Room that must be left above the floor for `floor` to hold.", unit="m"
     )
 
 

@@ -15,7 +15,7 @@ from psfs.calibration.targets.boards import Found, grey_of
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import CameraRig
 from psfs.footage.layouts.uncalibrated import LAYOUT, read_uncalibrated
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 from psfs.sequence import Frame
 from psfs.sequence import Sequence as Views
 
@@ -33,10 +33,10 @@ class Finder(Protocol):
     def __call__(self, view: int, picture: np.ndarray) -> Found | None: ...
 
 
-def open_uncalibrated(folder: Path, stated: SequenceSettings) -> Views:
+def open_uncalibrated(folder: Path, stated: Settings) -> Views:
     """Return the views of a folder that needs no calibration; `sequence.toml` counts. Raises
     InputError for what cannot be read."""
-    settings = stated.over(SequenceSettings.read(folder / "sequence.toml"))
+    settings = stated.over(Settings.read(folder / "sequence.toml"))
     if settings.sync == "auto":
         raise InputError("sync is auto, which needs a calibration; expected CAMERA=N,...")
     return Views(folder, LAYOUT, read_uncalibrated(folder, settings), settings)

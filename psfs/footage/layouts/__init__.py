@@ -12,7 +12,7 @@ from psfs.footage.layouts.humaneva import HUMANEVA
 from psfs.footage.layouts.middlebury import MIDDLEBURY
 from psfs.footage.layouts.native import NATIVE
 from psfs.footage.layouts.utrecht import UTRECHT
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 __all__ = ["LAYOUTS", "Footage", "Layout", "recognised"]
 
@@ -20,7 +20,7 @@ __all__ = ["LAYOUTS", "Footage", "Layout", "recognised"]
 LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
-def recognised(folder: Path, settings: SequenceSettings) -> Layout:
+def recognised(folder: Path, settings: Settings) -> Layout:
     """Return the layout of `folder`. Raises InputError if it has none, MissingFileError if there is
     no such folder."""
     if not folder.is_dir():

@@ -8,13 +8,13 @@ from cl import InputError
 from psfs.cameras.names import name_tokens, natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, read_rig
 from psfs.footage.media import images_in
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 #: The pelvis moves about 14 mm per frame, which fits a walk at 60 Hz; no file states it.
 _FPS = 60.0
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     return (folder / "CALIB").is_dir() and any(folder.glob("CAM*/"))
 
 
@@ -29,7 +29,7 @@ def _pictures(folder: Path, prefix: str) -> Found:
     return found
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     images, masks = _pictures(folder, "CAM"), _pictures(folder, "FG")
     calibration = folder / (settings.calibration or "CALIB")
     rig = read_rig(calibration, settings, images, folder / "CAM*")
@@ -45,4 +45,4 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
     )
 
 
-BODYTRACK = Layout("bodytrack", _matches, _read, SequenceSettings(fps=_FPS))
+BODYTRACK = Layout("bodytrack", _matches, _read, Settings(fps=_FPS))

@@ -12,7 +12,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import matched
 from psfs.cameras.units import Unit
 from psfs.footage.media import Media, opened_media, picture_size
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 #: Files by camera name, as found in a folder.
 Found = Mapping[str, list[Path]]
@@ -42,23 +42,23 @@ class Layout:
     """A kind of folder. `defaults` are what its makers' documentation says of the data."""
 
     name: str
-    matches: Callable[[Path, SequenceSettings], bool]
-    read: Callable[[Path, SequenceSettings], Footage]
-    defaults: SequenceSettings = field(default_factory=SequenceSettings)
+    matches: Callable[[Path, Settings], bool]
+    read: Callable[[Path, Settings], Footage]
+    defaults: Settings = field(default_factory=Settings)
 
 
-def read_rig(path: Path, settings: SequenceSettings, found: Found, where: Path) -> Calibration:
+def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> Calibration:
     """Return the calibration at `path`; sizes that it lacks are taken from the pictures `found`."""
     return read_calibration(path, settings.unit, sizes_of(found, where, settings))
 
 
-def sizes_of(found: Found, where: Path, settings: SequenceSettings) -> Sizes:
+def sizes_of(found: Found, where: Path, settings: Settings) -> Sizes:
     """Return what gives a calibration's names the sizes of the pictures that match them."""
     return lambda names: measured_sizes(names, found, where, settings)
 
 
 def measured_sizes(
-    names: Sequence[str], found: Found, where: Path, settings: SequenceSettings
+    names: Sequence[str], found: Found, where: Path, settings: Settings
 ) -> list[Size]:
     """Return the size of each named camera's pictures."""
     pairs, _ = matched(names, list(found), str(where), settings.cameras)
@@ -68,11 +68,7 @@ def measured_sizes(
 
 
 def assigned(
-    calibrated: CameraRig,
-    found: Found,
-    where: Path,
-    settings: SequenceSettings,
-    extras: bool = False,
+    calibrated: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
 ) -> tuple[tuple[Media, ...], list[str]]:
     """Return the pictures of the chosen ones of the calibrated cameras, and remarks.
 
@@ -94,6 +90,6 @@ def assigned(
     return media, [note] if note else []
 
 
-def chosen(rig: CameraRig, settings: SequenceSettings) -> CameraRig:
+def chosen(rig: CameraRig, settings: Settings) -> CameraRig:
     """Return the cameras that the settings name, or all."""
     return rig if settings.cameras is None else rig.subset(settings.cameras)

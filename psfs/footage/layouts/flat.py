@@ -14,13 +14,13 @@ from psfs.cameras.names import contains_name, matched, name_tokens, natural_key
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
 from psfs.footage.layouts.native import calibration_of
 from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, media_in
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 _MASK_WORDS = {"mask", "masks", "silh", "silhouette", "fg", "foreground"}
 _BACKGROUND_WORDS = {"background", "bg", "empty"}
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     return settings.calibration is not None or find_calibration(folder) is not None
 
 
@@ -60,7 +60,7 @@ def _all_pictures(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, dict]
     return found, note
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     calibration = calibration_of(folder, settings)
 
     def sizes(names: Sequence[str]) -> list[Size]:

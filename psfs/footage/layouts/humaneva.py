@@ -25,7 +25,7 @@ from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import listed, natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
 from psfs.footage.media import Media
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 #: Of the videos, as their makers state it.
 _FPS = 60.0
@@ -48,7 +48,7 @@ def _takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
     return dict(found)
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     calibration = _inside(folder, "calibration_data")
     return calibration.is_dir() and bool(_takes(_inside(folder, "image_data")))
 
@@ -70,7 +70,7 @@ def _videos(folder: Path, take: str | None) -> tuple[str, Found]:
 
 
 def _calibrated(
-    folder: Path, videos: Found, where: Path, settings: SequenceSettings
+    folder: Path, videos: Found, where: Path, settings: Settings
 ) -> tuple[Calibration, Found, list[str]]:
     """Return the cameras, the videos of those that are calibrated, and remarks on the others."""
     if settings.calibration is not None:
@@ -88,7 +88,7 @@ def _calibrated(
     return read(files, settings.unit, sizes), videos, notes
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     where = _inside(folder, "image_data")
     take, videos = _videos(where, settings.take)
     rig, videos, notes = _calibrated(folder, videos, where, settings)
@@ -145,4 +145,4 @@ def _offsets(path: Path) -> np.ndarray:
 
 
 #: X and Y on the floor, Z up, millimetres.
-HUMANEVA = Layout("HumanEva", _matches, _read, SequenceSettings(fps=_FPS))
+HUMANEVA = Layout("HumanEva", _matches, _read, Settings(fps=_FPS))

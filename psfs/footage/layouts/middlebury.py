@@ -7,14 +7,14 @@ from pathlib import Path
 from cl import InputError
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     return len(list(folder.glob("*_par.txt"))) == 1
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     calibration = next(folder.glob("*_par.txt"))
     if settings.calibration is not None:
         calibration = folder / settings.calibration
@@ -42,7 +42,7 @@ MIDDLEBURY = Layout(
     "middlebury",
     _matches,
     _read,
-    SequenceSettings(
+    Settings(
         up="y",
         background="threshold",
         threshold=0.19,

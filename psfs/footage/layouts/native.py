@@ -10,16 +10,16 @@ from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
 from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
 from psfs.footage.media import media_in
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 _IMAGES = ("videos", "images")
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     return any((folder / name).is_dir() for name in (*_IMAGES, "masks"))
 
 
-def calibration_of(folder: Path, settings: SequenceSettings) -> Path:
+def calibration_of(folder: Path, settings: Settings) -> Path:
     """Return the calibration that the settings name, else the one that lies in the folder."""
     if settings.calibration is not None:
         return folder / settings.calibration
@@ -31,7 +31,7 @@ def calibration_of(folder: Path, settings: SequenceSettings) -> Path:
     return path
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     calibration = calibration_of(folder, settings)
     folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
     found = {name: media_in(path) for name, path in folders.items() if path.is_dir()}

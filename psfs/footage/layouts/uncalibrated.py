@@ -12,7 +12,7 @@ from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.footage.layouts.common import Footage, Found
 from psfs.footage.media import media_in, open_media
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 LAYOUT = "uncalibrated"
 #: Where pictures may lie, the surest first; what else a folder may hold.
@@ -38,7 +38,7 @@ def pictures_in(folder: Path) -> Found:
     raise InputError(f"{folder}: no pictures; {wanted}")
 
 
-def read_uncalibrated(folder: Path, settings: SequenceSettings) -> Footage:
+def read_uncalibrated(folder: Path, settings: Settings) -> Footage:
     """Return the footage of the chosen cameras; its rig has names and sizes, and nothing else that
     is meant. Raises InputError as `pictures_in` does."""
     found = pictures_in(folder)

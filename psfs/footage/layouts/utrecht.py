@@ -7,12 +7,12 @@ from pathlib import Path
 from psfs.cameras.calibration import read_calibration, read_filestorage
 from psfs.cameras.names import natural_key
 from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
-from psfs.footage.settings import SequenceSettings
+from psfs.footage.settings import Settings
 
 _UNIT = "0.76mm"
 
 
-def _matches(folder: Path, settings: SequenceSettings) -> bool:
+def _matches(folder: Path, settings: Settings) -> bool:
     return any(folder.glob("cam*/config.xml"))
 
 
@@ -21,7 +21,7 @@ def _videos(folder: Path, stem: str) -> Found:
     return {path.parent.name: [path] for path in paths}
 
 
-def _read(folder: Path, settings: SequenceSettings) -> Footage:
+def _read(folder: Path, settings: Settings) -> Footage:
     videos, plates = _videos(folder, "video"), _videos(folder, "background")
     where = folder / "cam*" / "video.avi"
     sizes = sizes_of(videos, where, settings)
@@ -50,4 +50,4 @@ def _read(folder: Path, settings: SequenceSettings) -> Footage:
 
 #: Z points into the floor. The unit is uncertain: checkerboard.xml says squares of 115 mm, but
 #: the boards in the pictures fit about 151 units, so that one unit is 115 mm / 151 = 0.76 mm.
-UTRECHT = Layout("utrecht", _matches, _read, SequenceSettings(unit=_UNIT, up="-z"))
+UTRECHT = Layout("utrecht", _matches, _read, Settings(unit=_UNIT, up="-z"))
