@@ -19,7 +19,13 @@ from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from apf.tracking.batch import track_take
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
+from cl import Device as Device
+from cl import DeviceError as DeviceError
+from cl import InputError as InputError
+from cl import MissingFileError as MissingFileError
+from cl import NumpyDevice as NumpyDevice
+from cl import UserError as UserError
+from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, trusted
 from psfs.common.ranges import check_kind, check_number
 from psfs.reconstructor import ReconstructionConfig

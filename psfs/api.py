@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cl import Device, NumpyDevice, select_device
+from cl import Device as Device
+from cl import DeviceError as DeviceError
+from cl import InputError as InputError
+from cl import MissingFileError as MissingFileError
+from cl import NumpyDevice as NumpyDevice
+from cl import UserError as UserError
+from cl import select_device as select_device
 from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.camera_consistency import Suspect, suspects
@@ -19,8 +25,9 @@ from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
 from psfs.voxels.bounding_volume import default_voxel_size
-from psfs.voxels.clouds import DEBRIS_SHARE, without_debris
-from psfs.voxels.grid import VOXEL_EDGES, VoxelCloud, VoxelGrid
+from psfs.voxels.clouds import without_debris
+from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 
 log = logging.getLogger(__name__)
 

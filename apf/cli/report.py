@@ -14,21 +14,8 @@ from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cameras.calibration.common import naming
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "report",
-        run,
-        "Judge a track and write its page, report.html, as `apf track` does: a 3-D player, the "
-        "overlay, confidence, agreement with the silhouettes, angles.",
-    )
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder that `apf track` wrote")
-    parser.add_argument("--no-overlay", action="store_true", help="draw no overlay that is missing")
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:

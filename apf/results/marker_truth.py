@@ -12,15 +12,12 @@ from apf.body.kinematics import bone_matrices
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, landmarks_in, points_on
 from apf.results.evaluate import Evaluation, common_frames, evaluation_of
+from apf.results.marker_sets import FOLDER, SHIPPED
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_number
 from psfs.common.toml import read_toml
-
-_FOLDER = Path(__file__).parent / "markers"
-#: Names of the sets that are shipped.
-SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class MarkerSet:
 def load_markers(source: str | Path) -> MarkerSet:
     """Read a marker set: the name of a shipped one, or a TOML file with [[marker]] tables, whose
     keys are those of `landmarks.toml`, and perhaps `stature`. Raises InputError."""
-    path = _FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
+    path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
     if path.suffix.lower() != ".toml":
         raise InputError(f"markers {source}: expected a TOML file or one of {listed(SHIPPED)}")
     values = read_toml(path)

@@ -248,7 +248,6 @@ class SmoothingConfig(Config):
         "the custom of gait analysis (Winter 2009)",
         "Hz",
         above=0,
-        flag="--cutoff",
     )
     lag: int | None = setting(
         None,
@@ -256,7 +255,6 @@ class SmoothingConfig(Config):
         "the whole track is known",
         "frames",
         least=0,
-        flag="--lag",
     )
     min_deviation: float = setting(
         0.1,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from cl import Device, InputError, NumpyDevice
-from psfs.api import examined, remarks
+from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.common.files import full_path
 from psfs.common.ranges import check_number
-from psfs.diagnostics.camera_consistency import Suspect
+from psfs.footage.folder import check_folder
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
-from psfs.sequence import Sequence
-from psfs.voxels.grid import VOXEL_EDGES
+from psfs.voxels.limits import VOXEL_EDGES
+
+if TYPE_CHECKING:
+    from cl import Device, NumpyDevice
+    from psfs.diagnostics.camera_consistency import Suspect
+    from psfs.sequence import Sequence
 
 #: Share of the longest view that the shortest has, at least, where nobody states the frames.
 _MOST_OF_THEM = 0.9
@@ -159,8 +163,15 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
     return flags
 
 
+def check(args: argparse.Namespace) -> None:
+    """Raise MissingFileError, as opening the sequence would, if the command's FOLDER is missing."""
+    check_folder(Path(args.folder))
+
+
 def open_sequence(args: argparse.Namespace) -> Sequence:
     """Return the sequence that the flags describe."""
+    from psfs.sequence import Sequence
+
     return Sequence.open(args.folder, **stated(args))
 
 
@@ -175,6 +186,8 @@ def open_trusted(
     `remarks`. opened: the sequence of the flags, where it is open. Raises InputError if a `person`
     is wanted and the unit makes nobody so large or small.
     """
+    from psfs.api import examined, remarks
+
     opened = opened or open_sequence(args)
     sequence, diagnosis, left_out = examined(opened, device, args.all_cameras)
     unit = [str(fault) for fault in diagnosis.faults if fault.kind == "unit"]

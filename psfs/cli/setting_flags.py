@@ -23,10 +23,14 @@ def flagged(kind: type[Config]) -> Iterator[tuple[Names, FieldInfo]]:
 
 
 def add_setting_flags(
-    group: Any, kind: type[Config], default: Callable[[Names, FieldInfo], str] | None = None
+    group: Any,
+    kind: type[Config],
+    default: Callable[[Names, FieldInfo], str] | None = None,
+    fill: bool = False,
 ) -> None:
     """Add the flags of a class of settings and its parts to a parser or a group; one that several
-    settings share is added once. default: says for --help what holds without the flag."""
+    settings share is added once. default: says for --help what holds without the flag. fill: give
+    the flags the settings' defaults, so that they are written beside results."""
     added = set()
     for path, field in flagged(kind):
         flag, *_ = kinds_of(field)
@@ -34,12 +38,13 @@ def add_setting_flags(
         if name in added:
             continue
         added.add(name)
-        what = about(field, "flag_help") or field.description
+        what = about(field, "flag_help") or _described(field)
         usual = default(path, field) if default else str(field.default)
         group.add_argument(
             name,
             dest=path[-1],
             type=flag if flag in (int, float) else str,
+            default=field.default if fill else None,
             help=f"{what} (default: {usual})",
         )
 
@@ -65,3 +70,9 @@ def with_flags(config: C, args: argparse.Namespace, without: tuple[str, ...] = (
         if error.path in names:
             raise InputError(f"{names[error.path]}{error.problem}") from None
         raise
+
+
+def _described(field: FieldInfo) -> str:
+    """Return what a setting is, with its unit, as --help has it."""
+    text = (field.description or "").rstrip(".")
+    return ", ".join(filter(None, (text[:1].lower() + text[1:], about(field, "unit"))))

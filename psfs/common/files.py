@@ -7,13 +7,13 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import cv2
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from cl import InputError, MissingFileError
 from psfs.common.outputs import claim, temporary_name
+
+if TYPE_CHECKING:
+    import numpy as np
 
 #: Of a JSON file: a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
@@ -30,10 +30,21 @@ def unreadable(path: Path, error: OSError) -> InputError:
     return kind(f"{path}: cannot be read: {error.strerror}")
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before every InputError raised inside; its class stays."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
 def read_numbers(path: Path) -> np.ndarray:
     """Return the numbers (N,) float64 of a text file, with white space between them; what follows
     a # in its line is a comment. Raises InputError naming the file if it cannot be read or holds
     anything else, MissingFileError if it is absent."""
+    import numpy as np
+
     lines = read_text(path, "numbers").splitlines()
     try:
         return np.array(" ".join(line.partition("#")[0] for line in lines).split(), np.float64)
@@ -109,6 +120,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
     """Write a BGR picture; the suffix of `path` says the format. Raises InputError if unknown."""
+    import cv2  # takes a while to load
+
     try:
         done, content = cv2.imencode(path.suffix, picture)
     except cv2.error:

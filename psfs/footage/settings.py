@@ -166,7 +166,7 @@ class Settings(Config):
     @classmethod
     def read(cls, path: Path) -> Settings:
         """Return those of a `sequence.toml`; all None if there is none."""
-        from psfs.cameras.calibration.common import naming
+        from psfs.common.files import naming
 
         if not path.exists():
             return cls()

@@ -15,16 +15,14 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
 from psfs.common.regions import large_parts
+from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
-from psfs.voxels.clouds import DEBRIS_SHARE
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.limits import DEBRIS_SHARE
 
-FORMATS = ("ply", "glb", "obj")
-#: Steps of Taubin smoothing: enough to hide the voxels, too few to lose fingers and noses.
-SMOOTHING, MOST_SMOOTHING = 10, 1000
 #: Of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
 

@@ -12,16 +12,14 @@ from apf.cli.batch.parts import PARTS, course_of
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
-from apf.cli.track import add_output_flag, add_track_flags, take_names
+from apf.cli.track import take_names
 from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
 from apf.cluster.courses import done_courses
 from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
-from apf.cluster.workers import WorkerConfig, shares_of_machine
-from apf.tracking.export import EXPORTS
+from apf.cluster.workers import shares_of_machine
 from cl import InputError
-from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
 from psfs.common.files import full_path
 from psfs.common.outputs import output_folder
@@ -31,49 +29,6 @@ from psfs.common.ranges import check_number
 _OWN = ("workers", "scheduler", "part_frames", "to")
 #: Names in OUT that no take has.
 _TAKEN = (LOGS, PARTS)
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "batch",
-        run,
-        "Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
-        "cluster; a second call does what the first left.",
-    )
-    add_output_flag(parser)
-    group = parser.add_argument_group("workers", "a process each, which does one take at a time")
-    group = group.add_mutually_exclusive_group()
-    config = WorkerConfig()
-    group.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help=f"on this machine (default: for each GPU {config.per_gpu}, or as many as there are "
-        f"{config.beside_gpu:g} cores each; without GPU one for each core)",
-    )
-    group.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="those of a running Dask cluster: tcp://HOST:PORT, or its scheduler file",
-    )
-    parser.add_argument(
-        "--part-frames",
-        type=int,
-        metavar="N",
-        help="cut longer takes into overlapping parts of about so many frames, which are tracked "
-        "at the same time and joined where they agree best (default: not cut)",
-    )
-    parser.add_argument(
-        "--to",
-        nargs="*",
-        choices=tuple(EXPORTS),
-        default=tuple(EXPORTS),
-        metavar="FORMAT",
-        help=f"export each take as `apf export` does: {', '.join(EXPORTS)} (default: all; --to "
-        "alone: none)",
-    )
-    add_track_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:

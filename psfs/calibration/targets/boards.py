@@ -8,20 +8,11 @@ import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.calibration.targets.target import Target, check_squares, chessboard
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_number
 
-#: Families of markers by the names that --dictionary takes, smallest sets first. A set is the
-#: beginning of those after it; the fewer markers to tell apart, the more and the sooner are found.
-DICTIONARIES = {
-    **{
-        family: [getattr(cv2.aruco, f"DICT_{family}_{count}") for count in (50, 100, 250, 1000)]
-        for family in ("4X4", "5X5", "6X6", "7X7")
-    },
-    "ARUCO_ORIGINAL": [cv2.aruco.DICT_ARUCO_ORIGINAL],
-    "APRILTAG_36h11": [cv2.aruco.DICT_APRILTAG_36h11],
-}
 #: Corners of a ChArUco board that tell its pose, and rows and columns that they must cover.
 _CORNERS, _LINES = 6, 2
 #: Of a square, how far corners may lie off their plane's picture, which lenses bend.
@@ -173,8 +164,8 @@ def _charuco(squares: tuple[int, int], square: float, marker: float, name: str, 
 def _dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family that has so many markers, its largest if none has."""
     found: Any = None
-    for number in DICTIONARIES[name]:
-        found = cv2.aruco.getPredefinedDictionary(number)
+    for known in DICTIONARIES[name]:
+        found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
         if len(found.bytesList) >= markers:
             break
     return found

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from psfs.cameras.calibration.handedness import right_handed
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
 from psfs.common import files
+from psfs.common.files import naming as naming
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all, one per camera name, or
@@ -38,15 +38,6 @@ class Calibration(CameraRig):
 
     unit: Unit = "m"
     notes: tuple[str, ...] = ()
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before every InputError raised inside; its class stays."""
-    try:
-        yield
-    except InputError as error:
-        raise type(error)(f"{path}: {error}") from None
 
 
 def read_text(path: Path) -> str:

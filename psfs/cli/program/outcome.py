@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
-import cv2
-
 from cl import UserError
 from psfs.common.names import printable
 
@@ -70,9 +68,12 @@ def mendable(error: Exception) -> str | None:
     short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
     if isinstance(error, MemoryError):
         return short
-    if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
-        return short
-    return None
+    return short if _is_memory_of_opencv(error) else None
+
+
+def _is_memory_of_opencv(error: Exception) -> bool:
+    cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
+    return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
 
 
 @contextlib.contextmanager
