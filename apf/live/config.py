@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from pydantic import Field
+
 from apf.tracking.config import RecoveryConfig
 from psfs.common.config import Config, part, setting
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
@@ -95,6 +97,11 @@ class CaptureConfig(Config):
     )
 
 
+def _without_second_look() -> ReconstructionConfig:
+    appearance = AppearanceConfig(look_again=False)
+    return ReconstructionConfig(silhouette=SilhouetteConfig(appearance=appearance))
+
+
 class LiveConfig(Config):
     """Everything that live tracking goes by."""
 
@@ -143,9 +150,8 @@ class LiveConfig(Config):
         least=0.6,
         unknown=0.6,
     )
-    reconstruction: ReconstructionConfig = part(
-        ReconstructionConfig,
-        "The reconstruction. Frames that are dropped leave gaps; time is worth more than a second "
-        "look at every frame.",
-        silhouette=SilhouetteConfig(appearance=AppearanceConfig(look_again=False)),
+    reconstruction: ReconstructionConfig = Field(
+        default_factory=_without_second_look,
+        description="The reconstruction. Frames that are dropped leave gaps; time is worth more "
+        "than a second look at every frame.",
     )

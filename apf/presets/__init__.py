@@ -9,7 +9,7 @@ from apf.filters.method import Method
 from psfs.common.config import Config, part, setting
 from psfs.common.presets import presets_in, read_preset
 from psfs.presets import PRESETS as OF_RECONSTRUCTION
-from psfs.reconstructor import ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name; one of the reconstruction's name begins with that.
 PRESETS = presets_in(Path(__file__).parent, OF_RECONSTRUCTION)

@@ -13,9 +13,8 @@ from apf.cli.flags.shared import (
 )
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
-from apf.report.page import PAGE
 from apf.settings import Settings
-from apf.tracking.batch import BatchConfig
+from apf.tracking.config import BatchConfig
 from psfs.cli.commandline import add_device_flag
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
@@ -33,7 +32,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help="of several takes, work on N at a time "
-        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
+        f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
     )
 
 
@@ -76,6 +75,6 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-report",
         action="store_true",
-        help=f"write no {PAGE}, and leave the track uncompared with the silhouettes",
+        help="write no report.html, and leave the track uncompared with the silhouettes",
     )
     add_device_flag(parser)
