@@ -24,7 +24,7 @@ class RecordingParser(argparse.ArgumentParser):
         self._calls: list[tuple[tuple[str, ...], dict[str, Any]]] = []
         super().__init__(*args, **options)
 
-    def add_argument(self, *names: str, **options: Any) -> argparse.Action:  # type: ignore[override]
+    def add_argument(self, *names: str, **options: Any) -> argparse.Action:
         """Add a flag or a positional, and keep it."""
         return self._keep(super().add_argument(*names, **options), names, options)
 
