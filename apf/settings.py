@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from apf.cluster.config import PartsConfig, WorkerConfig
 from apf.filters.method import Method
-from apf.initialisation.config import JointFitConfig, KeypointStartConfig, StartConfig
+from apf.initialisation.config import StartConfig
+from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
 from apf.keypoints.config import AgreementConfig, CropConfig, PersonConfig
 from apf.live.config import CaptureConfig, LiveConfig
 from apf.synthetic.config import SceneConfig

@@ -8,7 +8,7 @@ import numpy as np
 
 from apf.body.model import BodyModel
 from apf.body.stature import stature
-from apf.initialisation.config import KeypointStartConfig
+from apf.initialisation.fit_config import KeypointStartConfig
 from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints

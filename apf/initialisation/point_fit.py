@@ -16,7 +16,7 @@ from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import bone_matrices
 from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel, sideless
-from apf.initialisation.config import PointFitConfig
+from apf.initialisation.fit_config import PointFitConfig
 from apf.initialisation.shape_model import inner_axes
 from psfs.cameras.camera import CameraRig
 
