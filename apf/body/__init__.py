@@ -1,4 +1,4 @@
-"""The body: bones with free axes, cones and meshes around them, and their kinematics."""
+"""The body: bones with free axes, their cones and meshes, and forward kinematics."""
 
 import lazy_loader as _lazy
 

@@ -176,7 +176,7 @@ def _tracked(
     config = _config(args)
     sequence, left_out = open_sequence(args), list[Suspect]()
     sequence.keep_frames()
-    out.keep_off(sequence.inputs)
+    out.check_inputs(sequence.inputs)
     first = chosen_frames(args, sequence)[0]
     given = given_start(sequence.folder, first, args.body, args.init, args.convention)
     if method.uses_voxels:
@@ -242,8 +242,8 @@ def finish_take(
         if compared:
             line.begin("judging")
             progress = partial(line, "judging")
-            quality = judged(device, take.sequence, track, _config(args), progress)
-        files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
+            quality = judge_track(device, take.sequence, track, _config(args), progress)
+        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 
@@ -279,7 +279,7 @@ def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
 def take_names(folders: list[Path]) -> list[str]:
     """Return a name for each of the takes: its folder's, with as many of the folders above as
     distinguish them. Raises InputError if one is given twice."""
-    paths = [full_path(folder) for folder in folders]
+    paths = [resolve_path(folder) for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
             raise InputError(f"{path} is given twice; expected different takes")

@@ -1,5 +1,4 @@
-"""File formats of motion: writers by the ending of their files, in `WRITERS` those that need points
-alone, in `BODY_WRITERS` those that need the body."""
+"""Motion file formats by file ending: `WRITERS` need points only, `BODY_WRITERS` need the body."""
 
 import lazy_loader as _lazy
 

@@ -1,4 +1,4 @@
-"""2-D keypoints of any pose network: their files, their points on the body, triangulation."""
+"""2-D keypoints of any pose network: files, points on the body, triangulation."""
 
 import lazy_loader as _lazy
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def _printable(text: str) -> str:
-    return "\n".join(printable(line) for line in text.split("\n"))
+    return "\n".join(escape_unprintable(line) for line in text.split("\n"))
 
 
 @dataclass
@@ -101,7 +101,7 @@ class CommandParser(RecordingParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
 
 
 @contextmanager
@@ -213,7 +213,7 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 def path_or_name(text: str) -> str:
     """Return a path in full where there is such a file or folder, else the text (argparse type)."""
     path = Path(text)
-    return str(full_path(path)) if path.exists() else text
+    return str(resolve_path(path)) if path.exists() else text
 
 
 def progress_bar() -> Progress:

@@ -159,7 +159,7 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
     """Return what the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
-        flags["calibration"] = str(full_path(flags["calibration"]))
+        flags["calibration"] = str(resolve_path(flags["calibration"]))
     return flags
 
 

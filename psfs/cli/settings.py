@@ -264,7 +264,7 @@ def _plain(action: argparse.Action, value: Any) -> Any:
     if action.type in (int, float, path_or_name) and isinstance(value, str):
         return action.type(value)
     if isinstance(value, Path) or action.type is Path:
-        return str(full_path(value))
+        return str(resolve_path(value))
     return value if isinstance(value, (int, float)) else str(value)
 
 

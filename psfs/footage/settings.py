@@ -1,4 +1,4 @@
-"""What files cannot say about themselves: `sequence.toml`, or the same as flags."""
+"""Settings of a sequence that its files do not state: `sequence.toml`, or the same as flags."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ Subject = Literal["person", "object"]
 BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
 #: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive")
-#: Of a corner of the volume, m.
-_FARTHEST = 10_000.0
+#: Largest coordinate of a corner of the volume, m.
+_MAX_COORDINATE = 10_000.0
 
 #: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
 SUBJECTS: tuple[str, ...] = get_args(Subject)
@@ -179,25 +179,25 @@ class Settings(Config):
         return other.replace(**{key: value for key, value in self if value is not None})
 
 
-def _sync(value: Any) -> Any:
+def _check_sync(value: Any) -> Any:
     if value == "auto":
         return value
     if not isinstance(value, Mapping):
         raise InputError(f"sync = {value!r}; expected auto, or frames by camera, as {{cam03 = 5}}")
     for name, late in value.items():
-        if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _LATEST:
+        if not isinstance(late, int) or isinstance(late, bool) or abs(late) > _MAX_DELAY:
             raise InputError(f"sync of {name} is {late!r}; expected a whole number of frames")
     return dict(value)
 
 
-def _volume(value: Any) -> Any:
+def _check_volume(value: Any) -> Any:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
             raise InputError(f"volume has the keys {', '.join(map(str, value))}; expected own")
         low, high = _corners(value["own"], math.inf)
         return {"own": [low.tolist(), high.tolist()]}
-    return _corners(value, _FARTHEST)
+    return _check_corners(value, _MAX_COORDINATE)
 
 
 def _corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:

@@ -42,7 +42,7 @@ class OccupancyConfig(Config):
 
         if self.min_cameras is not None:
             return self.min_cameras
-        return enough_cameras(n_cameras, self.camera_share, self.least_cameras)
+        return required_cameras(n_cameras, self.camera_share, self.least_cameras)
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).

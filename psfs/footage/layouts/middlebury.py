@@ -1,11 +1,11 @@
-"""Middlebury multi-view sets: `*_par.txt` beside one image per view, a single frame."""
+"""Middlebury's multi-view sets: `*_par.txt` beside one image per view, a single frame."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from cl import InputError
-from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
+from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
 from psfs.footage.settings import Settings
 
@@ -36,8 +36,8 @@ def _read(folder: Path, settings: Settings) -> Footage:
     return Footage(chosen(rig, settings), rig.unit, images=images, notes=notes + remarks)
 
 
-#: The objects stand along y. Silhouettes by the authors' recipe, in the README: threshold, dilate,
-#: erode.
+#: The objects stand along y. The silhouettes follow the recipe in the authors' README: threshold,
+#: dilate, erode.
 MIDDLEBURY = Layout(
     "middlebury",
     _matches,
