@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apf.cluster.config import PartsConfig, WorkerConfig
+from apf.cluster.config import ChunksConfig, WorkerConfig
 from apf.filters.method import Method
 from apf.initialisation.config import StartConfig
 from apf.initialisation.fit_config import JointFitConfig, KeypointStartConfig
@@ -33,7 +33,7 @@ class ClusterSettings(Config):
     """Many takes, and long ones in parts."""
 
     at_once: BatchConfig = part(BatchConfig, "How many takes a process works on at a time.")
-    parts: PartsConfig = part(PartsConfig, "How parts of a long take overlap.")
+    parts: ChunksConfig = part(ChunksConfig, "How parts of a long take overlap.")
     workers: WorkerConfig = part(WorkerConfig, "How many workers there are.")
 
 

@@ -109,7 +109,7 @@ class Sequence:
         folder = Path(folder)
         stated = Settings.from_dict({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = stated.replace(calibration=str(full_path(stated.calibration)))
+            stated = stated.replace(calibration=str(resolve_path(stated.calibration)))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = find_layout(folder, settings)
         settings = settings.over(layout.defaults)

@@ -1,5 +1,5 @@
-from .cones import distances as distances
-from .cones import outlines as outlines
+from .cones import cone_distances as cone_distances
+from .cones import project_outlines as project_outlines
 from .cones import overlap_errors as overlap_errors
 from .jacobian import distance_jacobian as distance_jacobian
 from .jacobian import point_jacobian as point_jacobian

@@ -18,7 +18,7 @@ from apf.report.summary import (
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
 

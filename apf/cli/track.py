@@ -21,7 +21,7 @@ from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.report.judged import FILES, judged, run_facts, write_judged
+from apf.report.judged import FILES, judge_track, run_facts, write_report
 from apf.report.page import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
@@ -40,7 +40,7 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.cli.settings import refuse_unused, write_settings
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output.runs import sequence_facts

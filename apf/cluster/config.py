@@ -5,7 +5,7 @@ from __future__ import annotations
 from psfs.common.config import Config, setting
 
 
-class PartsConfig(Config):
+class ChunksConfig(Config):
     """How parts overlap and when they agree."""
 
     overlap: float = setting(

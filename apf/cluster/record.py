@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.common.files import unreadable, write_json
+from psfs.common.files import unreadable_error, write_json
 from psfs.common.versions import versions
 
 RECORD = "take.json"

@@ -2,7 +2,7 @@ from .keypoints import Keypoints as Keypoints
 from .landmarks import BodyPoints as BodyPoints
 from .landmarks import Landmark as Landmark
 from .landmarks import load_landmarks as load_landmarks
-from .landmarks import points_on as points_on
-from .triangulation import Triangulated as Triangulated
+from .landmarks import locate_points as locate_points
+from .triangulation import Triangulation as Triangulation
 from .triangulation import TriangulationConfig as TriangulationConfig
 from .triangulation import triangulate as triangulate

@@ -12,12 +12,12 @@ import numpy as np
 
 from apf.keypoints.config import AgreementConfig, TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import landmarks_of
+from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 
 
-def disagreements(
+def find_disagreements(
     keypoints: Keypoints, rig: CameraRig, config: AgreementConfig | None = None
 ) -> list[str]:
     """List what is wrong between the cameras' keypoints (px of the original pictures), a line each.

@@ -23,13 +23,13 @@ from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
-from psfs.common.regions import large_parts
+from psfs.common.regions import keep_large_regions
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
 
 @dataclass(frozen=True)
-class Estimation:
+class EstimationJob:
     """What is to be done. overrides: of `Sequence.open`. device: name, for the silhouettes that
     pictures are cropped by; None for whole pictures."""
 

@@ -16,7 +16,7 @@ from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 
 
-def chosen_persons(
+def choose_person(
     points: np.ndarray, rig: CameraRig | None, config: PersonConfig | None = None
 ) -> np.ndarray:
     """Choose one person from keypoints (V, F, N, K, 3) px of N persons; return (V, F, K, 3)."""

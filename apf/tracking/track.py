@@ -24,7 +24,7 @@ from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
-from psfs.common.npz import Values, read_npz, scalar
+from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_number
 
 #: Of a track that is being written, in the order of their names; see `part_name`.

@@ -12,8 +12,8 @@ from importlib.metadata import version
 import numpy as np
 
 from apf.keypoints import Keypoints, triangulate
-from apf.keypoints.landmarks import landmark_edges, landmarks_of
-from apf.keypoints.series import low_passed, without_gaps
+from apf.keypoints.landmarks import find_landmarks, landmark_edges
+from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
 from cl import InputError

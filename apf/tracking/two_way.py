@@ -248,7 +248,7 @@ def steadied(
         moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
             near = moved[:, joints].max(1, initial=0) < most
-            reached = reaching(body, poses[part], dofs, joints, places, within)
+            reached = solve_inverse_kinematics(body, poses[part], dofs, joints, places, within)
             poses[part] = np.where(near[:, None], reached, poses[part])
     return poses
 

@@ -14,9 +14,14 @@ from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.config import CalibrationConfig
 from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.pictures import write_rig, write_view
-from psfs.calibration.report import View, summary, verdict, views_of
-from psfs.calibration.scene import rigid
-from psfs.calibration.start.motion_capture import measured_wand
+from psfs.calibration.report import (
+    ViewReport,
+    calibration_summary,
+    judge_calibration,
+    summarise_views,
+)
+from psfs.calibration.scene import rigid_transform
+from psfs.calibration.start.motion_capture import read_measured_wand
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import (
     Finder,
@@ -31,7 +36,7 @@ from psfs.calibration.targets.target import Sighting, make_wand
 from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import z_up_from
+from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
 from psfs.cli.settings import FILE, refuse_unused, write_settings

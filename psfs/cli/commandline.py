@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from cl import InputError
 from psfs.cli.recording import RecordingParser
-from psfs.common.files import full_path
-from psfs.common.names import printable
+from psfs.common.files import resolve_path
+from psfs.common.names import escape_unprintable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,7 +76,7 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     """Print `kind: text`, the kind in a colour."""
     from rich.text import Text
 
-    stream.print(Text.assemble((f"{kind}:", style), f" {printable(text)}"), soft_wrap=True)
+    stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
 
 
 class CommandParser(RecordingParser):

@@ -34,7 +34,7 @@ from psfs.diagnostics.silhouette_iou import (
     whole_silhouette,
 )
 from psfs.output import runs
-from psfs.output.preview import preview
+from psfs.output.preview import draw_preview
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, expected_person, foreground_box

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.ranges import check_number
 from psfs.footage.folder import check_folder
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS

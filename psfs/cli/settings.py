@@ -18,7 +18,7 @@ from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.cli.recording import RecordingParser
 from psfs.common.config import Config, part_of
-from psfs.common.files import full_path, written_whole
+from psfs.common.files import resolve_path, written_whole
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 

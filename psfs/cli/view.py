@@ -26,9 +26,9 @@ from psfs.mesh.drawing import (
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import Player
-from psfs.mesh.preview import mesh_preview
-from psfs.mesh.viewer import has_display, show
-from psfs.output.preview import preview
+from psfs.mesh.preview import draw_mesh_preview
+from psfs.mesh.viewer import has_display, show_window
+from psfs.output.preview import draw_preview
 from psfs.output.runs import Run
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud

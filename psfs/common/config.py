@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from pydantic.fields import FieldInfo
 
 from cl import InputError
-from psfs.common.names import printable
+from psfs.common.names import escape_unprintable
 from psfs.common.ranges import LARGEST, SMALLEST, range_text
 
 C = TypeVar("C", bound="Config")
@@ -212,7 +212,7 @@ def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
         return SettingError("", f": {cause}")
     if cause is not None:
         return SettingError(name, f": {cause}")
-    found = printable(repr(first["input"]))[:_SHOWN]
+    found = escape_unprintable(repr(first["input"]))[:_SHOWN]
     place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
     expected = first["msg"].removeprefix("Input should be ")
     if field is not None and not place:

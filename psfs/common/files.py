@@ -32,7 +32,7 @@ def unreadable_error(path: Path, error: OSError) -> InputError:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
+def name_file_in_errors(path: Path) -> Iterator[None]:
     """Put the file's name before every InputError raised inside; its class stays."""
     try:
         yield

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cl import InputError, MissingFileError
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 from psfs.common.picture_size import check_picture_size
 
 #: Of one file.

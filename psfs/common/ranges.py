@@ -38,7 +38,8 @@ def check_number(name: str, value: Any, least: float, most: float = LARGEST) -> 
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not (number and least <= value <= most):
         expected = range_text(ge=least, le=most)
-        raise InputError(f"{name} is {printable(repr(value))}; expected a number {expected}")
+        found = escape_unprintable(repr(value))
+        raise InputError(f"{name} is {found}; expected a number {expected}")
 
 
 def range_text(

@@ -10,8 +10,8 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
-from psfs.common.regions import iou, large_parts
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.regions import iou, keep_large_regions
 from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.output.runs import Run
 from psfs.reconstructor import ReconstructionConfig

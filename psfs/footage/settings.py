@@ -33,7 +33,7 @@ _MAX_COORDINATE = 10_000.0
 #: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
 SUBJECTS: tuple[str, ...] = get_args(Subject)
 #: Frames by which a camera may come late, or early.
-_LATEST = 1_000_000
+_MAX_DELAY = 1_000_000
 
 if TYPE_CHECKING:
     import numpy as np
@@ -114,10 +114,10 @@ class Settings(Config):
     @field_validator("up")
     @classmethod
     def _is_axis(cls, value: str | None) -> str | None:
-        from psfs.cameras.units import z_up_from
+        from psfs.cameras.units import rotation_to_z_up
 
         if value is not None:
-            z_up_from(value)
+            rotation_to_z_up(value)
         return value
 
     @field_validator("key")
@@ -156,22 +156,22 @@ class Settings(Config):
     @field_validator("sync")
     @classmethod
     def _is_sync(cls, value: Any) -> Any:
-        return None if value is None else _sync(value)
+        return None if value is None else _check_sync(value)
 
     @field_validator("volume")
     @classmethod
     def _is_box(cls, value: Any) -> Any:
-        return None if value is None else _volume(value)
+        return None if value is None else _check_volume(value)
 
     @classmethod
     def read(cls, path: Path) -> Settings:
         """Return those of a `sequence.toml`; all None if there is none."""
-        from psfs.common.files import naming
+        from psfs.common.files import name_file_in_errors
 
         if not path.exists():
             return cls()
         values = read_toml(path)
-        with naming(path):
+        with name_file_in_errors(path):
             return cls.from_dict(values)
 
     def over(self, other: Settings) -> Settings:
@@ -195,12 +195,12 @@ def _check_volume(value: Any) -> Any:
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
             raise InputError(f"volume has the keys {', '.join(map(str, value))}; expected own")
-        low, high = _corners(value["own"], math.inf)
+        low, high = _check_corners(value["own"], math.inf)
         return {"own": [low.tolist(), high.tolist()]}
     return _check_corners(value, _MAX_COORDINATE)
 
 
-def _corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+def _check_corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
     import numpy as np
 
     try:

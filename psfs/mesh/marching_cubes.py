@@ -14,7 +14,7 @@ from trimesh.visual import ColorVisuals
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
-from psfs.common.regions import large_parts
+from psfs.common.regions import keep_large_regions
 from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor

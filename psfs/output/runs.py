@@ -13,8 +13,8 @@ from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
 from psfs.cameras.names import listed
-from psfs.common.files import naming, read_json
-from psfs.common.outputs import unfinished
+from psfs.common.files import name_file_in_errors, read_json
+from psfs.common.outputs import find_unfinished_command
 from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence

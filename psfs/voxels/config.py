@@ -38,7 +38,7 @@ class OccupancyConfig(Config):
 
     def seeing_cameras(self, n_cameras: int) -> int:
         """Return how many of `n_cameras` must see a voxel."""
-        from psfs.cameras.rig_geometry import enough_cameras
+        from psfs.cameras.rig_geometry import required_cameras
 
         if self.min_cameras is not None:
             return self.min_cameras

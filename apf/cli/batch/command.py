@@ -13,12 +13,12 @@ from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
 from apf.cli.track import take_names
-from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
-from apf.cluster.courses import done_courses
+from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
+from apf.cluster.courses import run_workflows
 from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
-from apf.cluster.workers import shares_of_machine
+from apf.cluster.workers import share_machine
 from cl import InputError
 from psfs.cli.settings import stated_words
 from psfs.common.files import resolve_path

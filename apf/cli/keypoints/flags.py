@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from apf.keypoints import Keypoints
-from apf.keypoints.agreement import disagreements
+from apf.keypoints.agreement import find_disagreements
 from psfs.cli.commandline import remark, warn
 from psfs.cli.sequence_flags import stated
 from psfs.sequence import Sequence

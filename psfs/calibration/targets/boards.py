@@ -9,7 +9,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
-from psfs.calibration.targets.target import Target, check_squares, chessboard
+from psfs.calibration.targets.target import Target, check_squares, make_chessboard
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_number
 

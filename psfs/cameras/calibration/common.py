@@ -15,7 +15,7 @@ from psfs.cameras.calibration.handedness import make_right_handed
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
-from psfs.common.files import naming as naming
+from psfs.common.files import name_file_in_errors as name_file_in_errors
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,

@@ -22,7 +22,7 @@ __all__ = ["LAYOUTS", "Footage", "Layout", "find_layout"]
 LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
-def recognised(folder: Path, settings: Settings) -> Layout:
+def find_layout(folder: Path, settings: Settings) -> Layout:
     """Return the layout of `folder`. Raises InputError if it has none, MissingFileError if there is
     no such folder."""
     check_folder(folder)

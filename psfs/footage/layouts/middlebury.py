@@ -32,8 +32,8 @@ def _read(folder: Path, settings: Settings) -> Footage:
         if len(kept) < len(rig):
             notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
         settings = settings.replace(cameras=kept)
-    images, remarks = assigned(rig, found, folder, settings, extras=True)
-    return Footage(chosen(rig, settings), rig.unit, images=images, notes=notes + remarks)
+    images, remarks = assign_pictures(rig, found, folder, settings, extras=True)
+    return Footage(choose_cameras(rig, settings), rig.unit, images=images, notes=notes + remarks)
 
 
 #: The objects stand along y. The silhouettes follow the recipe in the authors' README: threshold,
