@@ -1,6 +1,6 @@
 from .cones import cone_distances as cone_distances
-from .cones import project_outlines as project_outlines
 from .cones import overlap_errors as overlap_errors
+from .cones import project_outlines as project_outlines
 from .jacobian import distance_jacobian as distance_jacobian
 from .jacobian import point_jacobian as point_jacobian
 from .kinematics import bone_matrices as bone_matrices
