@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from psfs.cli.program.command import commands_of
+from psfs.cli.program.command import list_commands
 
-COMMANDS = commands_of(
+COMMANDS = list_commands(
     "apf.cli",
     synth="Make a synthetic sequence of a person walking in a room.",
     keypoints="Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from apf.report.agreement import choose_rows
 from apf.report.judged import OVERLAY, judge_track, write_report
-from apf.report.page import PAGE
+from apf.report.names import PAGE
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
@@ -18,8 +18,8 @@ from apf.report.summary import (
 from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.common.files import name_file_in_errors
 from psfs.common.outputs import MANIFEST, output_folder
 
 

@@ -22,7 +22,7 @@ from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.report.judged import FILES, judge_track, run_facts, write_report
-from apf.report.page import PAGE
+from apf.report.names import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
 from apf.results.evaluate import evaluate, load_truth

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -24,6 +23,7 @@ from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
 from psfs.common.regions import keep_large_regions
+from psfs.common.system import ignore_signals
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
@@ -83,9 +83,7 @@ def _set_up_process(done: Any, stop: Any) -> None:
 
     The messages of the network's libraries are useless to users.
     """
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    ignore_signals(["SIGINT", "SIGTERM", "SIGHUP"])
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     _shared.update(done=done, stop=stop)
 

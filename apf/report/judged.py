@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from apf.report.agreement import Agreement, measure_agreement
-from apf.report.page import PAGE, write_page
+from apf.report.names import PAGE
+from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from apf.synthetic.config import SceneConfig
@@ -60,6 +59,8 @@ def _make_camera(
     size: tuple[int, int],
     rng: np.random.Generator,
 ) -> Camera:
+    import cv2  # takes a while to load
+
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

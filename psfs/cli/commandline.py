@@ -50,9 +50,9 @@ class Messages:
     @cached_property
     def console(self) -> Console:
         """The console of rich."""
-        from psfs.cli.console import terminal
+        from psfs.cli.console import make_terminal
 
-        return terminal(self._stderr)
+        return make_terminal(self._stderr)
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich's console does, without control characters, unless this is quiet."""
@@ -81,7 +81,7 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
 
 class CommandParser(RecordingParser):
     """A parser whose errors are one line; so are those of its subcommands. `fill`, where it is set,
-    adds the flags before the first words are parsed, or when `filled` is called."""
+    adds the flags before the first words are parsed, or when `add_flags` is called."""
 
     fill: Callable[[], None] | None = None
 
@@ -90,14 +90,14 @@ class CommandParser(RecordingParser):
         #: The parsers of the subcommands.
         self.commands: list[CommandParser] = []
 
-    def filled(self) -> None:
+    def add_flags(self) -> None:
         """Add the flags, unless they have been added."""
         fill, self.fill = self.fill, None
         if fill is not None:
             fill()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        self.filled()
+        self.add_flags()
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -120,10 +120,10 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         handlers: list[logging.Handler] = [shown]
         log = None
         if args.log_file is not None:
-            from psfs.cli.console import log_console
+            from psfs.cli.console import make_log_console
 
             file = stack.enter_context(_opened(args.log_file))
-            log = log_console(file)
+            log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         for handler in handlers:
@@ -175,9 +175,9 @@ def add_command(
     name: str,
     run: Callable[[argparse.Namespace], None],
     help: str,
-) -> argparse.ArgumentParser:
-    """Add a subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+) -> CommandParser:
+    """Add a subcommand to those of a CommandParser."""
+    parser: CommandParser = commands.add_parser(
         name, help=help, description=help, allow_abbrev=False
     )
     parser.set_defaults(run=run, command=name)
@@ -218,9 +218,9 @@ def path_or_name(text: str) -> str:
 
 def progress_bar() -> Progress:
     """Make the bar that all long work shows, on standard error."""
-    from psfs.cli.console import bar_on
+    from psfs.cli.console import make_progress_bar
 
-    return bar_on(stderr.console, _state.quiet)
+    return make_progress_bar(stderr.console, _state.quiet)
 
 
 def frame_range(text: str) -> slice:

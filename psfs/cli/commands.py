@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from psfs.cli.program.command import commands_of
+from psfs.cli.program.command import list_commands
 
-COMMANDS = commands_of(
+COMMANDS = list_commands(
     "psfs.cli",
     info="cameras, frames and warnings of a sequence",
     calibrate="find the cameras from a board or a wand that was waved through the volume",
@@ -14,5 +14,5 @@ COMMANDS = commands_of(
     check="compare reprojected clouds with the silhouettes of their frames",
     mesh="make closed surfaces of reconstructed frames",
     view="play a run in a window, or write a picture where there is no display",
-    devices="list the OpenCL devices",
+    devices="try the OpenCL devices and list them",
 )

@@ -25,7 +25,7 @@ class _Terminal(Console):
         raise  # rich would exit; it calls this where it handles the error
 
 
-def terminal(stderr: bool) -> Console:
+def make_terminal(stderr: bool) -> Console:
     """Return a console on standard output, or on standard error."""
     own = (sys.stderr if stderr else sys.stdout).isatty() or "COLUMNS" in os.environ
     width = None if own else _UNLIMITED
@@ -33,14 +33,14 @@ def terminal(stderr: bool) -> Console:
     return _Terminal(highlight=False, markup=False, emoji=False, width=width, stderr=stderr)
 
 
-def log_console(file: TextIO) -> Console:
+def make_log_console(file: TextIO) -> Console:
     """Return a console that writes into a log file."""
     return Console(
         file=file, width=_UNLIMITED, color_system=None, highlight=False, markup=False, emoji=False
     )
 
 
-def bar_on(console: Console, hidden: bool) -> Progress:
+def make_progress_bar(console: Console, hidden: bool) -> Progress:
     """Return the progress bar that all long work shows."""
     return Progress(
         TextColumn("{task.description}", markup=False),

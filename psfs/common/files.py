@@ -16,7 +16,7 @@ from psfs.common.outputs import claim, temporary_name
 if TYPE_CHECKING:
     import numpy as np
 
-#: Of a JSON file: a run of 100,000 frames takes 10 MB.
+#: Largest JSON file; a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
 
 
@@ -33,7 +33,7 @@ def unreadable_error(path: Path, error: OSError) -> InputError:
 
 @contextmanager
 def name_file_in_errors(path: Path) -> Iterator[None]:
-    """Put the file's name before every InputError raised inside; its class stays."""
+    """Put the file's name before the text of every InputError raised inside; keep its class."""
     try:
         yield
     except InputError as error:
@@ -41,9 +41,11 @@ def name_file_in_errors(path: Path) -> Iterator[None]:
 
 
 def read_numbers(path: Path) -> np.ndarray:
-    """Return the numbers (N,) float64 of a text file, with white space between them; what follows
-    a # in its line is a comment. Raises InputError naming the file if it cannot be read or holds
-    anything else, MissingFileError if it is absent."""
+    """Read the numbers (N,) float64, separated by white space, of a text file with # comments.
+
+    Raises InputError naming the file if it cannot be read or holds anything else, MissingFileError
+    if it is absent.
+    """
     import numpy as np
 
     lines = read_text(path, "numbers").splitlines()
@@ -125,7 +127,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
-    """Write a BGR picture; the suffix of `path` says the format. Raises InputError if unknown."""
+    """Write a BGR picture in the format of the suffix. Raises InputError if that is unknown."""
     import cv2  # takes a while to load
 
     try:

@@ -14,7 +14,7 @@ from cl import InputError, MissingFileError
 from psfs.common.files import unreadable_error
 from psfs.common.picture_size import check_picture_size
 
-#: Of one file.
+#: Largest picture file.
 _MOST_BYTES = 2**30
 
 

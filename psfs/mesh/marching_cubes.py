@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy import ndimage, spatial
-from skimage.measure import marching_cubes
 from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
@@ -23,7 +22,7 @@ from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.limits import DEBRIS_SHARE
 
-#: Of meshes without colours, RGB 0..1.
+#: Colour of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
 
 # Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
@@ -53,7 +52,9 @@ def extract_surface(
     """
     solid = _clean(np.asarray(probability, np.float32), threshold, debris)
     # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
-    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices, faces, _, _ = _marching_cubes()(
+        np.pad(solid, 1), threshold, gradient_direction="ascent"
+    )
     vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if smoothing:
@@ -76,6 +77,18 @@ def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarr
     return cleaned
 
 
+def _marching_cubes() -> Any:
+    """Return scikit-image's function. Raises InputError where it is not installed."""
+    try:
+        from skimage.measure import marching_cubes
+    except ModuleNotFoundError:
+        raise InputError(
+            "surfaces are made by scikit-image, which is not installed; expected: "
+            "pip install 'psfs-apf[mesh]'"
+        ) from None
+    return marching_cubes
+
+
 class Mesher:
     """Makes the mesh of a frame of a finished run: `mesher(index)`.
 
@@ -95,6 +108,7 @@ class Mesher:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
         self._config = run.config
         self._reconstructor: Reconstructor | None = None
+        _marching_cubes()  # which complains before anything is computed
 
     def __call__(self, index: int) -> trimesh.Trimesh:
         """Return the mesh of a frame. Raises InputError if its cloud is empty."""

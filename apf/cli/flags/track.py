@@ -13,6 +13,7 @@ from apf.cli.flags.shared import (
 )
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
+from apf.report.names import PAGE
 from apf.settings import Settings
 from apf.tracking.config import BatchConfig
 from psfs.cli.commandline import add_device_flag
@@ -75,6 +76,6 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-report",
         action="store_true",
-        help="write no report.html, and leave the track uncompared with the silhouettes",
+        help=f"write no {PAGE}, and leave the track uncompared with the silhouettes",
     )
     add_device_flag(parser)

@@ -13,7 +13,7 @@ from psfs.calibration.targets.target import Target, check_squares, make_chessboa
 from psfs.cameras.names import listed
 from psfs.common.ranges import check_number
 
-#: Corners of a ChArUco board that tell its pose, and rows and columns that they must cover.
+#: Fewest corners of a ChArUco board that determine its pose, and fewest rows and columns they span.
 _CORNERS, _LINES = 6, 2
 #: Largest deviation of corners from a homography, in squares; lenses cause some.
 _MAX_DEVIATION = 0.3

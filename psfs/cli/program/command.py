@@ -32,7 +32,7 @@ class Command:
         import_module(self.work).run(args)
 
 
-def commands_of(package: str, **helps: str) -> tuple[Command, ...]:
+def list_commands(package: str, **helps: str) -> tuple[Command, ...]:
     """Return the commands of the program in `package`, from their names and one-line helps; the
     flags of NAME are in `package.flags.NAME`, its work in `package.NAME`."""
     return tuple(

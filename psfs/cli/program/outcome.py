@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import sys
 import tempfile
 import threading
@@ -16,11 +15,12 @@ from types import FrameType
 
 from cl import UserError
 from psfs.common.names import escape_unprintable
+from psfs.common.system import handle_signals
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 _LONGEST_LINE = 800
-#: Handled as Ctrl-C is: what is done is kept.
-_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+#: Signals that are handled as Ctrl-C is: what is done is kept.
+_ENDING = ("SIGTERM", "SIGHUP")
 
 
 def exit_code(program: str, run: Callable[[], None]) -> int:
@@ -86,12 +86,8 @@ def _ended_as_interrupted() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in _ENDING}
-    try:
+    with handle_signals(interrupt, _ENDING):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _say(text: str) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from psfs.cli.commandline import (
     CommandParser,
+    add_command,
     add_message_flags,
     has_log,
     log_line,
@@ -54,10 +55,7 @@ def program_parser(
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
-        subparser = subparsers.add_parser(
-            command.name, help=command.help, description=command.help, allow_abbrev=False
-        )
-        subparser.set_defaults(run=command.run, command=command.name)
+        subparser = add_command(subparsers, command.name, command.run, command.help)
         subparser.fill = partial(_add_flags, command, subparser)
         parser.commands.append(subparser)
     return parser
@@ -121,7 +119,7 @@ class _Completion(argparse.Action):
 
         assert isinstance(parser, CommandParser)
         for subparser in parser.commands:
-            subparser.filled()
+            subparser.add_flags()
             for flag in subparser.actions:
                 if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
                     flag.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -23,8 +23,10 @@ LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
 def find_layout(folder: Path, settings: Settings) -> Layout:
-    """Return the layout of `folder`. Raises InputError if it has none, MissingFileError if there is
-    no such folder."""
+    """Find the layout of `folder`.
+
+    Raises InputError if no layout matches, MissingFileError if there is no such folder.
+    """
     check_folder(folder)
     for layout in LAYOUTS:
         if layout.matches(folder, settings):
