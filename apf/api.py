@@ -27,7 +27,7 @@ from cl import NumpyDevice as NumpyDevice
 from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, trusted
-from psfs.common.ranges import check_kind, check_range
+from psfs.common.ranges import check_kind, check_number
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
@@ -80,7 +80,7 @@ def track(
     check_kind("keypoints", keypoints, (Keypoints, str, Path))
     check_kind("reconstruction", reconstruction, ReconstructionConfig)
     if height is not None:
-        check_range("height, m,", height, 0.5, 2.5, ends=True)
+        check_number("height, m,", height, 0.5, 2.5)
     device = chosen_device(device)
     if method is None or method.objective != "keypoints":
         sequence = trusted(sequence, device, all_cameras)

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from apf.body.cones import cone_distances
-from apf.body.frusta import FRUSTUM_VERTICES
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
 from cl import InputError, MissingFileError
 from psfs.common.npz import Values, read_npz
 
+#: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
+FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
 #: Most bones that move one vertex; smaller weights are dropped.
 MAX_BONES = 4
 #: Most parts: pictures number them in bytes, from 1.

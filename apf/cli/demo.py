@@ -16,12 +16,12 @@ from apf.synthetic.scene import SceneConfig
 from psfs.cli.commandline import stdout
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 
 def run(args: argparse.Namespace) -> None:
     out = args.output
-    check_range("--cameras", args.cameras, 2, 64, ends=True)  # a hull needs two
+    check_number("--cameras", args.cameras, 2, 64)  # a hull needs two
     SceneConfig(cameras=args.cameras, frames=args.frames)  # which complains
     with output_folder(out, args.parser.prog) as opened:
         opened.begin()  # the summary of an earlier demo does not stand beside new results

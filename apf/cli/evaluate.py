@@ -27,12 +27,12 @@ from psfs.cli.commandline import stdout, warn
 from psfs.cli.settings import refuse_unused
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 
 def run(args: argparse.Namespace) -> None:
     if args.truth_start is not None:
-        check_range("--truth-start, frames,", args.truth_start, -1e9, 1e9, ends=True)
+        check_number("--truth-start, frames,", args.truth_start, -1e9, 1e9)
     track = Track.open(args.track)
     truth, convention = _truth(args, track.fps)
     markers = None if args.markers is None else load_markers(args.markers)

@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
         refuse_unused(args, ["cutoff"], "is of the smoothing; expected none with --raw")
     if args.to is not None and "trc" not in args.to:
         refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
-    config = SmoothingConfig(args.cutoff)
+    config = SmoothingConfig(cutoff=args.cutoff)
     track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):

@@ -14,7 +14,7 @@ from apf.initialisation import Start, StartError, start_of
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import warn
 from psfs.cli.settings import refuse_unused
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid
 
@@ -27,7 +27,7 @@ def check_start(args: argparse.Namespace) -> None:
     if not any(path.suffix.lower() == ".trc" for path in joints):
         refuse_unused(args, ["convention"], "is of a TRC; expected one as --init with it")
     if args.height is not None:
-        check_range("--height, m,", args.height, 0.5, 2.5, ends=True)
+        check_number("--height, m,", args.height, 0.5, 2.5)
 
 
 def found_start(

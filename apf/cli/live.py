@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
         noise = config.noise
-    method = replace(method, filter=method.filter.changed(velocity=0.0, noise=noise))
+    method = method.replace(filter=method.filter.changed(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")

@@ -14,7 +14,7 @@ from psfs.common.outputs import output_folder
 
 
 def run(args: argparse.Namespace) -> None:
-    config = SmoothingConfig(args.cutoff, args.lag)
+    config = SmoothingConfig(cutoff=args.cutoff, lag=args.lag)
     folder = args.track if args.track.is_dir() else args.track.parent
     inputs = [folder, *([args.body] if args.body else [])]
     with output_folder(args.output, args.parser.prog, inputs, RESULTS):

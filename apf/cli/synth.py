@@ -5,24 +5,17 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 
+from apf.synthetic.config import SceneConfig
 from apf.synthetic.generate import generate
-from apf.synthetic.scene import SceneConfig
 from cl import select_device
 from psfs.cli.commandline import progress_bar, stdout
+from psfs.cli.setting_flags import with_flags
 from psfs.cli.settings import write_settings
 from psfs.common.outputs import output_folder
 
 
 def run(args: argparse.Namespace) -> None:
-    config = SceneConfig(
-        cameras=args.cameras,
-        frames=args.frames,
-        fps=args.fps,
-        size=args.size,
-        seed=args.seed,
-        noise=args.noise,
-        height=args.height,
-    )
+    config = with_flags(SceneConfig(size=args.size), args)
     device = select_device(args.device)
     with output_folder(args.output, args.parser.prog), ExitStack() as stack:
         bar = progress_bar()

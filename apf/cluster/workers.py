@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from apf.cluster.config import WorkerConfig
 from cl import Device, NumpyDevice, list_devices, select_device
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.system import (
     ignore_signals,
     keep_freed_memory,
@@ -27,22 +28,6 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
 #: A size above any single allocation of a take.
 _KEPT_BYTES = 2**28
-
-
-@dataclass(frozen=True)
-class WorkerConfig:
-    """The number of workers of an embedded cluster; a worker is a process that tracks one take at a
-    time."""
-
-    per_gpu: int = 8
-    """Most workers per GPU. A take leaves a GPU idle while its host decodes and fits; contexts on
-    one GPU take turns. On an H200 with 16 cores, 2 workers tracked 24 takes per minute, 4 41 and 8
-    70, see `docs/cluster.md`."""
-    beside_gpu: float = 2.0
-    """Cores per worker of a GPU, which its take keeps busy decoding and waiting."""
-    cores: int = 1
-    """Cores of a worker that computes on the CPU. Set by hand: decoding and start of a take use one
-    core."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +59,8 @@ def share_machine(
     """
     config = config or WorkerConfig()
     if n_workers is not None:
-        check_range("--workers", n_workers, 1, MOST_WORKERS, ends=True)
-    chosen = select_device(device)  # selected in a process that does not start workers by forking
+        check_number("--workers", n_workers, 1, MOST_WORKERS)
+    chosen = select_device(device)  # in a process that starts no worker by forking
     if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
         names = [device]
         if device in ("auto", "gpu"):

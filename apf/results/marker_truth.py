@@ -16,7 +16,7 @@ from apf.results.marker_sets import FOLDER, SHIPPED
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.toml import read_toml
 
 
@@ -41,7 +41,7 @@ def load_markers(source: str | Path) -> MarkerSet:
     if values or not isinstance(entries, list) or not isinstance(stature, int | float):
         found = listed(values) if values else "another kind of value"
         raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
-    check_range(f"{path}: stature, m,", float(stature), 0.3, 3, ends=True)
+    check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
     # How surely a marker sits there is not asked for: nothing is learnt from it.
     spread = {"spread": 0.01}
     tables = [spread | entry if isinstance(entry, dict) else entry for entry in entries]

@@ -42,7 +42,7 @@ from psfs.cli.flags.calibrate import CALIBRATION, PICTURES, REPORT, RIG
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.versions import versions
 from psfs.footage.settings import Settings
 from psfs.sequence import Sequence
@@ -62,11 +62,11 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _calibrate(args: argparse.Namespace) -> None:
-    check_range("--height, m,", args.height, -10, 10, ends=True)
+    check_number("--height, m,", args.height, -10, 10)
     config: CalibrationConfig = args.configs.get("calibration", CalibrationConfig())
     board = _board_of(args)
     stated = {key: getattr(args, key) for key in _STATED if getattr(args, key) is not None}
-    views = open_uncalibrated(Path(args.folder), Settings.of(stated))
+    views = open_uncalibrated(Path(args.folder), Settings.from_dict(stated))
     chosen, floor = _chosen(args, views, config)
     finder = board or _marker_finder(args, views, chosen)
     known = args.intrinsics is not None

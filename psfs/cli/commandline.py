@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from cl import InputError
+from psfs.cli.recording import RecordingParser
 from psfs.common.files import resolve_path
 from psfs.common.names import escape_unprintable
 
@@ -78,11 +79,16 @@ def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
 
 
-class CommandParser(argparse.ArgumentParser):
+class CommandParser(RecordingParser):
     """A parser whose errors are one line; so are those of its subcommands. `fill`, where it is set,
     adds the flags before the first words are parsed, or when `add_flags` is called."""
 
     fill: Callable[[], None] | None = None
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        #: The parsers of the subcommands.
+        self.commands: list[CommandParser] = []
 
     def add_flags(self) -> None:
         """Add the flags, unless they have been added."""

@@ -16,7 +16,7 @@ from psfs.cli.flags.mesh import DEFINITION
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import resolve_path, write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
 from psfs.mesh.config import FORMATS, MOST_SMOOTHING
@@ -27,7 +27,7 @@ from psfs.sequence import Frame
 
 
 def run(args: argparse.Namespace) -> None:
-    check_range("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING, ends=True)
+    check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
     run = Run.open(args.out)
     run.warn_if_unfinished(warn)
     with ExitStack() as stack:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.common.files import resolve_path
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.footage.folder import check_folder
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
 from psfs.voxels.limits import VOXEL_EDGES
@@ -35,9 +34,6 @@ def add_sequence_flags(
     """Add the positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
     takes several folders, as `folders`."""
     parser.set_defaults(fps=None)
-    # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
-    # argument looks like a negative number, by this pattern.
-    parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
     name, count = ("folders", "+") if several else ("folder", None)
     parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
     if frames:
@@ -138,7 +134,7 @@ def frame_rate(text: str) -> float:
 def voxel_edge(text: str) -> float:
     """Return the edge of a voxel, m (argparse type)."""
     try:
-        check_range("the edge of a voxel, m,", float(text), *VOXEL_EDGES, ends=True)
+        check_number("the edge of a voxel, m,", float(text), *VOXEL_EDGES)
     except ValueError as error:
         told = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
         raise argparse.ArgumentTypeError(str(told)) from None

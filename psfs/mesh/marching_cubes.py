@@ -28,6 +28,8 @@ CLAY = (0.80, 0.70, 0.59)
 # Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
 # frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.
 _LAMBDA, _MU = 0.5, 0.53
+#: Probability at which the surface lies.
+THRESHOLD = OccupancyConfig().threshold
 _COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
@@ -35,7 +37,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 def extract_surface(
     probability: np.ndarray,
     grid: VoxelGrid,
-    threshold: float = OccupancyConfig.threshold,
+    threshold: float = THRESHOLD,
     smoothing: int = SMOOTHING,
     debris: float = DEBRIS_SHARE,
     cloud: VoxelCloud | None = None,

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from psfs.common.presets import presets_in, read_preset
-
-if TYPE_CHECKING:
-    from psfs.reconstructor import ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name.
 PRESETS = presets_in(Path(__file__).parent)
@@ -16,7 +13,5 @@ PRESETS = presets_in(Path(__file__).parent)
 
 def preset(name: str) -> ReconstructionConfig:
     """Return the settings of a preset. Raises InputError for an unknown name."""
-    from psfs.reconstructor import ReconstructionConfig
-
     values = read_preset(PRESETS, name).get("reconstruction", {})
     return ReconstructionConfig.from_dict(values, "reconstruction")

@@ -42,7 +42,6 @@ TO_DO = {
     "psfs/background",
     "psfs/calibration/config.py",
     "psfs/cli",
-    "psfs/common/configs.py",
     "psfs/diagnostics",
     "psfs/reconstructor.py",
     "psfs/reference",

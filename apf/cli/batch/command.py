@@ -23,7 +23,7 @@ from cl import InputError
 from psfs.cli.settings import stated_words
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Flags of this command that are not track's.
 _OWN = ("workers", "scheduler", "part_frames", "to")
@@ -34,7 +34,7 @@ _TAKEN = (LOGS, PARTS)
 def run(args: argparse.Namespace) -> None:
     import_distributed()  # before anything that takes time
     if args.part_frames is not None:
-        check_range("--part-frames", args.part_frames, 2, ends=True)
+        check_number("--part-frames", args.part_frames, 2)
     jobs = jobs_of(args)
     if args.scheduler is None and args.workers is not None:
         share_machine(args.device, args.workers)  # before anything is written

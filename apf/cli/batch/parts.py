@@ -16,8 +16,9 @@ from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
 from apf.cli.first_pose import naming_init, warn_of_doubts
 from apf.cli.method_flags import chosen_method
 from apf.cli.track import finish_take, write_files, write_track_settings
+from apf.cluster.config import ChunksConfig
 from apf.cluster.courses import Workflow
-from apf.cluster.parts import ChunksConfig, cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.parts import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, log_to
 from apf.cluster.workers import select_worker_device

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from apf.cli.flags.track import add_output_flag, add_track_flags
-from apf.cluster.workers import WorkerConfig
+from apf.cluster.config import WorkerConfig
 from apf.tracking.exports import EXPORTS
 
 

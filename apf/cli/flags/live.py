@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 from apf.cli.flags.shared import add_start_flags
 from apf.cli.method_flags import add_method_flags
-from apf.live.config import LiveConfig
+from apf.settings import Settings
 from psfs.cli.commandline import add_device_flag
 from psfs.cli.sequence_flags import (
     add_sequence_flags,
 )
 from psfs.cli.settings import add_configs
-from psfs.common.configs import config_of
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -57,5 +55,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "pixels still are no larger than voxels, else 1)",
     )
     add_method_flags(parser)
-    add_configs(parser, live=partial(config_of, LiveConfig))
+    add_configs(parser, Settings, "live")
     add_device_flag(parser)

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from apf.formats.axes import AXES
-from apf.keypoints.triangulation import TriangulationConfig
-from apf.tracking.smoothing import SmoothingConfig
+from apf.keypoints.config import TriangulationConfig
+from apf.tracking.config import SmoothingConfig
 from psfs.cli.commandline import path_or_name
 from psfs.cli.sequence_flags import voxel_edge
 

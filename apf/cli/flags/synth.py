@@ -5,25 +5,22 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from apf.synthetic.scene import SceneConfig
+from apf.synthetic.config import SceneConfig
 from psfs.cli.commandline import add_device_flag
+from psfs.cli.setting_flags import add_setting_flags
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this command."""
-    default = SceneConfig()
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="FOLDER")
-    parser.add_argument("--cameras", type=int, default=default.cameras, metavar="N")
-    parser.add_argument("--frames", type=int, default=default.frames, metavar="N")
-    parser.add_argument("--fps", type=float, default=default.fps)
+    add_setting_flags(parser, SceneConfig, fill=True)
     parser.add_argument(
-        "--size", type=image_size, default="x".join(map(str, default.size)), metavar="WxH"
+        "--size",
+        type=image_size,
+        default="x".join(map(str, SceneConfig().size)),
+        metavar="WxH",
+        help="width and height of the pictures, px (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=default.seed)
-    parser.add_argument(
-        "--noise", type=float, default=default.noise, help="sigma of the sensor, grey levels"
-    )
-    parser.add_argument("--height", type=float, default=default.height, help="stature, m")
     add_device_flag(parser)
 
 

@@ -14,9 +14,9 @@ from apf.cli.flags.shared import (
 from apf.cli.method_flags import add_method_flags
 from apf.presets import PRESETS
 from apf.report.names import PAGE
-from apf.tracking.batch import BatchConfig
+from apf.settings import Settings
+from apf.tracking.config import BatchConfig
 from psfs.cli.commandline import add_device_flag
-from psfs.cli.flags.shared import read_reconstruction
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help="of several takes, work on N at a time "
-        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
+        f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
     )
 
 
@@ -65,7 +65,7 @@ def add_track_flags(parser: argparse.ArgumentParser) -> None:
         help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
         "how far they differ",
     )
-    add_configs(parser, reconstruction=read_reconstruction)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
     parser.add_argument(
         "--one-way",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,11 +61,11 @@ def config_of(args: argparse.Namespace) -> TriangulatedConfig:
         for name in ("low_pass", "longest_gap")
         if getattr(args, name) is not None
     }
-    config = replace(_DEFAULT, **stated)
+    config = _DEFAULT.replace(**stated)
     if args.max_error is None:
         return config
-    limits = replace(config.triangulation, max_error=args.max_error)
-    return replace(config, triangulation=limits)
+    limits = config.triangulation.replace(max_error=args.max_error)
+    return config.replace(triangulation=limits)
 
 
 def _one(args: argparse.Namespace, folder: str, output: Path) -> None:

@@ -11,7 +11,7 @@ from cl import InputError
 from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.calibration.targets.target import Target, check_squares, make_chessboard
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Fewest corners of a ChArUco board that determine its pose, and fewest rows and columns they span.
 _CORNERS, _LINES = 6, 2
@@ -122,7 +122,7 @@ class CharucoFinder:
         self, squares: tuple[int, int], square: float, marker: float, dictionary: str = "auto"
     ) -> None:
         check_squares(squares, square)
-        check_range("marker (m)", marker, 0.0005, square)
+        check_number("marker (m)", marker, 0.0005, 0.999 * square)
         if dictionary not in ("auto", *DICTIONARIES):
             raise InputError(f"dictionary {dictionary!r}; expected auto, {listed(DICTIONARIES)}")
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)

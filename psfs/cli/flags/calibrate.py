@@ -10,7 +10,7 @@ from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.cli.commandline import frame_range
 from psfs.cli.sequence_flags import frame_rate, sync_of
 from psfs.cli.settings import add_configs
-from psfs.common.configs import config_of
+from psfs.settings import Settings
 
 _BOARDS = ("charuco", "chessboard")
 
@@ -59,9 +59,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--sync", type=sync_of, metavar="CAMERA=N,...",
         help="cameras that come N of their frames later than the others, or earlier (-N)",
     )  # fmt: skip
-    add_configs(
-        parser, calibration=lambda values, where: config_of(CalibrationConfig, values, where)
-    )
+    add_configs(parser, Settings, "calibration")
 
 
 def _add_target_flags(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.cli.commandline import add_device_flag
-from psfs.cli.flags.shared import read_reconstruction
 from psfs.cli.sequence_flags import (
     add_all_cameras_flag,
     add_sequence_flags,
@@ -16,6 +15,7 @@ from psfs.cli.sequence_flags import (
 from psfs.cli.sequence_flags import check as check
 from psfs.cli.settings import add_configs, add_preset_flag
 from psfs.presets import PRESETS
+from psfs.settings import Settings
 from psfs.voxels.limits import DEBRIS_SHARE
 
 #: Voxels along an axis that --grid may ask for.
@@ -54,7 +54,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_all_cameras_flag(parser)
     add_device_flag(parser)
-    add_configs(parser, reconstruction=read_reconstruction)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)
 
 

@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 
 from psfs.cli.commandline import add_device_flag
-from psfs.cli.flags.shared import read_reconstruction
 from psfs.cli.sequence_flags import add_sequence_flags
 from psfs.cli.sequence_flags import check as check
 from psfs.cli.settings import add_configs, add_preset_flag
 from psfs.presets import PRESETS
+from psfs.settings import Settings
 
 REPORT = "silhouettes.json"
 #: Frames shown by default, spread over the sequence.
@@ -30,5 +30,5 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_sequence_flags(parser)
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
     add_device_flag(parser)
-    add_configs(parser, reconstruction=read_reconstruction)
+    add_configs(parser, Settings, "reconstruction")
     add_preset_flag(parser, PRESETS)

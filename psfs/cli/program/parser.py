@@ -56,6 +56,7 @@ def program_parser(
     for command in commands:
         subparser = add_command(subparsers, command.name, command.run, command.help)
         subparser.fill = partial(_add_flags, command, subparser)
+        parser.commands.append(subparser)
     return parser
 
 
@@ -120,14 +121,12 @@ class _Completion(argparse.Action):
     ) -> None:
         import shtab
 
-        for action in parser._actions:
-            if not isinstance(action, argparse._SubParsersAction):
-                continue
-            for subparser in action.choices.values():
-                subparser.add_flags()
-                for flag in subparser._actions:
-                    if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
-                        flag.complete = shtab.FILE
+        assert isinstance(parser, CommandParser)
+        for subparser in parser.commands:
+            subparser.add_flags()
+            for flag in subparser.actions:
+                if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
+                    flag.complete = shtab.FILE  # type: ignore[attr-defined]
         print(shtab.complete(parser, str(shell)))
         parser.exit()
 
@@ -140,10 +139,10 @@ def version_line() -> str:
                       f"{platform.system()} {platform.machine()}"])  # fmt: skip
 
 
-def _usage(parser: argparse.ArgumentParser) -> str:
+def _usage(parser: CommandParser) -> str:
     """Return what must be stated, and that there is more."""
     words = ["%(prog)s"]
-    for action in parser._actions:
+    for action in parser.actions:
         name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
         if not action.option_strings:
             words.append(f"{name} [{name} ...]" if action.nargs == "+" else name)

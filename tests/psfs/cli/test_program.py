@@ -17,7 +17,8 @@ from psfs.cli.commandline import frame_range, stdout, warn
 from psfs.cli.program import run_program
 from psfs.cli.program.command import Command
 from psfs.cli.settings import add_configs, write_settings
-from psfs.reconstructor import ReconstructionConfig
+from psfs.settings import Settings
+from psfs.voxels.config import ReconstructionConfig
 
 
 class Walk(Command):
@@ -37,7 +38,7 @@ class Walk(Command):
         parser.add_argument("--count", type=int, choices=(1, 2), default=1)
         parser.add_argument("--init", type=Path)
         add_method_flags(parser)
-        add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+        add_configs(parser, Settings, "reconstruction")
 
     def run(self, args: argparse.Namespace) -> None:
         Walk.args = args
