@@ -25,13 +25,13 @@ _SHOWN = 80
 class SettingError(InputError):
     """A setting that is refused: the names that lead to it, and what is wrong with it."""
 
-    def __init__(self, path: str, problem: str) -> None:
+    def __init__(self, problem: str, path: str = "") -> None:
         super().__init__(f"{path}{problem}" if path else problem.removeprefix(": "))
         self.path, self.problem = path, problem
 
     def within(self, name: str) -> SettingError:
         """Return the same error of settings that are a part of others, by the part's `name`."""
-        return SettingError(".".join(filter(None, (name, self.path))), self.problem)
+        return SettingError(self.problem, ".".join(filter(None, (name, self.path))))
 
 
 class Config(BaseModel):
@@ -207,14 +207,14 @@ def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
     field = kind.model_fields.get(name)
     if field is None and name:
         names = ", ".join(kind.model_fields)
-        return SettingError(name, f": no such setting; expected some of {names}")
+        return SettingError(f": no such setting; expected some of {names}", name)
     if isinstance(cause, InputError):  # a sentence of its own
-        return SettingError("", f": {cause}")
+        return SettingError(f": {cause}")
     if cause is not None:
-        return SettingError(name, f": {cause}")
+        return SettingError(f": {cause}", name)
     found = escape_unprintable(repr(first["input"]))[:_SHOWN]
     place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
     expected = first["msg"].removeprefix("Input should be ")
     if field is not None and not place:
         expected = expected_of(field)
-    return SettingError(name, f"{place} is {found}; expected {expected}")
+    return SettingError(f"{place} is {found}; expected {expected}", name)
