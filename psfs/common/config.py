@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
 from cl import InputError
@@ -52,8 +52,8 @@ class Config(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _plain(cls, value: Any) -> Any:
-        if isinstance(value, list):
+    def _plain(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, list) and Any not in kinds_of(cls.model_fields[str(info.field_name)]):
             return tuple(value)
         return value.item() if getattr(value, "ndim", None) == 0 else value
 
