@@ -117,7 +117,7 @@ def shares_launches(device: Device | NumpyDevice, method: Method) -> bool:
     fits = (
         method.search == "apf"
         and not method.uses_images
-        and not method.filter.likelihood.depends_on_track
+        and not method.filter.likelihood.track_terms
     )
     return fits and isinstance(device, Device)
 

@@ -16,6 +16,7 @@ from cl.errors import DeviceError, InputError, MissingFileError, UserError
 from cl.launch import Kernel, Launch, Step
 from cl.listing import DeviceInfo, list_devices
 from cl.profile import Profile
+from cl.stage import Stage
 
 __all__ = [
     "Array",
@@ -28,6 +29,7 @@ __all__ = [
     "MissingFileError",
     "NumpyDevice",
     "Profile",
+    "Stage",
     "Step",
     "UserError",
     "list_devices",

@@ -12,69 +12,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from apf.likelihood.terms import TERMS, TermSettings
+from apf.likelihood.terms.contour import ContourConfig
+from apf.likelihood.terms.motion_prior import MotionPriorConfig
+from apf.likelihood.terms.part_colour import PartColourConfig
+from psfs.common.configs import with_settings
 from psfs.common.ranges import check_range
 from psfs.voxels.config import ForegroundJoinConfig
 
-
-@dataclass(frozen=True)
-class PartColourConfig:
-    """Whether parts have their colours in the pictures: the mean, over what a camera sees of limbs
-    and head, of how much likelier a colour is there than elsewhere on the person."""
-
-    weight: float = 4.0
-    """Of that mean, as a share of its bound, in one camera's error. Tuned on the six suite
-    sequences with `surface_weight`: 1 gains half as much, 8 nothing more."""
-    n_colours: int = 48
-    """Colours of the palette, at most 63. Tuned: a fixed grid of 256 tells skin from a red shirt
-    worse."""
-    decay: float = 0.97
-    """What histograms keep from frame to frame, in [0, 1): about a second at 30 frames/s. By
-    hand."""
-    bound: float = 2.0
-    """Log ratios are cut there: a colour never seen on a part is not impossible. By hand."""
-    rare: float = 0.004
-    """Likelihood of a code on a part that never showed it. By hand."""
-    least_samples: float = 60.0
-    """Samples from which a part's ratios count in full. By hand: of fewer they say little."""
-    least_pixels: int = 500
-    """Pixels of a person from which a palette is made. By hand."""
-
-    def __post_init__(self) -> None:
-        check_range("part_colour_weight", self.weight, 0, ends=True)
-        check_range("part_colour_n_colours", self.n_colours, 2, 63, ends=True)
-        check_range("part_colour_decay", self.decay, 0, 1, ends=True)
-        for name in ("bound", "rare", "least_samples", "least_pixels"):
-            check_range(f"part_colour_{name}", getattr(self, name), 0)
-
-
-@dataclass(frozen=True)
-class ContourConfig:
-    """How much the pictures change across the outlines of limbs and head, the mean over what a
-    camera sees of them."""
-
-    weight: float = 8.0
-    """Of what that mean lacks of 1, in one camera's error. Tuned on the six suite sequences: 4 to
-    12 differ little."""
-    contrast: float = 7.5
-    """Grey values per pixel that count in full. Tuned: 4 does as well, 12 worse."""
-
-    def __post_init__(self) -> None:
-        check_range("contour_weight", self.weight, 0, ends=True)
-        check_range("contour_contrast", self.contrast, 0, 255)
-
-
-@dataclass(frozen=True)
-class MotionPriorConfig:
-    """The mean squared change since the last frame, in the body's sigmas."""
-
-    weight: float = 0.0
-    """Of the mean, in one camera's error. Off: the particles' noise bounds the change anyway."""
-    scale: float = 1.0
-    """Sigmas of the body, at 60 frames/s, that count as one. By definition of the sigmas."""
-
-    def __post_init__(self) -> None:
-        check_range("motion_prior_weight", self.weight, 0, ends=True)
-        check_range("motion_prior_scale", self.scale, 0)
+__all__ = [
+    "ContourConfig",
+    "KeypointConfig",
+    "LikelihoodConfig",
+    "MotionPriorConfig",
+    "PartColourConfig",
+    "ReprojectionConfig",
+    "SurfaceSamplesConfig",
+]
 
 
 @dataclass(frozen=True)
@@ -125,9 +79,11 @@ class SurfaceSamplesConfig:
 
 
 @dataclass(frozen=True)
+@with_settings({term.name: term.settings for term in TERMS.values()})
 class LikelihoodConfig:
-    """What the voxels' likelihood is made of. All weights but those of edge and silhouette are 0
-    for Song et al.'s likelihood alone."""
+    """What the voxels' likelihood is made of: what is here, and a field for the settings of every
+    registered term, by its name. All weights but those of edge and silhouette are 0 for Song et
+    al.'s likelihood alone."""
 
     edge_weight: float = 4.0
     """Of the edge error, Song et al. eq. (14), who weigh it as the silhouette's. Tuned on nine
@@ -155,11 +111,6 @@ class LikelihoodConfig:
     """Which of the surface voxels that term looks at."""
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     """What the terms of edge and silhouette look at."""
-    part_colour: PartColourConfig = field(default_factory=PartColourConfig)
-    """What colours parts have in the pictures,"""
-    contour: ContourConfig = field(default_factory=ContourConfig)
-    """and what contours."""
-    motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
 
     def __post_init__(self) -> None:
         check_range("surface_scale", self.surface_scale, 0)
@@ -178,7 +129,18 @@ class LikelihoodConfig:
             np.float32,
         )
 
+    def of_term(self, name: str) -> TermSettings:
+        """Return the settings of a registered term."""
+        settings: TermSettings = getattr(self, name)
+        return settings
+
     @property
-    def depends_on_track(self) -> bool:
-        """Whether there are terms that depend on the track so far."""
-        return self.motion_prior.weight > 0
+    def terms(self) -> dict[str, TermSettings]:
+        """The settings of the registered terms that have a weight, by name."""
+        every = {name: self.of_term(name) for name in TERMS}
+        return {name: settings for name, settings in every.items() if settings.weight > 0}
+
+    @property
+    def track_terms(self) -> list[str]:
+        """Names of the terms with a weight that depend on the track so far."""
+        return [name for name in self.terms if TERMS[name].depends_on_track]

@@ -4,8 +4,8 @@ them."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import field, fields, is_dataclass, replace
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -40,6 +40,20 @@ def changed_config(config: T, values: Mapping[str, Any], where: str = "") -> T:
             stated[name] = _value_of(kinds[name], value, path)
     changed: T = replace(config, **stated)  # type: ignore[type-var]
     return changed
+
+
+def with_settings(parts: Mapping[str, type]) -> Callable[[type[T]], type[T]]:
+    """Return a decorator that gives a class, before it becomes a dataclass, a field for each of
+    `parts` that it does not have: settings of a class, with its defaults."""
+
+    def extended(kind: type[T]) -> type[T]:
+        for name, part in parts.items():
+            if name not in kind.__annotations__:
+                kind.__annotations__[name] = part
+                setattr(kind, name, field(default_factory=part))
+        return kind
+
+    return extended
 
 
 def _value_of(kind: Any, value: Any, path: str) -> Any:
