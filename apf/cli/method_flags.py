@@ -9,9 +9,11 @@ from typing import Any
 
 from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
 from apf.filters.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weights
-from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
-from apf.filters.sir import SirConfig
-from apf.filters.swarm import SwarmConfig
+from apf.filters.method import Method
+from apf.filters.objectives import OBJECTIVES
+from apf.filters.searches import SEARCHES
+from apf.filters.searches.sir import SirConfig
+from apf.filters.searches.swarm import SwarmConfig
 from apf.image_objective.config import (
     EDGE_KINDS,
     PROXIMITIES,
@@ -106,8 +108,8 @@ def add_method_flags(
     group.add_argument(
         "--method",
         default=method,
-        help="apf: annealed particle filter; pso: particle swarm; sir: particle filter"
-        f"{more} (default: {method})",
+        help="; ".join(f"{search.name}: {search.meaning}" for search in SEARCHES.values())
+        + f"{more} (default: {method})",
     )
     group.add_argument(
         "--objective",
@@ -140,7 +142,11 @@ def add_method_flags(
 
 def _default(name: str, value: object) -> str:
     """A default as --help shows it: where methods differ, with theirs."""
-    others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
+    others = [
+        f"{search.defaults[name]} with {search.name}"
+        for search in SEARCHES.values()
+        if name in search.defaults
+    ]
     if name in _WEIGHTS:
         others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
     return ", ".join([str(value), *others])

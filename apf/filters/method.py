@@ -4,40 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 from apf.filters.config import KEYPOINTS_ON, FilterConfig
-from apf.filters.sir import SirConfig
-from apf.filters.swarm import SwarmConfig
-from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
+from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
+from apf.filters.searches import SEARCHES
+from apf.filters.searches.sir import SirConfig
+from apf.filters.searches.swarm import SwarmConfig
+from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.configs import changed_config
+from psfs.common.configs import changed_config, with_settings
 from psfs.common.ranges import check_range
 
-SEARCHES = ("apf", "pso", "sir")
-#: The voxels' likelihood, keypoints alone, and the image objectives of Rymut 2016 eq.
-#: (4.46)-(4.50).
-OBJECTIVES = ("voxel", "keypoints", *OBJECTIVE_KINDS)
-
-#: What a search changes in the defaults of FilterConfig. By hand: a swarm has no annealing, so that
-#: more particles spread wider at once; it compares errors of different iterations, which therefore
-#: look at the same points; and its parent, the best of all, is a poor guide to velocity.
-SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
-    "apf": {},
-    "pso": {"n_particles": 300, "point_turns": 1, "noise": 0.5, "velocity": 0.0},
-    # Its one layer must reach as far as the others' layers together.
-    "sir": {
-        "n_particles": 3000,
-        "n_layers": 1,
-        "first_survival": 0.02,
-        "noise": 1.0,
-        "velocity": 0.0,
-    },
-}
+#: Settings that searches and objectives have of their own, by the names that they have in `Method`.
+_OWN_SETTINGS = dict(
+    chain(
+        *(search.settings.items() for search in SEARCHES.values()),
+        *(objective.settings.items() for objective in OBJECTIVES.values()),
+    )
+)
 
 
 @dataclass(frozen=True)
+@with_settings(_OWN_SETTINGS)
 class Method:
     """A search, an objective and the settings of both; those of others are not looked at.
 
@@ -60,12 +51,13 @@ class Method:
     features: FeatureConfig = field(default_factory=FeatureConfig)
 
     def __post_init__(self) -> None:
-        if self.search not in SEARCHES:
-            raise InputError(f"the method is {self.search!r}; expected {listed(SEARCHES)}")
-        if self.objective not in OBJECTIVES:
-            raise InputError(f"the objective is {self.objective!r}; expected {listed(OBJECTIVES)}")
+        for what, name, known in (
+            ("method", self.search, SEARCHES), ("objective", self.objective, OBJECTIVES)
+        ):  # fmt: skip
+            if name not in known:
+                raise InputError(f"the {what} is {name!r}; expected {listed(tuple(known))}")
         check_range("the method: runs", self.runs, 1, ends=True)
-        if self.uses_images:
+        if "image" in self._objective.settings:
             object.__setattr__(self, "image", replace(self.image, kind=self.objective))
         if self.objective == "keypoints" and not self.uses_keypoints:
             object.__setattr__(self, "filter", self.filter.changed(**KEYPOINTS_ON))
@@ -74,26 +66,31 @@ class Method:
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
         """Return a method with the search's own defaults and single `settings` of its filter, named
         as in `FilterConfig.of`."""
-        config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
+        defaults = SEARCHES[search].defaults if search in SEARCHES else {}
+        config = FilterConfig.of(**{**defaults, **settings})
         return cls(search, objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
         """Return the inverse of `dataclasses.asdict`; what is not stated has the search's own
         default. Arguments and errors as of `config_of`."""
-        search = values.get("search")
+        search = values.get("search", "")
         base = cls.of(search) if search in SEARCHES else cls()
         return changed_config(base, values, where)
 
     @property
     def uses_voxels(self) -> bool:
-        """Whether the objective is the voxels' likelihood."""
-        return self.objective == "voxel"
+        """Whether the objective observes voxels."""
+        return self._objective.observes == "voxels"
 
     @property
     def uses_images(self) -> bool:
-        """Whether the objective is one over image features."""
-        return self.objective in OBJECTIVE_KINDS
+        """Whether the objective observes image features."""
+        return self._objective.observes == "images"
+
+    @property
+    def _objective(self) -> ObjectiveSpec:
+        return OBJECTIVES[self.objective]
 
     @property
     def goes_back(self) -> bool:
@@ -119,18 +116,13 @@ class Method:
 
     def described(self) -> dict[str, Any]:
         """Return what was used, for a track's provenance."""
-        used = {
+        own = {**SEARCHES[self.search].settings, **self._objective.settings}
+        return {
             "method": self.search,
             "objective": self.objective,
             "recover": self.recover,
             "both_ways": self.goes_back,
             "runs": self.n_runs,
             "filter": self.filter.settings,
+            **{name: asdict(getattr(self, name)) for name in own},
         }
-        if self.search == "pso":
-            used["swarm"] = asdict(self.swarm)
-        if self.search == "sir":
-            used["sir"] = asdict(self.sir)
-        if self.uses_images:
-            used |= {"image": asdict(self.image), "features": asdict(self.features)}
-        return used
