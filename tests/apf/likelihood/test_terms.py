@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from helpers.terms import assert_parity
 
@@ -11,18 +9,15 @@ from apf.filters.config import FilterConfig, likelihood_weights
 from apf.likelihood.terms import TERMS, TermSpec
 from cl import Device
 
-ROOT = Path(__file__).parents[3]
+ROWS = [
+    pytest.param(term, id=term.name, marks=pytest.mark.parity(*term.parity.kernels))
+    for term in TERMS.values()
+]
 
 
 @pytest.mark.parametrize("name", ["song31", "stick"])
 @pytest.mark.parametrize("n", [1, 37, 300])
-@pytest.mark.parametrize(
-    "spec",
-    [
-        pytest.param(t, id=t.name, marks=pytest.mark.parity(*t.parity.kernels))
-        for t in TERMS.values()
-    ],
-)
+@pytest.mark.parametrize("spec", ROWS)
 def test_kernels_agree_with_the_twin(device: Device, spec: TermSpec, n: int, name: str) -> None:
     assert_parity(device, spec, name, n)
 

@@ -10,7 +10,7 @@ from psfs.common.ranges import check_range
 
 @dataclass(frozen=True)
 class NearLimitsConfig:
-    """How near a pose is to the limits of the joints, the mean square over the degrees of freedom."""
+    """How near a pose is to the limits of the joints: mean square over degrees of freedom."""
 
     weight: float = 0.0
     """Of that mean, in one camera's error. Off, as all terms of other packages are."""
