@@ -19,6 +19,7 @@ import pyopencl
 
 from cl.array import Array
 from cl.errors import DeviceError, failing_as_device
+from cl.fill import Fills
 from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
@@ -119,6 +120,7 @@ class Device:
         self._kernels: dict[tuple[str, str, str, str], Kernel] = {}
         # Shared by siblings, as a list and a lock are: bytes, and who is building.
         self._allocated = [0]
+        self._fills = Fills()
         self._building = threading.Lock()
 
     @classmethod
@@ -182,6 +184,11 @@ class Device:
     def is_gpu(self) -> bool:
         return self.info.kind == "gpu"
 
+    @property
+    def cpu_cores(self) -> int:
+        """The cores of a CPU; 0 of a GPU."""
+        return 0 if self.is_gpu else self.info.compute_units
+
     # Memory ---------------------------------------------------------------------------------
 
     def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
@@ -205,6 +212,10 @@ class Device:
         array = self.empty(shape, dtype, what)
         array.fill(0)
         return array
+
+    def fill(self, array: Array, value: float) -> None:
+        """Set every element of `array` to `value`, on the device."""
+        self._fills.fill(self, array, value)
 
     def to_device(self, host: np.ndarray, what: str = "an array") -> Array:
         host = np.ascontiguousarray(host)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import pyopencl
 import pyopencl._cl
 
+from cl.array import Commands
 from cl.errors import DeviceError, device_failure
 from cl.signature import Signatures
-
-if TYPE_CHECKING:
-    from cl.device import Device
 
 
 def _enqueue_of(library: str) -> Callable[..., int] | None:
@@ -80,7 +78,7 @@ class Launch:
 
     def __init__(
         self,
-        device: Device,
+        device: Commands,
         kernel: Kernel,
         global_size: Sequence[int],
         local_size: Sequence[int] | None,

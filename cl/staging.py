@@ -10,6 +10,7 @@ import numpy as np
 import pyopencl
 
 from cl import Array, Device
+from cl.array import Commands
 from cl.errors import failing_as_device
 
 
@@ -157,7 +158,7 @@ class Ahead:
         self._device.record("copy", event)
 
 
-def pinned(device: Device, shape: tuple[int, ...], dtype: Any = np.uint8) -> np.ndarray:
+def pinned(device: Commands, shape: tuple[int, ...], dtype: Any = np.uint8) -> np.ndarray:
     """Return a host array in memory that the device reads at full speed: page-locked, if it has
     such."""
     nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize

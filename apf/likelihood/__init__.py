@@ -1,5 +1,5 @@
-"""How badly poses fit the voxels: Song et al. eq. (14)-(16), and more terms."""
+"""How badly poses fit the voxels: Song et al. eq. (14)-(16), and more terms.
 
-import lazy_loader as _lazy
-
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+Nothing is imported here: packages that register a term import `apf.likelihood.term`, which must
+not load the registered terms, theirs among them.
+"""

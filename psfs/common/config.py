@@ -3,13 +3,21 @@ their range and where their defaults come from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 from pydantic.fields import FieldInfo
 
 from cl import InputError
@@ -126,6 +134,25 @@ def setting(
 def part(kind: type[Config], description: str, **defaults: Any) -> Any:
     """Return a field that holds settings of class `kind`, with other `defaults` of some."""
     return Field(default_factory=partial(kind, **defaults), description=description)
+
+
+def with_parts(parts: Mapping[str, type[Any]]) -> Callable[[type[C]], type[C]]:
+    """Return a decorator that gives a class of settings a field for each of `parts` that it does
+    not have: settings of a class, with its defaults."""
+
+    def extended(kind: type[C]) -> type[C]:
+        fields: dict[str, Any] = {
+            name: (inner, part(inner, " ".join((inner.__doc__ or "").split())))
+            for name, inner in parts.items()
+            if name not in kind.model_fields
+        }
+        if not fields:
+            return kind
+        return create_model(
+            kind.__name__, __base__=kind, __module__=kind.__module__, __doc__=kind.__doc__, **fields
+        )
+
+    return extended
 
 
 def about(field: FieldInfo, name: str) -> str:

@@ -19,7 +19,8 @@ from accuracy.recordings import Recording, Replay
 from accuracy.settings import Setting
 from apf.backend import shares_launches
 from apf.filters.config import likelihood_weights
-from apf.filters.method import OBJECTIVES, Method
+from apf.filters.method import Method
+from apf.filters.objectives import OBJECTIVES
 from apf.formats.trc import JointSeries
 from apf.results.evaluate import evaluate
 from apf.scene import Scene
