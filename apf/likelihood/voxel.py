@@ -20,7 +20,7 @@ from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, scored_parts, trunk
 from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.likelihood.term import Shared, made_terms
 from apf.scene import Scene
-from cl import Array, InputError, Launch
+from cl import Array, InputError, Kernel, Launch
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
@@ -378,5 +378,5 @@ class VoxelLikelihood(Likelihood):
     def _silhouette_recall(self) -> SilhouetteRecall:
         return SilhouetteRecall(self._scene, self._cameras, self._sampled, self._pixels)
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

@@ -101,7 +101,7 @@ class _Problem:
         self._columns(len(frames))
         self.views = [self._view(of) for of in by_view(sightings, views)]
         self.start = self._packed(self.first)
-        self._known: tuple[bytes, np.ndarray, list] | None = None
+        self._known: tuple[bytes, np.ndarray, list[Any]] | None = None
 
     def _columns(self, frames: int) -> None:
         """Say where each camera's place and lens, and each pose, stand in the parameters."""
@@ -217,7 +217,7 @@ class _Problem:
         height = len(residuals)
         return coo_matrix((values, (rows, columns)), shape=(height, self.size)).tocsr()
 
-    def _evaluated(self, x: np.ndarray) -> tuple[np.ndarray, list]:
+    def _evaluated(self, x: np.ndarray) -> tuple[np.ndarray, list[Any]]:
         key = x.tobytes()
         if self._known is None or self._known[0] != key:
             scene = self.scene(x)
@@ -253,7 +253,7 @@ class _Problem:
         return poses[:, :3, :3], poses[:, :3, 3], slopes
 
     def _of_view(
-        self, view: int, camera: Camera, vector: np.ndarray, turns: tuple, height: int
+        self, view: int, camera: Camera, vector: np.ndarray, turns: tuple[Any, ...], height: int
     ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
         """Return a camera's residuals (2 N,), and entries of the Jacobian: rows from `height` on,
         columns, values."""

@@ -45,7 +45,9 @@ def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[
     return found
 
 
-def _all_pictures(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, dict], str | None]:
+def _all_pictures(
+    folder: Path, cameras: Sequence[str]
+) -> tuple[dict[str, dict[str, Any]], str | None]:
     """Return `_pictures`, and a remark: where no name contains a camera's, and there is a picture
     or video for each of them, they are taken in order."""
     found = _pictures(folder, cameras)
