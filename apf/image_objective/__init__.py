@@ -8,6 +8,7 @@ from apf.image_objective.features import Features
 from apf.image_objective.objective import ImageObjective
 from apf.image_objective.opengl import OpenGLObjective
 from apf.image_objective.renderer import draw_hypotheses
+from apf.likelihood.observations import FeatureMaps
 
 __all__ = [
     "FeatureConfig",
