@@ -111,8 +111,3 @@ class TermTwin:
 
     def forget(self) -> None:
         """Forget what was learnt: a new track begins."""
-
-
-def made_twins(shared: SharedTwin, settings: Mapping[str, TermSettings]) -> dict[str, TermTwin]:
-    """Return the twins of the registered terms of these `settings`, by name."""
-    return {name: resolve_name(TERMS[name].twin)(shared, own) for name, own in settings.items()}
