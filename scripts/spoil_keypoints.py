@@ -22,7 +22,7 @@ from apf.api import DEFAULT_BODY
 from apf.body import load_body
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.results.evaluate import evaluate, load_truth
 from apf.tracking.batch import track_take
 from apf.tracking.track import Track
@@ -59,7 +59,7 @@ def spoilt(keypoints: Keypoints, kind: str, camera: int, seed: int = 0) -> Keypo
         places = random.uniform(low, high, (*points.shape[:3], 2))
         points[..., :2] = np.where(wrong[..., None], places, points[..., :2])
     elif kind == "exchanged":
-        own = points_on(load_body(DEFAULT_BODY), keypoints.names)
+        own = locate_points(load_body(DEFAULT_BODY), keypoints.names)
         points[camera][:, own.columns] = points[camera][:, own.columns[own.partners]]
     elif kind == "missing":
         points[camera] = np.nan

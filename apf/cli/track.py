@@ -22,7 +22,7 @@ from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.presets import PRESETS
-from apf.report.judged import FILES, judged, run_facts, write_judged
+from apf.report.judged import FILES, judge_track, run_facts, write_report
 from apf.report.page import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
@@ -43,7 +43,7 @@ from psfs.cli.sequence_flags import (
     stated,
 )
 from psfs.cli.settings import add_configs, add_preset_flag, refuse_unused, write_settings
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output.runs import sequence_facts
@@ -236,7 +236,7 @@ def _tracked(
     config = _config(args)
     sequence, left_out = open_sequence(args), list[Suspect]()
     sequence.keep_frames()
-    out.keep_off(sequence.inputs)
+    out.check_inputs(sequence.inputs)
     first = chosen_frames(args, sequence)[0]
     given = given_start(sequence.folder, first, args.body, args.init, args.convention)
     if method.uses_voxels:
@@ -302,8 +302,8 @@ def finish_take(
         if compared:
             line.begin("judging")
             progress = partial(line, "judging")
-            quality = judged(device, take.sequence, track, _config(args), progress)
-        files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
+            quality = judge_track(device, take.sequence, track, _config(args), progress)
+        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 
@@ -339,7 +339,7 @@ def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
 def take_names(folders: list[Path]) -> list[str]:
     """Return a name for each of the takes: its folder's, with as many of the folders above as
     distinguish them. Raises InputError if one is given twice."""
-    paths = [full_path(folder) for folder in folders]
+    paths = [resolve_path(folder) for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
             raise InputError(f"{path} is given twice; expected different takes")

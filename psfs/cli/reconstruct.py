@@ -36,7 +36,7 @@ from psfs.diagnostics.silhouette_iou import (
     whole_silhouette,
 )
 from psfs.output import runs
-from psfs.output.preview import preview
+from psfs.output.preview import draw_preview
 from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
@@ -114,7 +114,7 @@ def _run(args: argparse.Namespace) -> None:
 def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     opened = open_sequence(args)
-    out.keep_off(opened.inputs)
+    out.check_inputs(opened.inputs)
     chosen_frames(args, opened)  # before the pictures are looked at, which takes seconds
     sequence, left_out = open_trusted(args, device, opened=opened)
     frames = selected_frames(args, sequence)
@@ -266,7 +266,9 @@ class _Job:
         index = full[len(full) // 2]
         run = runs.Run.open(self.out)
         title = f"{self.sequence.name}, frame {index}"
-        picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
+        picture = draw_preview(
+            run.cloud(index), self.sequence.rig, self.sequence.read(index), title
+        )
         write_picture(self.out / "preview.png", picture)
 
     def _summary(self) -> dict[str, Any]:

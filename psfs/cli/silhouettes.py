@@ -57,7 +57,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     out: Path = args.output
     device = select_device(args.device)
     sequence = synchronised(open_sequence(args), device)
-    opened.keep_off(sequence.inputs)
+    opened.check_inputs(sequence.inputs)
     wanted = _wanted(args, sequence)
     config = args.configs.get("reconstruction") or ReconstructionConfig()
     report = _Report(sequence)

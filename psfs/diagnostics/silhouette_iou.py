@@ -10,8 +10,8 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
-from psfs.common.regions import iou, large_parts
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.regions import iou, keep_large_regions
 from psfs.output.runs import Run
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
@@ -56,7 +56,7 @@ class Checker:
             device, self.rig, grid, sequence.background, config, sparse=True
         )
         self._volume = volume_region(self.rig, grid)
-        self._extents = footprints(self.rig, grid.voxel_size)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     @classmethod
     def of_run(cls, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> Checker:
@@ -89,7 +89,7 @@ class Checker:
 def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
     """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
-    return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
+    return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
 
 
 def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     within = np.bincount(labels[region], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    return large_parts((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+    return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
 
 
 def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:
