@@ -166,5 +166,5 @@ def pinned(device: Commands, shape: tuple[int, ...], dtype: npt.DTypeLike = np.u
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.ALLOC_HOST_PTR
     buffer = pyopencl.Buffer(device.context, flags, nbytes)
     mapping: Any = pyopencl.map_flags.READ | pyopencl.map_flags.WRITE
-    array, _ = pyopencl.enqueue_map_buffer(device.queue, buffer, mapping, 0, shape, dtype)
+    array, _ = pyopencl.enqueue_map_buffer(device.queue, buffer, mapping, 0, shape, np.dtype(dtype))
     return array
