@@ -80,7 +80,7 @@ class Tracker:
         keypoints where it has a weight for them."""
         raise NotImplementedError
 
-    def stream(self, observations: Iterable[Observation]) -> Iterator[Estimate]:
+    def stream(self, observations: Iterable[Shown]) -> Iterator[Estimate]:
         """Yield the estimate for each of `observations`."""
         return map(self.step, observations)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -148,7 +148,7 @@ class Observed(NamedTuple):
     """What a tracker with keypoints is shown of a frame: voxels or image features, None where it
     looks at keypoints alone; and points of the body, None where nothing is known of them."""
 
-    shown: Shown
+    shown: Any
     points: PointObservations | None
 
 
@@ -156,7 +156,7 @@ class Observed(NamedTuple):
 Observation: TypeAlias = Shown | Observed
 
 
-def with_points(observation: Shown, points: PointObservations | None) -> Observation:
+def with_points(observation: Any, points: PointObservations | None) -> Any:
     """Return an observation with `points`, if there are any."""
     return observation if points is None else Observed(observation, points)
 

@@ -35,7 +35,7 @@ def assert_parity(device: Device, spec: TermSpec, name: str, n: int) -> None:
     score, learn = term.launcher(on_device), term.learning_launcher(on_device)
     for frame in range(3):
         poses = bodies.random_poses(body, n, seed=frame).astype(np.float32)
-        poses[0] = world.pose(frame)
+        poses[0] = np.clip(world.pose(frame) + 0.05 * frame, body.lower, body.upper)
         voxels: Any = world.voxels(frame)
         voxels.pictures = lambda: pictures
         term.observe(voxels)
