@@ -22,6 +22,7 @@ from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.image_objective.opengl import egl_context
 from apf.image_objective.renderer import draw_hypotheses
+from apf.likelihood.observations import Shown
 from apf.reference.filters.annealed import NumpyAnnealedParticleFilter
 from apf.reference.filters.base import NumpyTracker
 from apf.reference.image_objective import render
@@ -34,13 +35,9 @@ from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
-from psfs.voxels.host_voxels import HostVoxels
 
 AnyFeatures: TypeAlias = Features | NumpyFeatures
-#: What a tracker observes of a frame.
-Observation: TypeAlias = Voxels | HostVoxels | AnyFeatures | None
 
 
 class Footage(Protocol):
@@ -146,7 +143,7 @@ def observer_for(
     grid: VoxelGrid | None,
     method: Method,
     reconstruction: ReconstructionConfig | None = None,
-) -> Callable[[Frame], Observation]:
+) -> Callable[[Frame], Shown]:
     """Return what makes of a frame that which the tracker of `method` observes beside keypoints.
 
     Voxels in `grid`, or image features; None for keypoints alone. Footage without pictures has only

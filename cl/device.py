@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyopencl
 
 from cl.array import Array
@@ -30,7 +31,7 @@ from cl.listing import (
 from cl.probe import probe
 from cl.profile import Profile
 from cl.program import Define, build_options, kernel_source
-from cl.signature import signatures
+from cl.signature import Argument, signatures
 
 log = logging.getLogger(__name__)
 
@@ -191,7 +192,9 @@ class Device:
 
     # Memory ---------------------------------------------------------------------------------
 
-    def empty(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+    def empty(
+        self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
+    ) -> Array:
         """Allocate an uninitialised array; `what` names it in the DeviceError that is raised where
         memory does not suffice."""
         shape = (shape,) if isinstance(shape, int) else tuple(int(n) for n in shape)
@@ -208,7 +211,9 @@ class Device:
         weakref.finalize(array, self._release, nbytes)
         return array
 
-    def zeros(self, shape: int | Sequence[int], dtype: Any, what: str = "an array") -> Array:
+    def zeros(
+        self, shape: int | Sequence[int], dtype: npt.DTypeLike, what: str = "an array"
+    ) -> Array:
         array = self.empty(shape, dtype, what)
         array.fill(0)
         return array
@@ -273,7 +278,7 @@ class Device:
         global_size: Sequence[int],
         local_size: Sequence[int] | None,
         /,
-        **arguments: Any,
+        **arguments: Argument,
     ) -> Launch:
         """Return a launch of `kernel` with its arguments set once; call it to enqueue it.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from cl.device import Device
 from cl.launch import Kernel, Launch
 from cl.program import Define
+from cl.signature import Argument
 
 
 class Stage:
@@ -35,7 +35,7 @@ class Stage:
         global_size: Sequence[int],
         local_size: Sequence[int] | None = None,
         /,
-        **arguments: Any,
+        **arguments: Argument,
     ) -> Launch:
         """Return a launch of the kernel `name`, see `Device.launch`."""
         return self.device.launch(self.kernel(name), global_size, local_size, **arguments)

@@ -25,9 +25,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The environment of a process that has the package installed."""
     source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     shutil.copytree(PACKAGE, source / "package", ignore=shutil.ignore_patterns("__pycache__"))
-    install = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps"]
-    install += ["--no-build-isolation", "--target", str(site), str(source / "package")]
-    subprocess.run(install, check=True)
+    build = ["build_py", "--build-lib", str(site), "egg_info", "--egg-base", str(site)]
+    setup = [sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", *build]
+    subprocess.run(setup, cwd=source / "package", check=True)  # pip would need the package wheel
     paths = [str(site), str(ROOT), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 

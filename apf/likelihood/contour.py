@@ -12,6 +12,7 @@ import numpy as np
 from apf.likelihood.term import Shared, Term
 from apf.likelihood.terms.contour import ContourConfig
 from cl import Array, Launch
+from cl.signature import Argument
 from cl.workgroups import row_group
 from psfs.voxels.device_voxels import Voxels
 
@@ -72,7 +73,7 @@ class Contours(Term):
 
     def _finding(self, pictures: Array) -> list[Launch]:
         rig = self._rig
-        shape = {"width": rig.width, "height": rig.height, "maps": self._maps}
+        shape: dict[str, Argument] = {"width": rig.width, "height": rig.height, "maps": self._maps}
         return [
             self.launch(
                 "differentiate", self._size(MARGIN), self._group(MARGIN), **shape,

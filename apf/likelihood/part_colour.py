@@ -8,8 +8,6 @@ likelier it is on the part than on the mean part.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from scipy.cluster.vq import kmeans2
@@ -20,6 +18,7 @@ from apf.body.posing import CONE_DEFINES, body_defines, pack_body
 from apf.likelihood.term import Shared, Term
 from apf.likelihood.terms.part_colour import PartColourConfig
 from cl import Array, Launch
+from cl.signature import Argument
 from cl.workgroups import pack_defines
 from psfs.voxels.device_voxels import Voxels
 
@@ -230,7 +229,7 @@ class PartColours(Term):
             ),
         ]
 
-    def score_arguments(self) -> dict[str, Any]:
+    def score_arguments(self) -> dict[str, Argument]:
         return {"ratios": self.ratios, "table_size": int(np.prod(self.ratios.shape[1:]))}
 
     def score_weights(self) -> dict[str, float]:

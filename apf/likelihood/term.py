@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from apf.body.model import BodyModel
 from apf.likelihood.terms import TERMS, TermSettings
 from apf.scene import Scene
 from cl import Array, Launch
+from cl.signature import Argument
 from cl.stage import Stage
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.host_voxels import HostVoxels
@@ -67,7 +67,7 @@ class Term(Stage):
     def forget(self, run: int | None = None) -> None:
         """Forget what was learnt, of one run or of all: a new track begins."""
 
-    def score_arguments(self) -> dict[str, Any]:
+    def score_arguments(self) -> dict[str, Argument]:
         """Return the arguments of score_poses that are the term's, but its weight."""
         return {}
 
@@ -111,8 +111,3 @@ class TermTwin:
 
     def forget(self) -> None:
         """Forget what was learnt: a new track begins."""
-
-
-def made_twins(shared: SharedTwin, settings: Mapping[str, TermSettings]) -> dict[str, TermTwin]:
-    """Return the twins of the registered terms of these `settings`, by name."""
-    return {name: resolve_name(TERMS[name].twin)(shared, own) for name, own in settings.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pyopencl
@@ -20,7 +19,8 @@ from apf.likelihood.part_colour import N_CODES, RATIO_STEPS, scored_parts, trunk
 from apf.likelihood.silhouette_recall import SilhouetteRecall
 from apf.likelihood.term import Shared, made_terms
 from apf.scene import Scene
-from cl import Array, InputError, Launch
+from cl import Array, InputError, Kernel, Launch
+from cl.signature import Argument
 from cl.staging import Ahead
 from cl.workgroups import pack_defines, pack_size, stated_group
 from psfs.cameras.camera import CameraRig
@@ -68,13 +68,16 @@ def posture_prior(body: BodyModel) -> np.ndarray:
     return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
 
 
-def _observed_shapes(rig: CameraRig, config: LikelihoodConfig) -> list[tuple[tuple[int, ...], Any]]:
+def _observed_shapes(
+    rig: CameraRig, config: LikelihoodConfig
+) -> list[tuple[tuple[int, ...], type[np.generic]]]:
     """Return shapes and types of what is made of a frame: maps, contours and codes of colours, 1
     number of those that are not looked for, surface samples, and their pixels."""
     views, *size = len(rig), rig.height, rig.width
     n_points = config.samples.n_points
     contours = (views, N_NORMALS, *size) if "contour" in config.terms else (1,)
     codes = (views, *size) if "part_colour" in config.terms else (1,)
+    bytes_: list[tuple[tuple[int, ...], type[np.generic]]]
     bytes_ = [((views, *size, 2), np.uint8), (contours, np.uint8), (codes, np.uint8)]
     return [*bytes_, ((n_points, 4), np.float32), ((views, n_points, 2), np.float32)]
 
@@ -138,14 +141,17 @@ class VoxelLikelihood(Likelihood):
         if config.silhouette_recall_weight > 0:
             self._recall = self._silhouette_recall()
         self._row_parts = device.to_device(scored_parts(body, rows))
-        self._point_arguments: dict[str, Any] = {
+        self._point_arguments: dict[str, Argument] = {
             "observed": None, "point_weight": 0.0, "point_reach": 1.0, "exchange": 0.0
         }  # fmt: skip
         seen = {"contours": contours, "codes": codes}
         shared = Shared(scene, n_runs, velocity, self._cameras, maps[0], seen)
         self.terms = made_terms(shared, config.terms)
         self._uses_pictures = any(term.uses_pictures for term in self.terms.values())
-        self._arguments: dict[str, Any] = {"ratios": device.zeros((1,), np.int8), "table_size": 0}
+        self._arguments: dict[str, Argument] = {
+            "ratios": device.zeros((1,), np.int8),
+            "table_size": 0,
+        }
         self._weights = {"colour_weight": 0.0, "contour_weight": 0.0}
         for term in self.terms.values():
             self._arguments |= term.score_arguments()
@@ -285,7 +291,7 @@ class VoxelLikelihood(Likelihood):
         weights: np.ndarray,
         posture_weight: float,
         errors: Array,
-        points: dict[str, Any],
+        points: dict[str, Argument],
         misfits: Array | None = None,
     ) -> Launch:
         """Return the launch that scores the first `n` of `poses` by a subset of the samples and by
@@ -326,7 +332,7 @@ class VoxelLikelihood(Likelihood):
         self._scores.append(launch)
         return launch
 
-    def _row_arguments(self) -> dict[str, Any]:
+    def _row_arguments(self) -> dict[str, Argument]:
         """Return the arguments of score_poses that depend on the number of sample rows."""
         room = pyopencl.LocalMemory(self._rows.nbytes)
         return {
@@ -378,5 +384,5 @@ class VoxelLikelihood(Likelihood):
     def _silhouette_recall(self) -> SilhouetteRecall:
         return SilhouetteRecall(self._scene, self._cameras, self._sampled, self._pixels)
 
-    def _kernel(self, name: str) -> Any:
+    def _kernel(self, name: str) -> Kernel:
         return self.device.kernel("tracking/likelihood", name, **self._defines, **CONE_DEFINES)

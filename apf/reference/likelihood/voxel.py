@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from apf.body.cones import cone_distances, overlap_errors, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
-from apf.likelihood.term import SharedTwin, made_twins
+from apf.likelihood.term import SharedTwin, TermTwin
+from apf.likelihood.terms import TERMS
 from apf.likelihood.voxel import cone_sampling, sample_rows
 from apf.reference.likelihood.base import NumpyLikelihood
 from apf.reference.likelihood.silhouette_recall import uncovered_errors
@@ -134,7 +136,10 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         self._sampling = cone_sampling(scene.body, config.reprojection.sample_spacing)
         self.points: np.ndarray = np.empty((0, 3))
         shared = SharedTwin(scene, velocity, sample_rows(self._sampling))
-        self.terms = made_twins(shared, config.terms)
+        self.terms: dict[str, TermTwin] = {
+            name: resolve_name(TERMS[name].twin)(shared, settings)
+            for name, settings in config.terms.items()
+        }
 
     def forget(self) -> None:
         """Forget what the terms learnt: a new track begins."""
