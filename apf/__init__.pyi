@@ -45,14 +45,14 @@ from .results.evaluate import load_truth as load_truth
 from .scene import Scene as Scene
 from .tracking.batch import Take as Take
 from .tracking.batch import track_take as track_take
+from .tracking.config import ContactConfig as ContactConfig
+from .tracking.config import GaitConfig as GaitConfig
+from .tracking.config import RecoveryConfig as RecoveryConfig
+from .tracking.config import SmoothingConfig as SmoothingConfig
 from .tracking.export import Export as Export
 from .tracking.export import export as export
-from .tracking.foot_contact import ContactConfig as ContactConfig
 from .tracking.gait import Gait as Gait
-from .tracking.gait import GaitConfig as GaitConfig
 from .tracking.gait import gait_of as gait_of
-from .tracking.recovery import RecoveryConfig as RecoveryConfig
-from .tracking.smoothing import SmoothingConfig as SmoothingConfig
 from .tracking.smoothing import smoothed as smoothed
 from .tracking.track import Track as Track
 

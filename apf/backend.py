@@ -32,9 +32,9 @@ from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 AnyFeatures: TypeAlias = Features | NumpyFeatures

@@ -15,7 +15,7 @@ from cl.profile import Profile
 
 
 class Commands(Protocol):
-    """What arrays and launches use of the `Device` that they belong to."""
+    """The part of a `Device` that its arrays and launches use."""
 
     queue: Any
     raw_queue: ctypes.c_void_p

@@ -21,11 +21,11 @@ from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
 from psfs.footage.settings import Settings
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
 from psfs.voxels.bounding_volume import default_voxel_size
 from psfs.voxels.clouds import without_debris
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 

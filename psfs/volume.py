@@ -7,7 +7,6 @@ import numpy as np
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import evidence_for
 from psfs.common.ranges import LARGEST
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import (
     default_voxel_size,
@@ -15,7 +14,7 @@ from psfs.voxels.bounding_volume import (
     reachable_box,
     without_speckle,
 )
-from psfs.voxels.config import VolumeConfig
+from psfs.voxels.config import ReconstructionConfig, VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
 

@@ -44,7 +44,7 @@ from psfs.common.files import resolve_path
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.camera_consistency import Suspect
 from psfs.output.runs import sequence_facts
-from psfs.reconstructor import ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 #: Runs that --seeds may ask for.
 MOST_SEEDS = 1000

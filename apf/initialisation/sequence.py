@@ -21,8 +21,8 @@ from apf.initialisation.start import Start, StartError, check_startable
 from apf.scene import Scene
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import reconstructor_for
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels

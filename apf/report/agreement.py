@@ -21,8 +21,8 @@ from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import Checker
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 

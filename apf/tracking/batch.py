@@ -33,9 +33,9 @@ from apf.tracking.keypoint_start import learnt, method_with
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, UserError
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 log = logging.getLogger(__name__)

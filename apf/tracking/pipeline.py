@@ -28,8 +28,9 @@ from apf.tracking.trackers import run_seeds, seeded, watched_runs
 from apf.tracking.two_way import both_ways
 from apf.tracking.uncertainty import joint_covariance
 from cl import Device, InputError, NumpyDevice, UserError
-from psfs.reconstructor import ReconstructionConfig, Reconstructor
+from psfs.reconstructor import Reconstructor
 from psfs.sequence import Frame, Sequence
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 #: The observed points of a frame, by its number.

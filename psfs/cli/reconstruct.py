@@ -35,11 +35,11 @@ from psfs.diagnostics.silhouette_iou import (
 )
 from psfs.output import runs
 from psfs.output.preview import draw_preview
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, expected_person, foreground_box
 from psfs.voxels.bounding_volume import finest_pixel
 from psfs.voxels.clouds import without_debris, write_cloud
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 #: s between two summaries while a run goes on.

@@ -20,8 +20,8 @@ from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.silhouette_pictures import mosaic
 from psfs.diagnostics.silhouettes import DEFINITION, followed_silhouettes, truth_frames
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.voxels.config import ReconstructionConfig
 
 _FIGURES = ("iou", "missed", "extra", "foreground")
 

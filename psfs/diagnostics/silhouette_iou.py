@@ -14,8 +14,8 @@ from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou, keep_large_regions
 from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.output.runs import Run
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 

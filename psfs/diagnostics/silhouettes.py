@@ -15,9 +15,9 @@ from psfs.cameras.camera import Camera
 from psfs.common.pictures import read_picture
 from psfs.common.regions import iou
 from psfs.diagnostics.silhouette_iou import volume_region
-from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
 from psfs.volume import automatic_grid
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 #: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.

@@ -27,6 +27,7 @@ class SurfaceList:
         size = math.prod(shape)
         self._device = device
         self._gather: Launch | None = None
+        self._gathered: Array
         self.capacity = min(size, max(_ROOM, size // 16))
         self.indices = device.empty(self.capacity, np.int32, f"the surface of {size:,} voxels")
         self.count = device.zeros(1, np.int32, "the number of surface voxels")
