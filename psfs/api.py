@@ -14,6 +14,7 @@ from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_range
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
+from psfs.diagnostics.occluders import hidden_pixels
 from psfs.footage.settings import Settings
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
@@ -116,19 +117,29 @@ def examined(
 
     With `sync` "auto" cameras that come late are shifted. Cameras that disagree with the others are
     left out, see `psfs.diagnostics.camera_consistency.suspects`, unless `all_cameras` are wanted,
-    the sequence was opened with `cameras`, or what is wrong is not a single camera.
+    the sequence was opened with `cameras`, or what is wrong is not a single camera. The rig knows
+    where furniture hides people, see `psfs.diagnostics.occluders.hidden_pixels`.
     """
     diagnosis = diagnosed(sequence, device)
     if sequence.settings.sync == "auto":
         sequence = sequence.synchronised(diagnosis.late)
         diagnosis = diagnosis.without("late")
-    if all_cameras or sequence.settings.cameras is not None or diagnosis.of_all:
+    if diagnosis.of_all:
         return sequence, diagnosis, []
-    found = suspects(sequence, device=device, known=diagnosis.reasons)
-    if found:
-        named = {suspect.camera for suspect in found}
-        sequence = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
-    return sequence, diagnosis, found
+    seeing = _with_hidden(sequence, device)
+    if all_cameras or sequence.settings.cameras is not None:
+        return seeing, diagnosis, []
+    found = suspects(seeing, device=device, known=diagnosis.reasons)
+    if not found:
+        return seeing, diagnosis, []
+    named = {suspect.camera for suspect in found}
+    kept = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
+    return _with_hidden(kept, device), diagnosis, found
+
+
+def _with_hidden(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:
+    hidden = hidden_pixels(sequence, device)
+    return sequence if hidden is None else sequence.with_rig(sequence.rig.with_hidden(hidden))
 
 
 def synchronised(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:

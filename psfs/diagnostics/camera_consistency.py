@@ -19,6 +19,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Sequence
 from psfs.silhouettes.config import SilhouetteConfig
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
@@ -143,7 +144,7 @@ class _Judge:
         votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
             voxels, pixels = self._at[view]
-            votes[0, voxels] += self._evidence[index][view][pixels]
+            votes[0, voxels] += _counts(self._evidence[index][view][pixels])
             votes[1, voxels] += 1
         return votes
 
@@ -151,7 +152,7 @@ class _Judge:
         """Return the surface voxels (N,) by the votes of `n_views` cameras less those of one."""
         others = votes.copy()
         voxels, pixels = self._at[without]
-        others[0, voxels] -= self._evidence[index][without][pixels]
+        others[0, voxels] -= _counts(self._evidence[index][without][pixels])
         others[1, voxels] -= 1
         needed = OccupancyConfig().seeing_cameras(n_views - 1)
         occupied = (others[0] > 0) & (others[1] >= needed)
@@ -162,7 +163,7 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        return iou(expected, evidence[view] > 0)
+        return iou(expected & (evidence[view] != UNKNOWN), evidence[view] > 0)
 
     def reason(self, view: int, others: list[int]) -> str:
         """Return why camera `view` may disagree with the shape that `others` see."""
@@ -195,6 +196,11 @@ class _Judge:
                 scores[lag] = self._iou(view, shape, self._read(middle + lag))
         best = max(scores, key=lambda lag: scores[lag])
         return best if scores[best] > scores[0] + self.limits.rise else 0
+
+
+def _counts(evidence: np.ndarray) -> np.ndarray:
+    """Return evidence with 0 where it is unknown."""
+    return np.where(evidence == UNKNOWN, 0, evidence)
 
 
 def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:
