@@ -1,7 +1,8 @@
 """Which cameras disagree with the others, and why.
 
 A camera is judged by the shape that all the others see: carved without it, projected into it, and
-compared with its own silhouette.
+compared with its own silhouette, as far as that has to do with the person: clutter elsewhere in its
+picture, and furniture before the person, are no ground to leave a camera out.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from cl import Device, NumpyDevice
@@ -163,7 +165,10 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        return iou(expected & (evidence[view] != UNKNOWN), evidence[view] > 0)
+        own = of_person(evidence[view] > 0, expected)
+        if (own & expected).sum() >= self.limits.agrees * own.sum():
+            expected &= evidence[view] != UNKNOWN  # furniture, or else the camera is wrong
+        return iou(expected, own)
 
     def reason(self, view: int, others: list[int]) -> str:
         """Return why camera `view` may disagree with the shape that `others` see."""
@@ -196,6 +201,15 @@ class _Judge:
                 scores[lag] = self._iou(view, shape, self._read(middle + lag))
         best = max(scores, key=lambda lag: scores[lag])
         return best if scores[best] > scores[0] + self.limits.rise else 0
+
+
+def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return those connected parts of a silhouette (H, W) bool that meet the expected one: others
+    are clutter, or people elsewhere. All of it where none does: it is elsewhere itself."""
+    count, labels = cv2.connectedComponents(shown.view(np.uint8), connectivity=8)
+    meets = np.zeros(count, bool)
+    meets[np.unique(labels[expected & shown])] = True
+    return meets[labels] if meets.any() else shown
 
 
 def _counts(evidence: np.ndarray) -> np.ndarray:

@@ -18,6 +18,9 @@ class ConsistencyConfig:
     """A camera is named when its IoU is below this share of the others' median. At 0.7 a sound
     camera of `synth_salsa_4cam_hd` was left out, whose share is 0.68: few cameras leave shapes of
     which each view tells another part."""
+    agrees: float = 0.8
+    """Share of its silhouette that must lie within the others' shape, before furniture is an excuse
+    for what it lacks. By hand."""
     agreeing: float = 0.2
     """Where the others' median IoU is lower, they do not agree among themselves, or see nobody."""
     voxels: int = 250_000
@@ -32,6 +35,40 @@ class ConsistencyConfig:
     """Frames by which a camera's pictures may come late, or early."""
     rise: float = 0.1
     """IoU that a lag must add to be believed."""
+
+
+@dataclass(frozen=True)
+class AlignmentConfig:
+    """How a rig that is a little off is corrected, see `psfs.diagnostics.alignment`.
+
+    Priors are what rigs in rooms are off by; the rest was set by hand on `hard_real_5cam` and tried
+    on laboratory sequences whose calibration was spoilt by 0.3 to 0.7 degrees.
+    """
+
+    on: bool = True
+    """Whether it is corrected at all."""
+    turn: float = 0.008
+    """rad, by which a camera is turned about an axis: half a degree."""
+    focal: float = 0.005
+    """Share by which a focal length is wrong."""
+    middle: float = 0.001
+    """m, by which the scene's middle moves as all cameras see it: what all agree on stays."""
+    noise: float = 0.006
+    """m, deviation of the distance between planes that touch the same body."""
+    reach: float = 0.02
+    """m at which a distance counts a quarter (Geman & McClure 1987): shadows, lost limbs."""
+    information: float = 0.2
+    """Independent measurements in one: frames that follow each other are alike."""
+    n_steps: int = 10
+    """Gauss-Newton steps."""
+    least_rows: int = 10
+    """Measurements per unknown that are asked for."""
+    least_moved: float = 1.2 / 640
+    """Share of the picture's longer side by which cameras must be off in the mean square ..."""
+    share: float = 0.7
+    """... distances must shrink to this share ..."""
+    most_left: float = 0.012
+    """... and to no more than so many m, else something else is wrong."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +98,9 @@ class OccluderConfig:
     """Frames in which a pixel must deny what the others see."""
     least_share: float = 0.1
     """Of the frames in which it shows the person or denies him, it must deny so many."""
+    least_confirmed: float = 0.5
+    """A camera must show the person in so many pixels for each that denies him, over all frames,
+    else it is not furniture that is wrong with it."""
     gap: int = 13
     """px of holes that are filled, for the person is not behind everything in some frame."""
     least_pixels: int = 300

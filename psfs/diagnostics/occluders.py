@@ -161,6 +161,8 @@ class _Look:
         enough = self.denied >= np.maximum(
             config.least_frames, config.least_share * (self.denied + self.confirmed)
         )
+        sums = self.confirmed.sum((1, 2), dtype=int), self.denied.sum((1, 2), dtype=int)
+        enough &= (sums[0] >= config.least_confirmed * sums[1])[:, None, None]
         square = np.ones((config.gap, config.gap), np.uint8)
         closed = [cv2.morphologyEx(own, cv2.MORPH_CLOSE, square) for own in _bytes(enough)]
         return np.stack([_without_specks(own, config.least_pixels) for own in closed])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.camera import CameraRig
+from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import axes_meet_ahead
 from psfs.diagnostics.small_views import Outline
 
@@ -155,6 +155,13 @@ class Tangency:
             pair = self.difference(mine, self.planes(other, other, camera))
             total, count = total + pair[0], count + pair[1]
         return total / count if count else float("nan")
+
+    def planes_of(self, view: int, camera: Camera, other: int) -> np.ndarray:
+        """Return the extreme planes (F, 2) of a camera's own outlines around the line to another,
+        if it were `camera`, in the same place."""
+        points = self._images[view].points
+        rays = camera.rays(points) if len(points) else np.zeros((0, 3))
+        return self._of_rays(view, rays, view, other)
 
     def _axis(self, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Return two directions across the line between two cameras, the first to the scene, and
