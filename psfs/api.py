@@ -12,6 +12,7 @@ import numpy as np
 from cl import Device, NumpyDevice, select_device
 from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_range
+from psfs.diagnostics.alignment import aligned_rig
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
 from psfs.diagnostics.occluders import hidden_pixels
@@ -118,7 +119,8 @@ def examined(
     With `sync` "auto" cameras that come late are shifted. Cameras that disagree with the others are
     left out, see `psfs.diagnostics.camera_consistency.suspects`, unless `all_cameras` are wanted,
     the sequence was opened with `cameras`, or what is wrong is not a single camera. The rig knows
-    where furniture hides people, see `psfs.diagnostics.occluders.hidden_pixels`.
+    where furniture hides people, see `psfs.diagnostics.occluders.hidden_pixels`, and is turned
+    where it is off, see `psfs.diagnostics.alignment.aligned_rig`.
     """
     diagnosis = diagnosed(sequence, device)
     if sequence.settings.sync == "auto":
@@ -126,7 +128,7 @@ def examined(
         diagnosis = diagnosis.without("late")
     if diagnosis.of_all:
         return sequence, diagnosis, []
-    seeing = _with_hidden(sequence, device)
+    seeing = _seeing(sequence, device, diagnosis)
     if all_cameras or sequence.settings.cameras is not None:
         return seeing, diagnosis, []
     found = suspects(seeing, device=device, known=diagnosis.reasons)
@@ -134,12 +136,19 @@ def examined(
         return seeing, diagnosis, []
     named = {suspect.camera for suspect in found}
     kept = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
-    return _with_hidden(kept, device), diagnosis, found
+    return _seeing(kept, device, diagnosis), diagnosis, found
 
 
-def _with_hidden(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:
+def _seeing(sequence: Sequence, device: Device | NumpyDevice, diagnosis: Diagnosis) -> Sequence:
+    """Return the sequence, its rig corrected where it is off, with what furniture hides."""
     hidden = hidden_pixels(sequence, device)
-    return sequence if hidden is None else sequence.with_rig(sequence.rig.with_hidden(hidden))
+    if hidden is not None:
+        sequence = sequence.with_rig(sequence.rig.with_hidden(hidden))
+    found = aligned_rig(sequence, device, diagnosis.views)
+    if found is None:
+        return sequence
+    log.info("%s: %s", sequence.name, found)
+    return sequence.with_rig(found.rig)
 
 
 def synchronised(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:

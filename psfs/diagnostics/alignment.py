@@ -1,4 +1,4 @@
-"""A rig whose calibration is a little off, turned until the silhouettes fit: `aligned(rig, views)`.
+"""A rig whose calibration is a little off, turned until the silhouettes fit: `aligned_rig`.
 
 Tripods sink, lenses are refocused, boards are seen from one side: cameras look some tenths of a
 degree past where they are said to look, which carves arms off the voxels. The planes that touch the
@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import axes_meet_ahead
-from psfs.diagnostics.config import AlignmentConfig
-from psfs.diagnostics.small_views import Outline
+from psfs.diagnostics.config import AlignmentConfig, FaultConfig
+from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.diagnostics.tangency import Tangency
+from psfs.sequence import Sequence
 
 #: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
 #: factor.
@@ -39,14 +41,57 @@ class Alignment:
     after: float
     moved: np.ndarray
 
+    def __str__(self) -> str:
+        return (
+            f"the cameras look {np.sqrt(np.mean(self.moved**2)):.1f} px past where they are said "
+            f"to; turned, their silhouettes are {1000 * self.after:.0f} mm apart instead of "
+            f"{1000 * self.before:.0f}"
+        )
+
     def believed(self, config: AlignmentConfig) -> bool:
         """Whether the rig was off by enough to tell, and fits now."""
+        return self.likely(config, config.share) and self.after <= config.most_left
+
+    def likely(self, config: AlignmentConfig, share: float) -> bool:
+        """Whether it was off by enough to tell, and no more than a share of the distances is
+        left."""
         size = max(self.rig.width, self.rig.height)
         return bool(
-            self.after <= config.most_left
-            and self.after <= config.share * self.before
+            self.after <= share * self.before
             and np.sqrt(np.mean(self.moved**2)) >= config.least_moved * size
         )
+
+
+def aligned_rig(
+    sequence: Sequence,
+    device: Device | NumpyDevice,
+    views: SmallViews,
+    config: AlignmentConfig | None = None,
+) -> Alignment | None:
+    """Return the corrected rig of a sequence of which `views` show a part, None where it fits as it
+    is, or nothing can be said. views: of these cameras or more, in small; larger ones are looked at
+    where they say that the rig is off."""
+    config, rig = config or AlignmentConfig(), sequence.rig
+    if not config.on or len(rig) < 3:
+        return None
+    first = _aligned_by(rig, views, config)
+    if first is None or not first.likely(config, config.first_share):
+        return None
+    larger = replace(FaultConfig(), longest_side=config.longest_side)
+    found = _aligned_by(rig, small_views(sequence, device, larger), config)
+    return found if found is not None and found.believed(config) else None
+
+
+def _aligned_by(rig: CameraRig, views: SmallViews, config: AlignmentConfig) -> Alignment | None:
+    columns = [views.rig.names.index(name) for name in rig.names]
+    small = CameraRig(tuple(views.rig[column] for column in columns))
+    outlines = [[row[column] for column in columns] for row in views.outlines]
+    hidden = rig.hidden
+    if hidden is not None:
+        shapes = [camera.size for camera in small]
+        reduced = [cv2.resize(h.view(np.uint8), s) for h, s in zip(hidden, shapes, strict=True)]
+        outlines = beside_hidden(outlines, reduced)
+    return aligned(rig, small, outlines, config)
 
 
 def aligned(
@@ -160,14 +205,12 @@ def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
 
 
 def beside_hidden(
-    outlines: list[list[Outline | None]], hidden: np.ndarray | None, near: int = 4
+    outlines: list[list[Outline | None]], hidden: list[np.ndarray], near: int = 4
 ) -> list[list[Outline | None]]:
-    """Return the outlines [frame][view], their points at hidden pixels (V, h, w) taken for the
-    picture's border: the person goes on behind furniture."""
-    if hidden is None:
-        return outlines
+    """Return the outlines [frame][view], their points up to `near` px from hidden pixels, of each
+    view (h, w) uint8, taken for the picture's border: the person goes on behind furniture."""
     square = np.ones((2 * near + 1,) * 2, np.uint8)
-    wide = [cv2.dilate(own.view(np.uint8), square) > 0 for own in hidden]
+    wide = [cv2.dilate(own, square) > 0 for own in hidden]
 
     def cut(outline: Outline | None, where: np.ndarray) -> Outline | None:
         if outline is None:
