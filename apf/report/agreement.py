@@ -81,13 +81,13 @@ def agreement(
         shown = checker.silhouettes(frame)
         cloud = checker.cloud(colour=frame.images is not None)
         scores = np.array([
-            _scores(camera, cones[number], drawn, silhouette)
-            for camera, silhouette in zip(rig, shown, strict=True)
+            _scores(camera, cones[number], drawn, silhouette, known)
+            for camera, silhouette, known in zip(rig, shown, checker.known, strict=True)
         ])  # fmt: skip
         found["body_iou"].append(scores[:, 0])
         found["inside"].append(_worst_of(scores[:, 1:], drawn, parts))
         found["explained"].append(_explained(cloud.centres, cones[number]))
-        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown))
+        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, checker.known))
         clouds.append(cloud)
         if progress is not None:
             progress()
@@ -96,21 +96,32 @@ def agreement(
 
 
 def _voxel_iou(
-    rig: CameraRig, extents: np.ndarray, centres: np.ndarray, shown: np.ndarray
+    rig: CameraRig,
+    extents: np.ndarray,
+    centres: np.ndarray,
+    shown: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool."""
+    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool, at
+    pixels that are `known` (V, H, W)."""
     ours = [
         voxel_silhouette(camera, centres, extent, shown.shape[1:])
         for camera, extent in zip(rig, extents, strict=True)
     ]
-    return np.array([iou(one, other) for one, other in zip(ours, shown, strict=True)])
+    views = zip(ours, shown, known, strict=True)
+    return np.array([iou(one & there, other) for one, other, there in views])
 
 
 def _scores(
-    camera: Camera, cones: np.ndarray, drawn: Items[int], silhouette: np.ndarray
+    camera: Camera,
+    cones: np.ndarray,
+    drawn: Items[int],
+    silhouette: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
     """Return the IoU of posed cones (C, 16) with a silhouette (H, W) bool, then the share of each
-    of the `drawn` ones in it, (1 + n,); NaN where too little is seen."""
+    of the `drawn` ones in it, (1 + n,), at pixels that are `known` (H, W); NaN where too little is
+    seen."""
     corners = outlines(camera, cones)
     whole = np.zeros(silhouette.shape, np.uint8)
     scores = np.full(1 + len(cones), np.nan)
@@ -120,6 +131,7 @@ def _scores(
         shape = np.zeros_like(whole)
         cv2.fillConvexPoly(shape, cv2.convexHull(np.rint(quad).astype(np.int32)), 1)
         shape[camera.size[1] :], shape[:, camera.size[0] :] = 0, 0
+        shape[~known] = 0
         pixels = np.count_nonzero(shape)
         if pixels >= _LEAST_PIXELS:
             scores[1 + number] = np.count_nonzero(shape & silhouette) / pixels

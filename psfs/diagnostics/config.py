@@ -94,7 +94,9 @@ class OccluderConfig:
     voxels: int = 600_000
     """Voxels of the grid around the person, at most: about 3 cm."""
     agreeing: int = 3
-    """Cameras that must show foreground which nothing explains: two alone see ghosts."""
+    """Cameras that must show foreground at a place: two alone see ghosts ..."""
+    unexplained: int = 3
+    """... and in so many of them it must be foreground that nothing explains."""
     denying: int = 2
     """At most so many cameras may be hidden from the same place at once."""
     margin: int = 3

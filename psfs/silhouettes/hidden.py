@@ -8,6 +8,8 @@ from cl import Array, Device, Launch
 
 #: The evidence count of a pixel that says nothing; all others are -127 to 127.
 UNKNOWN = -128
+#: Pixels of a kernel's item.
+_LOT = 16
 
 
 def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
@@ -16,10 +18,10 @@ def hide_launch(device: Device, hidden: np.ndarray, evidence: Array) -> Launch:
 
     Kernel: hidden.cl; twin: `psfs.reference.hidden.hide`.
     """
-    kernel = device.kernel("reconstruction/hidden", "hide", UNKNOWN=UNKNOWN)
+    kernel = device.kernel("reconstruction/hidden", "hide", LOT=_LOT, UNKNOWN=UNKNOWN)
     where = device.to_device(hidden.view(np.uint8), "the hidden pixels")
     return device.launch(
-        kernel, (hidden.size,), None, n_pixels=hidden.size, hidden=where, evidence=evidence
+        kernel, (_lots(hidden.size),), None, n_pixels=hidden.size, hidden=where, evidence=evidence
     )
 
 
@@ -28,7 +30,11 @@ def mark_hidden_launch(device: Device, evidence: Array, maps: Array) -> Launch:
     (V, H, W, 2) uint8, where the evidence (V, H, W) int8 is `UNKNOWN`: 255 becomes 254, and 0
     becomes 1, which differ little as silhouettes, and tell what looks at the pictures, too, that
     something else shows there. Twin: `psfs.reference.hidden.mark_hidden`."""
-    kernel = device.kernel("reconstruction/hidden", "mark_hidden", UNKNOWN=UNKNOWN)
+    kernel = device.kernel("reconstruction/hidden", "mark_hidden", LOT=_LOT, UNKNOWN=UNKNOWN)
     return device.launch(
-        kernel, (evidence.size,), None, n_pixels=evidence.size, evidence=evidence, maps=maps
+        kernel, (_lots(evidence.size),), None, n_pixels=evidence.size, evidence=evidence, maps=maps
     )
+
+
+def _lots(n_pixels: int) -> int:
+    return -(-n_pixels // _LOT)

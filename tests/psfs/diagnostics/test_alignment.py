@@ -33,7 +33,7 @@ def limbs(frame: int) -> np.ndarray:
     points = np.concatenate([np.array(m) + random.uniform(-1, 1, (400, 3)) * s for m, s in parts])
     c, s = np.cos(turn), np.sin(turn)
     about: np.ndarray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    return about + [0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0]
+    return about + np.array([0.2 * np.sin(0.05 * frame), 0.2 * np.cos(0.07 * frame), 0])
 
 
 def outlines_of(rig: CameraRig, n: int = 40) -> list[list[Outline | None]]:

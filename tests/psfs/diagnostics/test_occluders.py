@@ -26,7 +26,7 @@ def walking(rig: CameraRig, n: int = 9) -> list[np.ndarray]:
     for shift in np.linspace(-0.3, 0.3, n):
         maps = np.full((len(rig), rig.height, rig.width), -60, np.int8)
         for view, camera in enumerate(rig):
-            _, row, column, _ = camera.look_up(points + [shift, 0.5 * shift, 0])
+            _, row, column, _ = camera.look_up(points + np.array([shift, 0.5 * shift, 0]))
             maps[view, row, column] = 60
         frames.append(maps)
     return frames
