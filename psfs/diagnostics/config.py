@@ -94,9 +94,7 @@ class OccluderConfig:
     voxels: int = 600_000
     """Voxels of the grid around the person, at most: about 3 cm."""
     agreeing: int = 3
-    """Cameras that must show foreground at a place: two alone see ghosts ..."""
-    unexplained: int = 3
-    """... and in so many of them it must be foreground that nothing explains."""
+    """Cameras that must show foreground which nothing explains: two alone see ghosts."""
     denying: int = 2
     """At most so many cameras may be hidden from the same place at once."""
     margin: int = 3

@@ -132,8 +132,8 @@ class _Look:
         )
         config, against = self.config, counts < 0
         n_against, n_for = against.sum(0), (counts > 0).sum(0)
-        amiss = (wanted.sum(0) >= config.unexplained) & (n_for >= config.agreeing)
-        amiss &= ~occupied & (n_against <= config.denying) & (n_for > n_against)
+        amiss = (wanted.sum(0) >= config.agreeing) & (n_against <= config.denying)
+        amiss &= ~occupied & (n_for > n_against)
         for view, own in enumerate(shown):
             denied = self._covered(view, pixels[view][amiss & against[view]], 0)
             self.denied[view] += denied & ~own
