@@ -16,7 +16,7 @@ import numpy as np
 
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.rig_geometry import axes_meet_ahead
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig, FaultConfig
 from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.diagnostics.tangency import Tangency
@@ -77,7 +77,7 @@ def aligned_rig(
     first = _aligned_by(rig, views, config)
     if first is None or not first.likely(config, config.first_share):
         return None
-    larger = replace(FaultConfig(), longest_side=config.longest_side)
+    larger = FaultConfig().replace(longest_side=config.longest_side)
     found = _aligned_by(rig, small_views(sequence, device, larger), config)
     return found if found is not None and found.believed(config) else None
 
@@ -183,7 +183,7 @@ class _Fit:
     def _scene_moves(self) -> np.ndarray:
         """Return (3, 4 V) by how many m the point that the axes meet at, triangulated, moves with
         the corrections."""
-        target = axes_meet_ahead(self.rig)
+        target = intersect_axes_ahead(self.rig)
         total, moves = np.zeros((3, 3)), np.zeros((3, _N * len(self.rig)))
         for view, camera in enumerate(self.rig):
             ray = target - camera.centre
@@ -198,7 +198,7 @@ class _Fit:
 def _moved(before: CameraRig, after: CameraRig, size: float) -> np.ndarray:
     """Return (V,) by how many px points about the scene's middle move in the pictures."""
     around = np.stack(np.meshgrid(*3 * [[-0.4, 0, 0.4]]), -1).reshape(-1, 3) * size
-    points = axes_meet_ahead(before) + around
+    points = intersect_axes_ahead(before) + around
     pairs = zip(before, after, strict=True)
     moves = [np.linalg.norm(a.project(points)[0] - b.project(points)[0], axis=1) for a, b in pairs]
     return np.array([np.median(own) for own in moves])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from helpers import scenes
 
@@ -14,7 +12,7 @@ from psfs.diagnostics.occluders import hidden_in
 
 RIG = scenes.ring(6, (160, 120))
 LOW, HIGH = np.array([-0.9, -0.9, 0.0]), np.array([0.9, 0.9, 1.8])
-CONFIG = replace(OccluderConfig(), voxels=80_000, least_pixels=60)
+CONFIG = OccluderConfig(voxels=80_000, least_pixels=60)
 
 
 def walking(rig: CameraRig, n: int = 9) -> list[np.ndarray]:
