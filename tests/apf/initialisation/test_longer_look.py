@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ def decided(
 
     monkeypatch.setattr(sequence, "_start_of", found)
     nothing: Any = None
-    chosen = sequence.start_of(nothing, nothing, nothing, SONG)
+    footage: Any = SimpleNamespace(name="skirt")
+    chosen = sequence.start_of(nothing, footage, nothing, SONG)
     if len(looks) > 1:
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
         assert looks[1].frames.n_fitted == 2 * looks[0].frames.n_fitted
