@@ -85,10 +85,12 @@ class _Look:
         self.rig, self.config = rig, config
         edge = float(np.cbrt(np.prod(high - low) / config.voxels))
         self._coarse = VoxelGrid.covering(low, high, _FINE * edge)
-        shape = np.array(self._coarse.shape)
+        shape = self._coarse.shape
         self._places = [self._places_in(camera, self._coarse.centres()) for camera in rig]
         offsets = np.stack(np.meshgrid(*3 * [range(_FINE)], indexing="ij"), -1).reshape(-1, 3)
-        self._fine = VoxelGrid(self._coarse.low, edge, tuple(int(n) for n in _FINE * shape))
+        self._fine = VoxelGrid(
+            self._coarse.low, edge, (_FINE * shape[0], _FINE * shape[1], _FINE * shape[2])
+        )
         corners = np.stack(np.unravel_index(np.arange(self._coarse.size), shape), -1) * _FINE
         self._children = np.stack(
             [np.ravel_multi_index(tuple((corners + o).T), self._fine.shape) for o in offsets], 1
