@@ -1,4 +1,4 @@
-"""scripts/check_kernels.py: what it chooses, what it reads of Oclgrind's and compilers' messages."""
+"""scripts/check_kernels.py: which tests it chooses, and what it reads in messages."""
 
 from __future__ import annotations
 
