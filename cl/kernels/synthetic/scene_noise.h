@@ -1,4 +1,5 @@
 // Noise and colours of the synthetic scene.
+#include "synthetic/inlined.h"
 
 static inline float hash(int x, int y, int z)
 {
@@ -27,7 +28,7 @@ static inline float fractal_noise(float x, float y, int seed)
 }
 
 // A saturated colour from a hue in [0, 1), linear BGR.
-static inline float3 hue_colour(float hue, float saturation, float value)
+INLINED float3 hue_colour(float hue, float saturation, float value)
 {
     const float3 k = fabs(fmod((float3)(hue * 6.0f + 2.0f, hue * 6.0f + 4.0f, hue * 6.0f),
                                (float3)(6.0f)) - 3.0f) - 1.0f;
