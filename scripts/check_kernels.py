@@ -50,7 +50,7 @@ _FOREIGN = ("_Z", "__", "llvm.")
 
 @dataclass(frozen=True)
 class Program:
-    """What a compiler gets: the file that names it, its text, its options."""
+    """A compiler's input: the file that names it, its text, its options."""
 
     file: str
     source: str
@@ -73,7 +73,7 @@ class Report:
 
 @dataclass
 class Findings:
-    """Of all cases: programs, kernels launched, and what is wrong, by kernel and column."""
+    """Results of all cases: programs, launched kernels, problems by kernel and column."""
 
     programs: set[Program] = field(default_factory=set)
     launched: set[str] = field(default_factory=set)
@@ -185,7 +185,7 @@ def run_case(place: Path, case: str, kernels: list[str], limit: float, findings:
 
 
 def _pytest(place: Path, arguments: Sequence[str], limit: float) -> str:
-    """Run pytest with Oclgrind's device and the plugin that records; return all that is said."""
+    """Run pytest with Oclgrind's device and the plugin that records; return its output."""
     (place / "record.json").unlink(missing_ok=True)
     (place / "icd").mkdir(exist_ok=True)
     (place / "icd" / "oclgrind.icd").write_text(f"{ICD}\n")
@@ -201,7 +201,7 @@ def _pytest(place: Path, arguments: Sequence[str], limit: float) -> str:
     }
     options = ("-p", "no:cacheprovider", "-p", "kernel_recorder", "-n", "0", "-q", "-s")
     command = [sys.executable, "-m", "pytest", *options, *arguments]
-    return _said(command, limit, environment)
+    return _output(command, limit, environment)
 
 
 def _record(place: Path) -> dict | None:
@@ -233,12 +233,12 @@ def compiler_problems(place: Path, program: Program, target: str) -> list[str]:
         command = [CLANG, "-x", "cl", "-target", "amdgcn-amd-amdhsa", f"-mcpu={target}"]
         command += ["-nogpulib", "-Xclang", "-finclude-default-header", "-Wall", "-O3", "-S"]
         command += [*program.options.split(), str(source), "-o", str(output)]
-    said = _said(command, _COMPILING_LIMIT, dict(os.environ))
-    problems = re.findall(r"^.*(?:warning|error):.*$", said, re.MULTILINE)
+    messages = _output(command, _COMPILING_LIMIT, dict(os.environ))
+    problems = re.findall(r"^.*(?:warning|error):.*$", messages, re.MULTILINE)
     if output.is_file():
         problems += [f"{name} is not defined" for name in undefined_calls(output.read_text())]
     elif target != INTEL and not problems:
-        problems.append(said.strip()[-200:] or "no output")
+        problems.append(messages.strip()[-200:] or "no output")
     return problems
 
 
@@ -250,15 +250,15 @@ def undefined_calls(assembly: str) -> list[str]:
     return sorted(name for name in called - defined if not name.startswith(_FOREIGN))
 
 
-def _said(command: list[str], limit: float, environment: dict[str, str]) -> str:
+def _output(command: list[str], limit: float, environment: dict[str, str]) -> str:
     try:
         ended = subprocess.run(
             command, cwd=ROOT, env=environment, timeout=limit, text=True, errors="replace",
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
     except subprocess.TimeoutExpired as late:
-        said = late.stdout or b""
-        return f"{said.decode(errors='replace')}\nerror: not done after {limit:g} s"
+        printed = late.stdout or b""
+        return f"{printed.decode(errors='replace')}\nerror: not done after {limit:g} s"
     return ended.stdout + (f"\nerror: exit code {ended.returncode}" if ended.returncode else "")
 
 
