@@ -63,33 +63,33 @@ typedef PACKED(uchar) bytes_anywhere __attribute__((aligned(1)));
 #define LANE_NUMBER(l) 0x##l
 #define LANE_NUMBERS PACK_OF(vint, LANE_NUMBER)
 
-static inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
-static inline int pack_any4(int4 v) { return v.x | v.y | v.z | v.w; }
+inline float pack_sum4(float4 v) { return (v.x + v.y) + (v.z + v.w); }
+inline int pack_any4(int4 v) { return v.x | v.y | v.z | v.w; }
 
 // Operators instead of min, fmin, clamp and the like: PoCL does not inline those.
 
 // Which of `n` things lane `lane` of the pack that begins with the `first` works on; lanes beyond
 // the end repeat the last one.
-static inline int lane_index(int first, int lane, int n)
+inline int lane_index(int first, int lane, int n)
 {
     return first + lane < n ? first + lane : n - 1;
 }
 
-static inline vfloat least(vfloat a, vfloat b) { return a < b ? a : b; }
-static inline vfloat most(vfloat a, vfloat b) { return a > b ? a : b; }
-static inline vfloat within(vfloat a, vfloat low, vfloat high) { return least(most(a, low), high); }
+inline vfloat least(vfloat a, vfloat b) { return a < b ? a : b; }
+inline vfloat most(vfloat a, vfloat b) { return a > b ? a : b; }
+inline vfloat within(vfloat a, vfloat low, vfloat high) { return least(most(a, low), high); }
 
 typedef struct { vfloat x, y, z; } vpoint;
 
-static inline vfloat inner(vpoint a, vpoint b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline vfloat inner(vpoint a, vpoint b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // a . b + c, in as few steps as can be.
-static inline vfloat inner_plus(vpoint a, vpoint b, vfloat c)
+inline vfloat inner_plus(vpoint a, vpoint b, vfloat c)
 {
     return a.x * b.x + (a.y * b.y + (a.z * b.z + c));
 }
 
-static inline vpoint load_point(__local const vfloat *place)
+inline vpoint load_point(__local const vfloat *place)
 {
     return (vpoint){place[0], place[1], place[2]};
 }

@@ -41,16 +41,16 @@ typedef struct {
     int near_edge;
 } Counts;
 
-static inline vint popcounts(vuint bits) { return TO_INT(popcount(bits)); }
+inline vint popcounts(vuint bits) { return TO_INT(popcount(bits)); }
 
-static inline void no_counts(Counts *counts)
+inline void no_counts(Counts *counts)
 {
     counts->edges = counts->area = counts->overlap = 0;
     counts->near_edge = 0;
 }
 
 // Put the spans of part `number` behind those that are nearer, unless there is none.
-static inline void add_spans(Rows *rows, vint all, vint inside, int number)
+inline void add_spans(Rows *rows, vint all, vint inside, int number)
 {
     const int at = rows->n * GROUP + get_local_id(0);
     const vint first = all & 0xffff, end = all >> 16;
@@ -64,7 +64,7 @@ static inline void add_spans(Rows *rows, vint all, vint inside, int number)
 }
 
 // Count the PACK rows from `row` on.
-static inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts *counts)
+inline void count_rows(const Picture *picture, const Rows *rows, int row, Counts *counts)
 {
     const int lane = get_local_id(0), view = picture->view, height = picture->height;
     int firsts[PACK], ends[PACK];
@@ -109,7 +109,7 @@ static inline void count_rows(const Picture *picture, const Rows *rows, int row,
     }
 }
 
-static inline int lane_sum(vint pack)
+inline int lane_sum(vint pack)
 {
     int lanes[PACK], sum = 0;
     STORE_PACK(pack, lanes);
@@ -118,8 +118,8 @@ static inline int lane_sum(vint pack)
 }
 
 // Add up what the work-items counted.
-static inline void write_counts(const Picture *picture, int n_particles, const Counts *counts,
-                                __local int *totals)
+inline void write_counts(const Picture *picture, int n_particles, const Counts *counts,
+                         __local int *totals)
 {
     const int lane = get_local_id(0);
     for (int i = lane; i < N_COUNTS; i += GROUP) totals[i] = 0;

@@ -21,8 +21,7 @@
 #define BLOCKS_X ((WIDTH + BLOCK - 1) / BLOCK)
 
 // Does a voxel show in the cells around, or foreground in the cell?
-static inline int is_person(__global const uchar *marks, __global const char *evidence, int x,
-                            int y)
+inline int is_person(__global const uchar *marks, __global const char *evidence, int x, int y)
 {
     int found = 0;
     for (int row = 0; row <= 2 * REACH; ++row)
@@ -36,7 +35,7 @@ static inline int is_person(__global const uchar *marks, __global const char *ev
 }
 
 // Stores the pixels that are this work-item's `own`; of a `whole` pack all are.
-static inline void store_own(vfloat values, vint own, bool whole, __global float *plane)
+inline void store_own(vfloat values, vint own, bool whole, __global float *plane)
 {
     if (whole) {
         STORE_PACK(values, plane);
@@ -69,7 +68,7 @@ void view_drift(__global const float2 *restrict changes, __global float *restric
 
 // A channel of a pixel that looks like the background, `d` brighter than it: its new mean and
 // variance.
-static inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
+inline vfloat follow(vfloat d, vfloat weight, vfloat *mean)
 {
     const vfloat before = 1.0f / weight;
     *mean += MEAN_RATE * d;
