@@ -18,8 +18,10 @@ from cl import UserError as UserError
 from cl import select_device as select_device
 from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_number
+from psfs.diagnostics.alignment import aligned_rig
 from psfs.diagnostics.camera_consistency import Suspect, suspects
 from psfs.diagnostics.faults import Diagnosis, diagnosed
+from psfs.diagnostics.occluders import hidden_pixels
 from psfs.footage.settings import Settings
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid, volume_config
@@ -123,19 +125,37 @@ def examined(
 
     With `sync` "auto" cameras that come late are shifted. Cameras that disagree with the others are
     left out, see `psfs.diagnostics.camera_consistency.suspects`, unless `all_cameras` are wanted,
-    the sequence was opened with `cameras`, or what is wrong is not a single camera.
+    the sequence was opened with `cameras`, or what is wrong is not a single camera. The rig knows
+    where furniture hides people, see `psfs.diagnostics.occluders.hidden_pixels`, and is turned
+    where it is off, see `psfs.diagnostics.alignment.aligned_rig`.
     """
     diagnosis = diagnosed(sequence, device)
     if sequence.settings.sync == "auto":
         sequence = sequence.synchronised(diagnosis.late)
         diagnosis = diagnosis.without("late")
-    if all_cameras or sequence.settings.cameras is not None or diagnosis.of_all:
+    if diagnosis.of_all:
         return sequence, diagnosis, []
-    found = suspects(sequence, device=device, known=diagnosis.reasons)
-    if found:
-        named = {suspect.camera for suspect in found}
-        sequence = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
-    return sequence, diagnosis, found
+    seeing = _seeing(sequence, device, diagnosis)
+    if all_cameras or sequence.settings.cameras is not None:
+        return seeing, diagnosis, []
+    found = suspects(seeing, device=device, known=diagnosis.reasons)
+    if not found:
+        return seeing, diagnosis, []
+    named = {suspect.camera for suspect in found}
+    kept = sequence.with_cameras([n for n in sequence.rig.names if n not in named])
+    return _seeing(kept, device, diagnosis), diagnosis, found
+
+
+def _seeing(sequence: Sequence, device: Device | NumpyDevice, diagnosis: Diagnosis) -> Sequence:
+    """Return the sequence, its rig corrected where it is off, with what furniture hides."""
+    hidden = hidden_pixels(sequence, device)
+    if hidden is not None:
+        sequence = sequence.with_rig(sequence.rig.with_hidden(hidden))
+    found = aligned_rig(sequence, device, diagnosis.views)
+    if found is None:
+        return sequence
+    log.info("%s: %s", sequence.name, found)
+    return sequence.with_rig(found.rig)
 
 
 def synchronised(sequence: Sequence, device: Device | NumpyDevice) -> Sequence:

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -125,6 +126,12 @@ class Sequence:
     def with_cameras(self, names: Collection[str]) -> Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
         return self._again(self.settings.replace(cameras=tuple(names)))
+
+    def with_rig(self, rig: CameraRig) -> Sequence:
+        """Return the same views by `rig`, which knows more of the same cameras."""
+        other = copy(self)
+        other.rig = rig
+        return other
 
     def synchronised(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views, those shifted that come `late` by so many frames, by name."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import evidence_for
+from psfs.cameras.camera import CameraRig
 from psfs.common.ranges import LARGEST
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import (
@@ -69,16 +70,30 @@ def foreground_box(
     evidence_of = evidence_for(device or NumpyDevice(), rig, sequence.background, config.silhouette)
     with sequence.reader(learning=False) as read:
         evidence = [without_speckle(evidence_of(read(indices[int(i)]))) for i in picked]
-    min_cameras = config.occupancy.seeing_cameras(len(rig))
+    box = box_of_evidence(rig, evidence, config.occupancy.seeing_cameras(len(rig)), volume)
+    if box is None:
+        raise InputError(
+            f"{sequence.folder}: nothing stands out from the background in "
+            f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
+        )
+    return box
 
-    def closer(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+
+def box_of_evidence(
+    rig: CameraRig, evidence: list[np.ndarray], min_cameras: int, volume: VolumeConfig
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the lowest and highest corner, m, of what some frames show, whose evidence is as
+    `without_speckle` leaves it; None where that is nothing. min_cameras: that must see a voxel."""
+    Box = tuple[np.ndarray, np.ndarray]
+
+    def closer(box: Box | None) -> Box | None:
+        if box is None:
+            return None
+        low, high = box
         grid = VoxelGrid.covering(low, high, float(np.max(high - low)) / volume.coarse)
         found = largest_parts_box(rig, evidence, grid, min_cameras)
         if found is None:
-            raise InputError(
-                f"{sequence.folder}: nothing stands out from the background in "
-                f"{len(picked)} of the selected frames; expected {expected_person(sequence)}"
-            )
+            return None
         margin = np.maximum(
             volume.margin * (found[1] - found[0]), volume.margin_voxels * grid.voxel_size
         )
@@ -86,12 +101,12 @@ def foreground_box(
 
     everywhere, above = reachable_box(rig, volume, floor=False), reachable_box(rig, volume)
     lowest = volume.floor - volume.floor_depth if above[0][2] > everywhere[0][2] else np.inf
-    box = closer(*everywhere)
-    if box[0][2] <= lowest:  # else a closer look, which only makes it smaller, says the same
-        box = closer(*box)  # finer: it sees what coarse voxels were too large for
-    if box[0][2] > lowest:
-        return closer(*closer(*above))
-    return box
+    box = closer(everywhere)
+    if box is not None and box[0][2] <= lowest:
+        # else a closer look, which only makes it smaller, says the same; this one sees what
+        # coarse voxels were too large for
+        box = closer(box)
+    return closer(closer(above)) if box is not None and box[0][2] > lowest else box
 
 
 def expected_person(sequence: Sequence) -> str:

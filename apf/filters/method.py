@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import model_validator
 
 from apf.filters.config import KEYPOINTS_ON, FilterConfig
 from apf.filters.objectives import OBJECTIVES, ObjectiveSpec
@@ -30,13 +30,17 @@ class Method(Config):
     """A search, an objective and the settings of both; those of others are not looked at."""
 
     search: str = setting(
-        "apf", "Search: annealed particle filter, particle swarm or particle filter.", "Song et al."
+        "apf",
+        "Search: annealed particle filter, particle swarm or particle filter.",
+        "Song et al.",
+        choices=SEARCHES,
     )
     objective: str = setting(
         "voxel",
         "What is searched for: the voxels' likelihood, keypoints alone, or a function of image "
         "features (Rymut 2016 eq. 4.46-4.50).",
         "Song et al.",
+        choices=OBJECTIVES,
     )
     recover: bool = setting(
         True,
@@ -60,14 +64,6 @@ class Method(Config):
     sir: SirConfig = part(SirConfig, "Settings of the particle filter with resampling.")
     image: ObjectiveConfig = part(ObjectiveConfig, "Settings of the objectives over images.")
     features: FeatureConfig = part(FeatureConfig, "Which image features are looked at.")
-
-    @field_validator("search", "objective")
-    @classmethod
-    def _is_registered(cls, value: str, info: ValidationInfo) -> str:
-        known = SEARCHES if info.field_name == "search" else OBJECTIVES
-        if value not in known:
-            raise ValueError(f"there is no {value!r}; expected {', '.join(known)}")
-        return value
 
     @model_validator(mode="before")
     @classmethod

@@ -20,6 +20,8 @@ from psfs.voxels.device_voxels import Voxels
 N_NORMALS = 4
 #: Pixels to either side of an outline, and diagonal steps that are about as far.
 REACH, DIAGONAL_REACH = 3, 2
+#: What a contour is worth that furniture hides: neither there nor missing.
+HIDDEN = 128
 #: Of the Sobel operator's result, per grey value and pixel.
 SOBEL_GAIN = 128
 #: Pixels from the border that have no gradient, and no contour.
@@ -46,7 +48,7 @@ class Contours(Term):
     def __init__(self, shared: Shared, settings: ContourConfig) -> None:
         device = shared.scene.opencl
         super().__init__(
-            device, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, MARGIN=MARGIN,
+            device, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, HIDDEN=HIDDEN, MARGIN=MARGIN,
             OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP, **({} if device.is_gpu else {"ANYWHERE": 1}),
         )  # fmt: skip
         self._rig, self._maps, self._settings = shared.scene.rig, shared.maps, settings

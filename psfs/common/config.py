@@ -3,7 +3,7 @@ their range and where their defaults come from."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import NoneType, UnionType
@@ -19,6 +19,7 @@ from pydantic import (
     field_validator,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from cl import InputError
 from psfs.common.names import escape_unprintable
@@ -61,9 +62,11 @@ class Config(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _plain(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, list) and Any not in field_kinds(
-            cls.model_fields[str(info.field_name)]
-        ):
+        field = cls.model_fields[str(info.field_name)]
+        registered = _registered(field)
+        if registered and value not in registered:
+            raise PydanticCustomError("registered", "one of those that are registered")
+        if isinstance(value, list) and Any not in field_kinds(field):
             return tuple(value)
         return value.item() if getattr(value, "ndim", None) == 0 else value
 
@@ -105,14 +108,16 @@ def setting(
     least: float | None = None,
     below: float | None = None,
     most: float | None = None,
+    choices: Iterable[str] = (),
     flag: str = "",
     flag_help: str = "",
 ) -> Any:
     """Return a field: its default, what it is, where the default comes from and its unit.
 
     above, below: bounds that are left out; least, most: bounds that are allowed. No number may be
-    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. flag: of the
-    command line, and its help, where that says less than `description`.
+    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. choices: names
+    of what is registered, of which the setting is one. flag: of the command line, and its help,
+    where that says less than `description`.
     """
     bounds: dict[str, Any] = {"gt": above, "ge": least, "lt": below, "le": most}
     if isinstance(default, (int, float)) and not isinstance(default, bool):
@@ -122,11 +127,12 @@ def setting(
             bounds["le"] = LARGEST
         if above is not None and isinstance(default, float):
             bounds["ge"] = above + SMALLEST
-    extra = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    extra: dict[str, Any] = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    extra["enum"] = [*choices]
     return Field(
         default,
         description=description,
-        json_schema_extra={name: text for name, text in extra.items() if text},
+        json_schema_extra={name: value for name, value in extra.items() if value},
         **{name: bound for name, bound in bounds.items() if bound is not None},
     )
 
@@ -170,7 +176,13 @@ def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
 def field_choices(field: FieldInfo) -> tuple[Any, ...]:
     """Return the values among which a field chooses; none where it takes others."""
     kinds = [kind for kind in field_kinds(field) if get_origin(kind) is Literal]
-    return tuple(value for kind in kinds for value in get_args(kind))
+    return _registered(field) or tuple(value for kind in kinds for value in get_args(kind))
+
+
+def _registered(field: FieldInfo) -> tuple[Any, ...]:
+    extra = field.json_schema_extra
+    found = extra.get("enum") if isinstance(extra, dict) else None
+    return tuple(found) if isinstance(found, list) else ()
 
 
 def part_kind(field: FieldInfo) -> type[Config] | None:

@@ -15,6 +15,7 @@ from psfs.common.regions import iou, keep_large_regions
 from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.output.runs import Run
 from psfs.sequence import Frame, Sequence
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
@@ -31,8 +32,11 @@ class Checker:
 
     The silhouettes are those of the reconstruction with this grid and config, which is done again,
     so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
-    frame for itself learns from itself.
+    frame for itself learns from itself. known: (V, H, W) bool, where the frame whose silhouettes
+    were asked for last says anything: elsewhere furniture hides what is behind it.
     """
+
+    known: np.ndarray
 
     def __init__(
         self,
@@ -58,7 +62,8 @@ class Checker:
         """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
         speckle."""
         self._voxels = self._reconstruct(frame)
-        shown = self._reconstruct.evidence() > 0
+        evidence = self._reconstruct.evidence()
+        shown, self.known = evidence > 0, evidence != UNKNOWN
         whole = np.stack([whole_silhouette(*of) for of in zip(shown, self._volume, strict=True)])
         self.beyond.append(beyond_volume(whole, self._volume))
         return whole
@@ -73,7 +78,7 @@ class Checker:
         scores = []
         for view, camera in enumerate(self.rig):
             voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
-            scores.append(iou(voxels, shown[view]))
+            scores.append(iou(voxels & self.known[view], shown[view]))
         return np.array(scores)
 
 
