@@ -135,6 +135,6 @@ def test_the_term_agrees_with_the_twin(device: Device, name: str, kind: str) -> 
 
 
 def test_without_pictures_contours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"contour_contrast is 0"):
+    with pytest.raises(InputError, match=r"contour\.contrast is 0"):
         FilterConfig.of(contour_contrast=0.0)
     assert_cost_nothing(device, contour_weight=4.0)

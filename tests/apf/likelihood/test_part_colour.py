@@ -258,7 +258,7 @@ def test_trackers_learn_at_their_estimates(device: Device) -> None:
 
 
 def test_without_pictures_colours_cost_nothing(device: Device) -> None:
-    with pytest.raises(InputError, match=r"part_colour_decay is 1\.5"):
+    with pytest.raises(InputError, match=r"part_colour\.decay is 1\.5"):
         FilterConfig.of(part_colour_decay=1.5)
     assert_cost_nothing(device, part_colour_weight=4.0)
 
