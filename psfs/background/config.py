@@ -79,8 +79,48 @@ class BackgroundConfig:
 
 
 @dataclass(frozen=True)
+class LightConfig:
+    """How a picture's light is estimated beside the background's, see `psfs.background.light`.
+
+    The defaults were set on the synthetic sequence hard_light_6cam and on drifts laid over
+    synthetic sequences of steady light.
+    """
+
+    follow: bool = True
+    """Estimate gains and offsets of every picture; else the light is that of the background."""
+    widest: float = 16.0
+    """Scale of the residuals, in standard deviations of the background, in the first step of the
+    robust fit: wide enough for a change of light by half."""
+    narrowest: float = 3.0
+    """The same in the last steps: what is farther off than a few of these is somebody."""
+    steps: int = 6
+    """Steps of iteratively reweighted least squares; the scale halves in each, down to
+    `narrowest`."""
+    independent: float = 0.02
+    """Share of the samples that count as independent beside the widths below."""
+    gain_width: float = 0.3
+    """Standard deviation of a channel's gain around 1."""
+    offset_width: float = 4.0
+    """Standard deviation of a channel's offset, grey levels."""
+    field_width: float = 0.1
+    """Standard deviation of the share by which the light grows from the middle of a picture to its
+    border, along each axis."""
+
+    def __post_init__(self) -> None:
+        check_range("the light's steps", self.steps, 1, ends=True)
+        check_range("the light's narrowest", self.narrowest, 0)
+        check_range("the light's widest", self.widest, self.narrowest, ends=True)
+        for name in ("independent", "gain_width", "offset_width", "field_width"):
+            check_range(f"the light's {name}", getattr(self, name), 0)
+
+    def scales(self) -> list[float]:
+        """Return the scale of the residuals in each step."""
+        return [max(self.narrowest, self.widest / 2**step) for step in range(self.steps)]
+
+
+@dataclass(frozen=True)
 class AdaptationConfig:
-    """How the background follows the light, see `psfs.background.adaptation`.
+    """How the background takes on what changes in places, see `psfs.background.adaptation`.
 
     The defaults were set by hand; the tests hold them on synthetic scenes under fading light.
     """
@@ -96,8 +136,6 @@ class AdaptationConfig:
     nearest: float = 30.0
     """Squared distance to the background, in its standard deviations, of what it may drift to.
     Shadows and whatever else passes for background are further away, and leave no trace."""
-    enough: float = 10_000.0
-    """Grey levels of background that must be seen in a frame to estimate the view's change."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.rate < 1:
@@ -105,7 +143,7 @@ class AdaptationConfig:
                 f"the adaptation's rate is {self.rate}; expected a number from 0 to below 1"
             )
         check_range("period", self.period, 1, ends=True)
-        for name in ("variance_slowdown", "nearest", "enough"):
+        for name in ("variance_slowdown", "nearest"):
             check_range(name, getattr(self, name), 0)
 
     def rates(self) -> tuple[float, float]:

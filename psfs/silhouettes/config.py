@@ -9,6 +9,7 @@ from psfs.background.config import (
     BackgroundConfig,
     ChromaKeyConfig,
     EvidenceConfig,
+    LightConfig,
 )
 from psfs.common.ranges import check_range
 
@@ -146,6 +147,8 @@ class SilhouetteConfig:
 
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     """The density of the background's colours."""
+    light: LightConfig = field(default_factory=LightConfig)
+    """How a picture's light is told from that of the background."""
     floor: FloorConfig = field(default_factory=FloorConfig)
     """Shadows on the floor."""
     rim: RimConfig = field(default_factory=RimConfig)
