@@ -17,8 +17,9 @@ import numpy as np
 
 from cl import InputError
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, background_from_frames, background_from_plates
+from psfs.background.gaussian import Background, background_from_plates
 from psfs.background.mixture import Mixture
+from psfs.background.take import background_from_take
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
@@ -193,7 +194,7 @@ class Sequence:
             return background_from_plates(self.rig, self.footage.background)
         if self.background_kind == "frames":
             assert self.footage.images is not None
-            return background_from_frames(self.rig, self.footage.images)
+            return background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
             plates = self.footage.background
             assert self.footage.images is not None

@@ -38,6 +38,57 @@ class PlateConfig:
 
 
 @dataclass(frozen=True)
+class TakeConfig:
+    """How the empty scene is learnt from a take in which somebody moves, see
+    `psfs.background.take`.
+
+    The defaults were set on four laboratory sequences without their pictures of the empty scene.
+    """
+
+    longest_side: int = 320
+    """Longest side, px, of the small pictures that people are looked for in."""
+    moving: float = 18.0
+    """Change of a pixel over the take, grey levels, from which on something moved there."""
+    gap: int = 9
+    """Width, px, of gaps between what moved that are closed."""
+    least_area: float = 40.0
+    """Area, px, below which what moved is noise."""
+    around: int = 30
+    """Pixels around the region in which something moved that say how the background looks."""
+    unlike: float = 14.0
+    """Difference, grey levels, from the background around from which on a pixel looks like
+    somebody at first."""
+    cuts: int = 4
+    """Iterations of GrabCut."""
+    voxels: int = 60_000
+    """Voxels of the coarse hull, at most."""
+    explained: float = 0.62
+    """Share of the silhouettes before the medians that all cameras' hull must explain, else somebody
+    is looked for in the medians. People who walk about: 0.78; who stay in a place: 0.39, 0.46."""
+    judged: int = 4
+    """Every so many samples are judged so."""
+    denials: int = 1
+    """Cameras that may deny a voxel, of more than three: their background may hold somebody."""
+    margin: int = 2
+    """Pixels by which the hull's picture is grown."""
+    somebody: float = 5.0
+    """Standard deviations from the background from which on a pixel is somebody."""
+    shadow_width: float = 0.06
+    """Standard deviation of the light factor around 1 of what is still background."""
+    rounds: int = 3
+    """Times that hull and background are made of each other, at most."""
+    rest: float = 0.002
+    """Share of the pixels that change their side below which nothing more is to be learnt."""
+    least_free: int = 3
+    """Frames that must show a pixel of the background, at least..."""
+    free_share: float = 0.1
+    """...and the share of them."""
+    hidden_prior: float = 1.0
+    """Log odds of somebody, nats, where the background is never seen and its median looks like
+    somebody."""
+
+
+@dataclass(frozen=True)
 class BackgroundConfig:
     """The density of a background pixel's colour: N(I; alpha mu, sigma), Song et al. eq. (1) under
     a light dimmed or brightened by a factor alpha; the floor has rules of its own.

@@ -50,6 +50,63 @@ def sampled_scene(
     return (pixels[..., 1] * rig.width + pixels[..., 0]).astype(np.int32), scene
 
 
+def fit_light(
+    shown: np.ndarray, scene: np.ndarray, size: tuple[int, int], config: LightConfig
+) -> np.ndarray:
+    """Return the light (LIGHT_FLOATS,) of samples that are `shown` (n, 3) before a `scene` (8, n),
+    of a picture of `size`: iteratively reweighted least squares (Geman and McClure).
+
+    A sample weighs 1 / (1 + d^2 / (3 scale^2))^2 by its squared distance d^2 in standard
+    deviations of the background, with a scale that shrinks. In each step gains and offsets are
+    fitted to the field as it was, and the field to them as they were.
+    """
+    mean, weight, place = scene[:3].T, scene[3:6].T, scene[6:].T
+    gain, offset, slope, spread = np.ones(3), np.zeros(3), np.zeros(2), 1.0
+    for step, scale in enumerate(config.scales()):
+        lit = mean * (1 + place @ slope)[:, None]
+        rest = shown - (gain * lit + offset)
+        distance = (weight * rest**2).sum(1)
+        trust = (1 + distance / (3 * scale**2)) ** -2
+        spread = float((trust * distance).sum() / (3 * EXPECTED_SPREAD2 * trust.sum() + 1e-6))
+        weights = config.independent * trust[:, None] * weight
+        change = _slope_change(weights, gain * mean, rest, place, slope, config)
+        aa = (weights * lit * lit).sum(0) + config.gain_width**-2
+        bb = weights.sum(0) + config.offset_width**-2
+        ab, b = (weights * lit).sum(0), (weights * shown).sum(0)
+        a = (weights * lit * shown).sum(0) + config.gain_width**-2
+        determinant = aa * bb - ab * ab
+        gain = np.clip((a * bb - b * ab) / determinant, *GAINS)
+        offset = (aa * b - ab * a) / determinant
+        slope = slope + change * (step > 0)  # before, the gains are far off
+    spread, first = max(spread, 1.0), 1 + slope @ (1 / np.array(size) - 1)
+    field = 2 * slope / size
+    return np.array([*gain, *offset, first, *field, 1 / spread, 1.5 * np.log(spread), 0])
+
+
+def _slope_change(
+    weights: np.ndarray,
+    lit: np.ndarray,
+    rest: np.ndarray,
+    place: np.ndarray,
+    slope: np.ndarray,
+    config: LightConfig,
+) -> np.ndarray:
+    """Return by how much the field's slope (2,) changes."""
+    square, product = (weights * lit * lit).sum(1), (weights * lit * rest).sum(1)
+    matrix = np.einsum("n,ni,nj->ij", square, place, place) + np.eye(2) * config.field_width**-2
+    return np.linalg.solve(matrix, product @ place - slope * config.field_width**-2)
+
+
+def unlit_picture(image: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 as it is in the background's own light, whole grey levels
+    from 0 to 255."""
+    height, width = image.shape[:2]
+    field = light[6] + light[7] * np.arange(width) + light[8] * np.arange(height)[:, None]
+    gains, offsets = light[:3].astype(np.float32), light[3:6].astype(np.float32)
+    own = (image - offsets) / (gains * field.astype(np.float32)[..., None])
+    return np.clip(own + np.float32(0.5), 0, 255).astype(np.uint8)
+
+
 def light_launch(
     device: Device,
     rig: CameraRig,
