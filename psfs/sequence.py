@@ -243,7 +243,7 @@ class Sequence:
             raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
-                "no empty background: learnt from the frames; who keeps still becomes part of it"
+                "no empty background: learnt from the frames; who never moves becomes part of it"
             )
         return kind
 

@@ -63,8 +63,9 @@ class TakeConfig:
     voxels: int = 60_000
     """Voxels of the coarse hull, at most."""
     explained: float = 0.62
-    """Share of the silhouettes before the medians that all cameras' hull must explain, else somebody
-    is looked for in the medians. People who walk about: 0.78; who stay in a place: 0.39, 0.46."""
+    """Share of the silhouettes before the medians that all cameras' hull must explain, else
+    somebody is looked for in the medians. People who walk about: 0.78; who stay in a place: 0.39,
+    0.46."""
     judged: int = 4
     """Every so many samples are judged so."""
     denials: int = 1

@@ -132,8 +132,8 @@ def _explained(
     hull: CoarseHull,
     config: TakeConfig,
 ) -> float:
-    """Return which share of the silhouettes before a background (V, h, w, 3) is the picture of their
-    common hull: little, if the background holds somebody. Frames: (V, n, h, w, 3)."""
+    """Return which share of the silhouettes of frames (V, n, h, w, 3) before a background (V, h, w,
+    3) is the picture of their common hull: little, if the background holds somebody."""
     shares = []
     for images in np.moveaxis(frames, 1, 0)[:: config.judged]:
         person = _not_background(images, mean, std, config) & regions

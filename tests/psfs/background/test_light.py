@@ -21,7 +21,7 @@ GAINS = np.array([0.8, 0.95, 1.25])
 
 
 def changed(views: int, size: tuple[int, int], gains=GAINS, slope: float = 0.0):
-    """A rig, a background, and a picture of the test body in other light; how bright the field is."""
+    """A rig, a background, and a picture of the test body in other light."""
     rig = scenes.ring(views, size)
     frame, background = scenes.pictures_of(rig, seed=views)
     darker = Background(0.6 * background.mean, background.std)
