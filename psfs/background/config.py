@@ -70,7 +70,7 @@ class TakeConfig:
     """Every so many samples are judged so."""
     denials: int = 1
     """Cameras that may deny a voxel, of more than three: their background may hold somebody."""
-    margin: int = 2
+    margin: int = 1
     """Pixels by which the hull's picture is grown."""
     somebody: float = 5.0
     """Standard deviations from the background from which on a pixel is somebody."""

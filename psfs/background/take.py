@@ -43,22 +43,23 @@ def background_from_take(
 
     Each frame is brought to the light of the pixels' median. Then in small pictures, to and fro:
     what differs from the background is carved to a coarse hull by all cameras; the background is
-    the median of the frames in which that hull shows elsewhere. What it hides in nearly all frames
-    is unknown: its density is about as low as the foreground's. At the start, what looks like
-    somebody in the medians is unknown, see `find_ghost`.
+    the median of the frames in which that hull shows elsewhere. If the silhouettes before the
+    medians do not agree, these hold somebody, who is looked for by `find_ghost`: he is there in
+    the frames that look like them, until the background behind him is known. What he hides in nearly all frames is
+    unknown: its density is about as low as the foreground's.
     """
     plate, config = plate or PlateConfig(), config or TakeConfig()
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
         views = list(pool.map(lambda *of: _sampled(*of, plate), media, sizes))
-        hidden, ghosts = _hidden(small, views, pool, plate, config)
+        hidden, ghosts, likely = _hidden(small, views, pool, plate, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, plate.std_floor, np.float32)
 
         def learn(view: int) -> None:
             width, height = media[view].size
-            masks = hidden[view], ghosts[view]
+            masks = hidden[view], ghosts[view], likely[view]
             own = _relearnt(media[view], views[view], *masks, plate, config)
             mean[view, :height, :width], std[view, :height, :width] = own
 
@@ -98,9 +99,10 @@ def _hidden(
     pool: ThreadPoolExecutor,
     plate: PlateConfig,
     config: TakeConfig,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the person may show in each sample (V, n, h, w) bool, and where the medians look
-    like somebody (V, h, w) bool, in small pictures."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the person may show in each sample (V, n, h, w) bool; where a view's median
+    looks like somebody, and where it does or the others' medians say so (V, h, w) bool; all in
+    small pictures."""
     frames = _stacked([view.small for view in views], rig)
     medians = [median_moments(own, plate) for own in frames]
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
@@ -113,7 +115,8 @@ def _hidden(
     for _ in range(config.rounds):
         before, shown = hidden, []
         for images in np.moveaxis(frames, 1, 0):
-            person = doubtful | _not_background(images, mean, std, config)
+            # Where the mean holds somebody, he is gone when it does not fit.
+            person = doubtful ^ _not_background(images, mean, std, config)
             shown.append(hull.reprojected(hull.occupied(person, config.denials), config.margin))
         hidden = np.stack(shown, axis=1)
         for view, own in enumerate(frames):
@@ -121,7 +124,8 @@ def _hidden(
             doubtful[view] = ghosts[view] & ~known
         if (hidden != before).mean() < config.rest:
             break
-    return hidden, ghosts
+    of_all = hull.reprojected(hull.occupied(ghosts, config.denials), 0)
+    return hidden, ghosts, ghosts | of_all
 
 
 def _explained(
@@ -198,11 +202,13 @@ def _relearnt(
     view: _View,
     hidden: np.ndarray,
     ghost: np.ndarray,
+    likely: np.ndarray,
     plate: PlateConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where it is not
-    known its density is that of the foreground, and lower where the median looks like somebody."""
+    """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where it is
+    never seen and its median is `likely` somebody, its density is that of the foreground, and lower
+    where the median looks like a `ghost` itself."""
     width, height = media.size
     seen = media.frames(view.numbers)
     frames = np.stack(
@@ -222,6 +228,7 @@ def _relearnt(
         part = np.s_[:, top : top + band]
         own = masked_moments(frames[part], masks[part], plate, config)
         mean[top : top + band], std[top : top + band], known[top : top + band] = own
-    std[~known] = _UNIFORM_STD
-    std[~known & enlarge(ghost)] *= np.exp(config.hidden_prior / 3)
+    unknown = ~known & enlarge(likely)
+    std[unknown] = _UNIFORM_STD
+    std[unknown & enlarge(ghost)] *= np.exp(config.hidden_prior / 3)
     return mean, std
