@@ -45,21 +45,21 @@ def background_from_take(
     what differs from the background is carved to a coarse hull by all cameras; the background is
     the median of the frames in which that hull shows elsewhere. If the silhouettes before the
     medians do not agree, these hold somebody, who is looked for by `find_ghost`: he is there in
-    the frames that look like them, until the background behind him is known. What he hides in nearly all frames is
-    unknown: its density is about as low as the foreground's.
+    the frames that look like them, until the background behind him is known. What he hides in
+    nearly all frames is unknown: its density is lower than the foreground's.
     """
     plate, config = plate or PlateConfig(), config or TakeConfig()
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
         views = list(pool.map(lambda *of: _sampled(*of, plate), media, sizes))
-        hidden, ghosts, likely = _hidden(small, views, pool, plate, config)
+        hidden, ghosts = _hidden(small, views, pool, plate, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, plate.std_floor, np.float32)
 
         def learn(view: int) -> None:
             width, height = media[view].size
-            masks = hidden[view], ghosts[view], likely[view]
+            masks = hidden[view], ghosts[view]
             own = _relearnt(media[view], views[view], *masks, plate, config)
             mean[view, :height, :width], std[view, :height, :width] = own
 
@@ -99,10 +99,9 @@ def _hidden(
     pool: ThreadPoolExecutor,
     plate: PlateConfig,
     config: TakeConfig,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the person may show in each sample (V, n, h, w) bool; where a view's median
-    looks like somebody, and where it does or the others' medians say so (V, h, w) bool; all in
-    small pictures."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the person may show in each sample (V, n, h, w) bool, and where a view's median
+    looks like somebody (V, h, w) bool, in small pictures."""
     frames = _stacked([view.small for view in views], rig)
     medians = [median_moments(own, plate) for own in frames]
     regions = np.stack(list(pool.map(lambda own: moving_region(own, config), frames)))
@@ -124,8 +123,7 @@ def _hidden(
             doubtful[view] = ghosts[view] & ~known
         if (hidden != before).mean() < config.rest:
             break
-    of_all = hull.reprojected(hull.occupied(ghosts, config.denials), 0)
-    return hidden, ghosts, ghosts | of_all
+    return hidden, ghosts
 
 
 def _explained(
@@ -202,13 +200,11 @@ def _relearnt(
     view: _View,
     hidden: np.ndarray,
     ghost: np.ndarray,
-    likely: np.ndarray,
     plate: PlateConfig,
     config: TakeConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation (h, w, 3) float32 of a view's background. Where it is
-    never seen and its median is `likely` somebody, its density is that of the foreground, and lower
-    where the median looks like a `ghost` itself."""
+    never seen and its median looks like a `ghost`, its density is below that of the foreground."""
     width, height = media.size
     seen = media.frames(view.numbers)
     frames = np.stack(
@@ -228,7 +224,5 @@ def _relearnt(
         part = np.s_[:, top : top + band]
         own = masked_moments(frames[part], masks[part], plate, config)
         mean[top : top + band], std[top : top + band], known[top : top + band] = own
-    unknown = ~known & enlarge(likely)
-    std[unknown] = _UNIFORM_STD
-    std[unknown & enlarge(ghost)] *= np.exp(config.hidden_prior / 3)
+    std[~known & enlarge(ghost)] = _UNIFORM_STD * np.exp(config.hidden_prior / 3)
     return mean, std

@@ -8,7 +8,7 @@ from helpers import scenes
 
 from cl import Device, InputError
 from psfs.background.adaptation import Adaptation
-from psfs.background.config import AdaptationConfig
+from psfs.background.config import AdaptationConfig, LightConfig
 from psfs.background.gaussian import Background
 from psfs.background.light import steady_light
 from psfs.cameras.cells import cells
@@ -54,9 +54,10 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
     assert (after != before).any(1).mean() > 0.5
 
 
-def shown(rig, background, images: np.ndarray, device: Device, adapt: float) -> np.ndarray:
+def shown(rig, background, images, device: Device, adapt: float, follow: bool) -> np.ndarray:
     """(V, H, W) bool silhouettes of the last of `images` (frames, V, H, W, 3)."""
-    config = ReconstructionConfig(SilhouetteConfig(adaptation=AdaptationConfig(rate=adapt)))
+    adaptation, light = AdaptationConfig(rate=adapt), LightConfig(follow=follow)
+    config = ReconstructionConfig(SilhouetteConfig(adaptation=adaptation, light=light))
     reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
     for index, image in enumerate(images):
         reconstruct(scenes.frame(index, image))
@@ -84,7 +85,7 @@ def agreement(a: np.ndarray, b: np.ndarray) -> float:
 def test_a_still_person_stays(still: tuple, device: Device) -> None:
     rig, background, frames = still
     true = scenes.masks_of(rig) > 0
-    assert agreement(shown(rig, background, frames, device, 0.05), true) > 0.9
+    assert agreement(shown(rig, background, frames, device, 0.05, True), true) > 0.9
 
 
 def test_light_may_fade(still: tuple, device: Device) -> None:
@@ -92,8 +93,8 @@ def test_light_may_fade(still: tuple, device: Device) -> None:
     rig, background, frames = still
     true = scenes.masks_of(rig) > 0
     fading = [(image * (1 - 0.002 * k)).astype(np.uint8) for k, image in enumerate(frames)]
-    assert agreement(shown(rig, background, fading, device, 0.05), true) > 0.8
-    assert agreement(shown(rig, background, fading, device, 0.0), true) < 0.5
+    assert agreement(shown(rig, background, fading, device, 0.05, True), true) > 0.8
+    assert agreement(shown(rig, background, fading, device, 0.0, False), true) < 0.5
 
 
 def test_the_rate_is_checked() -> None:
