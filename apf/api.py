@@ -13,15 +13,21 @@ from apf.body.bodytrack import is_bodytrack, read_body
 from apf.filters.method import Method
 from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
-from apf.keypoints.agreement import disagreements
+from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
 from apf.tracking.batch import track_take
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
+from cl import Device as Device
+from cl import DeviceError as DeviceError
+from cl import InputError as InputError
+from cl import MissingFileError as MissingFileError
+from cl import NumpyDevice as NumpyDevice
+from cl import UserError as UserError
+from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, trusted
-from psfs.common.ranges import check_kind, check_range
+from psfs.common.ranges import check_kind, check_number
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
@@ -74,7 +80,7 @@ def track(
     check_kind("keypoints", keypoints, (Keypoints, str, Path))
     check_kind("reconstruction", reconstruction, ReconstructionConfig)
     if height is not None:
-        check_range("height, m,", height, 0.5, 2.5, ends=True)
+        check_number("height, m,", height, 0.5, 2.5)
     device = chosen_device(device)
     if method is None or method.objective != "keypoints":
         sequence = trusted(sequence, device, all_cameras)
@@ -107,7 +113,7 @@ def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Key
     if keypoints is None or isinstance(keypoints, Keypoints):
         return keypoints
     found = Keypoints.open(keypoints, sequence)
-    for text in disagreements(found, sequence.rig):
+    for text in find_disagreements(found, sequence.rig):
         log.warning("%s: %s", keypoints, text)
     return found
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import evidence_for
+from psfs.common.ranges import LARGEST
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.bounding_volume import (
@@ -49,7 +47,7 @@ def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None
     that there is no floor and voxels are as small as the object asks for."""
     volume = (config or ReconstructionConfig()).volume
     if sequence.subject == "object":
-        return replace(volume, people_distance=math.inf)
+        return volume.replace(people_distance=LARGEST)
     return volume
 
 

@@ -22,7 +22,7 @@ from apf.api import DEFAULT_BODY
 from apf.body import load_body
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.results.evaluate import evaluate, load_truth
 from apf.tracking.batch import track_take
 from apf.tracking.track import Track
@@ -30,7 +30,7 @@ from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import select_device
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
 
 KINDS = ("clean", "outliers", "exchanged", "missing")
@@ -59,7 +59,7 @@ def spoilt(keypoints: Keypoints, kind: str, camera: int, seed: int = 0) -> Keypo
         places = random.uniform(low, high, (*points.shape[:3], 2))
         points[..., :2] = np.where(wrong[..., None], places, points[..., :2])
     elif kind == "exchanged":
-        own = points_on(load_body(DEFAULT_BODY), keypoints.names)
+        own = locate_points(load_body(DEFAULT_BODY), keypoints.names)
         points[camera][:, own.columns] = points[camera][:, own.columns[own.partners]]
     elif kind == "missing":
         points[camera] = np.nan
@@ -72,7 +72,7 @@ def _run(args: argparse.Namespace) -> None:
     table = Table("sequence", "keypoints", "triangulation", "tracked", "of clean")
     for folder in args.folders:
         sequence, truth = Sequence.open(folder), load_truth(folder / "truth.npz")
-        check_range("--camera", args.camera, 0, len(sequence.rig) - 1, ends=True)
+        check_number("--camera", args.camera, 0, len(sequence.rig) - 1)
         keypoints, clean = Keypoints.open(folder, sequence), np.nan
         for kind in KINDS:
             seen = spoilt(keypoints, kind, args.camera, args.seed)

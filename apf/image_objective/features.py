@@ -13,7 +13,7 @@ from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
-from psfs.common.edge_distance import distance_defines, tiles_of
+from psfs.common.edge_distance import count_tiles, distance_defines
 from psfs.sequence import frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
@@ -151,7 +151,7 @@ def distance_launch(
 
     Channel 0: 255 where `evidence` (V, H, W) int8 is positive. Channel 1: the entry of `table`
     (reach^2 + 2,) uint8 at the exact squared distance, px^2, to the nearest of the `edges`
-    (V, H, W) uint8 in the region, the last entry beyond reach. metric: one of METRICS.
+    (V, H, W) uint8 in the region, the last entry beyond reach. metric: as of `ProximityConfig`.
     """
     views, height, width = edges.shape
     # No distance is longer than the picture's diagonal.
@@ -162,7 +162,7 @@ def distance_launch(
     group = defines["GROUP"]
     return device.launch(
         device.kernel("image/distance", "edge_proximity", **defines),
-        (tiles_of(defines) * group, views),
+        (count_tiles(defines) * group, views),
         (group, 1),
         evidence=evidence,
         edges=edges,

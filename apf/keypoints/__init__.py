@@ -1,16 +1,5 @@
-"""2-D keypoints of any pose network: their files, their points on the body, triangulation."""
+"""2-D keypoints of any pose network: files, points on the body, triangulation."""
 
-from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import BodyPoints, Landmark, load_landmarks, points_on
-from apf.keypoints.triangulation import Triangulated, TriangulationConfig, triangulate
+import lazy_loader as _lazy
 
-__all__ = [
-    "BodyPoints",
-    "Keypoints",
-    "Landmark",
-    "Triangulated",
-    "TriangulationConfig",
-    "load_landmarks",
-    "points_on",
-    "triangulate",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""A track judged, its summary and its page written beside it."""
+"""Judge a track, and write its summary and page."""
 
 from __future__ import annotations
 
@@ -6,47 +6,52 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from apf.report.agreement import Agreement, agreement
-from apf.report.page import PAGE, write_page
+from apf.report.agreement import Agreement, measure_agreement
+from apf.report.names import PAGE
+from apf.report.page import write_page
 from apf.report.quality import Quality
-from apf.report.summary import SUMMARY, body_facts, tracked_grid
+from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
-from psfs.output.runs import device_facts, versions
+from psfs.common.versions import versions
+from psfs.output.runs import device_facts
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 
 OVERLAY = "overlay.mp4"
-#: Files of a track beside summary and page, as the summary lists them.
+#: Files of a track besides summary and page, as the summary lists them.
 FILES = (
     "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
 )  # fmt: skip
 
 
-def judged(
+def judge_track(
     device: Device | NumpyDevice,
     sequence: Sequence,
     track: Track,
     config: ReconstructionConfig,
     progress: Callable[[], object] | None = None,
 ) -> Quality:
-    """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
-    of no voxels. progress: called after each frame that is compared."""
-    grid = tracked_grid(track)
+    """Judge the quality of a track.
+
+    It is compared with the silhouettes, unless it has no frames or was tracked without voxels.
+    progress: called after each compared frame.
+    """
+    grid = read_tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
-        found = agreement(device, sequence, grid, config, track, progress)
+        found = measure_agreement(device, sequence, grid, config, track, progress)
     return Quality(track, found)
 
 
-def write_judged(
+def write_report(
     folder: Path, name: str, quality: Quality, facts: Mapping[str, Any], page: bool = True
 ) -> list[str]:
-    """Write summary.json, and the `page`, into the `folder` of a track; return the names of all
-    files there that belong to it.
+    """Write summary.json, and the `page`, into the `folder` of a track.
 
-    facts: what made it, see `run_facts`; name: of the take, the page's title.
+    Returns the names of all files there that belong to the track. facts: how it was made, see
+    `run_facts`. name: of the take, the page's title.
     """
     written = [file for file in FILES if (folder / file).exists()]
     written += [SUMMARY, *([PAGE] if page else [])]
@@ -73,8 +78,10 @@ def run_facts(
     warnings: list[str],
     seconds: float,
 ) -> dict[str, Any]:
-    """Return what made a track: `sequence` as of `sequence_facts`; n_frames: that
-    there are, and that were wanted; seconds: that it took."""
+    """Describe how a track was made.
+
+    sequence: from `sequence_facts`. n_frames: tracked and requested frames. seconds: run time.
+    """
     return {
         "complete": n_frames[0] == n_frames[1],
         "frames": n_frames[0],

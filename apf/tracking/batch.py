@@ -28,6 +28,7 @@ from apf.initialisation import Start, start_of
 from apf.initialisation.from_keypoints import KeypointStart
 from apf.initialisation.start import check_startable
 from apf.keypoints.keypoints import Keypoints
+from apf.tracking.config import BatchConfig
 from apf.tracking.keypoint_start import learnt, method_with
 from apf.tracking.pipeline import track_seeds
 from apf.tracking.track import Track
@@ -43,18 +44,6 @@ R = TypeVar("R")
 #: Keeps the body, its first pose (D,) and a part of each seed's track; returns where these are, or
 #: None.
 Keep = Callable[[BodyModel, np.ndarray, Items[Track]], "Items[Path] | None"]
-
-
-@dataclass(frozen=True)
-class BatchConfig:
-    """How many takes are worked on at a time. Measured with takes of 172 frames."""
-
-    on_gpu: int = 4
-    """On an H200 with 16 cores four at once took 58 s, in processes one after the other about
-    150 s; six took as long a take as four, for they wait for each other's Python, that of the
-    starts above all."""
-    on_cpu: int = 2
-    """On 2 cores two at once saved an eighth."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from apf.backend import tracker_for
@@ -61,7 +59,7 @@ def _first_pose(
     back = frames[: frames.index(anchor)][::-1]
     alone = Method.of(objective="keypoints", seed=method.filter.search.seed)
     alone = alone.with_keypoints(method.filter.keypoints.room)
-    scaled = replace(alone, filter=alone.filter.at_rate(sequence.fps / abs(frames.step)))
+    scaled = alone.replace(filter=alone.filter.at_rate(sequence.fps / abs(frames.step)))
     tracker = tracker_for(Scene(device, sequence.rig, None, witness.body), scaled)
     tracker.start(pose)
     for frame in back:

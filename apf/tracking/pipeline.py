@@ -104,7 +104,7 @@ def track_seeds(
         seen = observed(observe, sequence.frames(selection))
     if keypoints is not None:
         seen = ((index, Observed(shown, keypoints(index))) for index, shown in seen)
-    scaled = replace(method, filter=method.filter.at_rate(sequence.fps / step))
+    scaled = method.replace(filter=method.filter.at_rate(sequence.fps / step))
     scene = Scene(device, sequence.rig, grid, body)
     runs = [run_seeds(seed, method.n_runs) for seed in seeds]
     tracker = watched_runs(scene, scaled, [seed for of in runs for seed in of])

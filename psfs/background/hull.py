@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import seen_box, views_needed
+from psfs.cameras.rig_geometry import find_seen_box, required_views
 
 
 class CoarseHull:
@@ -19,8 +19,8 @@ class CoarseHull:
 
     def __init__(self, rig: CameraRig, regions: np.ndarray, voxels: int) -> None:
         self.rig = rig
-        self._needed = views_needed(rig)
-        box = seen_box(rig, self._needed) or (np.full(3, -1.0), np.full(3, 1.0))
+        self._needed = required_views(rig)
+        box = find_seen_box(rig, self._needed) or (np.full(3, -1.0), np.full(3, 1.0))
         for _ in range(2):  # the second time around what the first one has found
             self._take(*box, voxels)
             inside = self.occupied(regions)

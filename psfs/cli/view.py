@@ -6,23 +6,29 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from cl import select_device
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_command, add_device_flag, stdout, warn
+from psfs.cli.commandline import stdout, warn
 from psfs.common.files import write_picture
 from psfs.common.outputs import output_folder
-from psfs.mesh.drawing import Layer, Shape, floor, frusta, steady_layer, voxel_layer
+from psfs.mesh.drawing import (
+    Layer,
+    Shape,
+    draw_floor,
+    draw_frusta,
+    make_static_layer,
+    make_voxel_layer,
+)
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
-from psfs.mesh.player import KEYS, Player
-from psfs.mesh.preview import mesh_preview
-from psfs.mesh.viewer import has_display, show
-from psfs.output.preview import preview
+from psfs.mesh.player import Player
+from psfs.mesh.preview import draw_mesh_preview
+from psfs.mesh.viewer import has_display, show_window
+from psfs.output.preview import draw_preview
 from psfs.output.runs import Run
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
@@ -31,29 +37,7 @@ from psfs.voxels.grid import VoxelCloud
 _BEHIND = 0.7
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "play a run in a window, or write a picture where there is no display"
-    parser = add_command(commands, "view", _run, help=help)
-    add_view_flags(parser, help)
-
-
-def add_view_flags(parser: argparse.ArgumentParser, help: str) -> None:
-    """Add what `view_run` wants."""
-    keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
-    parser.description = f"{help}. Keys of the window: {keys}, 1 to 9 show and hide."
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-    parser.add_argument(
-        "--frame",
-        type=int,
-        metavar="N",
-        help="frame to show (default: the first that is not empty)",
-    )
-    parser.add_argument("--mesh", action="store_true", help="show the surfaces of psfs mesh")
-    parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no window")
-    add_device_flag(parser)
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     view_run(args, OnTop())
 
 
@@ -81,7 +65,7 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
         return cloud, mesher(index) if mesher and len(cloud) else None
 
     if args.png is None and has_display():
-        show(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
+        show_window(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
         return
     path = args.png or args.out / f"view_{frame:06d}.png"
     picture = on_top.picture or partial(_picture, shape, sequence.name)
@@ -95,10 +79,10 @@ def _player(args: argparse.Namespace, run: Run, shape: Shape, on_top: OnTop) -> 
     sequence = run.sequence()
     name, opacity = "meshes" if args.mesh else "voxels", _BEHIND if on_top.layers else 1.0
     layers = (
-        voxel_layer(shape, run.grid, name, opacity),
+        make_voxel_layer(shape, run.grid, name, opacity),
         *on_top.layers,
-        steady_layer("cameras", frusta(sequence.rig)),
-        steady_layer("floor", floor(run.grid)),
+        make_static_layer("cameras", draw_frusta(sequence.rig)),
+        make_static_layer("floor", draw_floor(run.grid)),
     )
     playback = Playback(run.indices, sequence.fps, run.chosen(args.frame))
     return Player(playback, layers, lambda n: f"{_size(run, n)}   {on_top.note(n)}".strip())
@@ -108,8 +92,8 @@ def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarra
     cloud, mesh = shape(frame.index)
     title = f"{name}, frame {frame.index}"
     if mesh is None:
-        return preview(cloud, rig, frame, title)
-    return mesh_preview(mesh, rig, frame, title)
+        return draw_preview(cloud, rig, frame, title)
+    return draw_mesh_preview(mesh, rig, frame, title)
 
 
 def _size(run: Run, index: int) -> str:

@@ -10,33 +10,24 @@ import numpy as np
 from cl import Device, NumpyDevice
 from psfs.backend import reconstructor_for
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
-from psfs.common.regions import iou, large_parts
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.regions import iou, keep_large_regions
+from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.output.runs import Run
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Frame, Sequence
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
-#: Parts of a silhouette smaller than this share of its largest part are speckle.
-SPECKLE_SHARE = 0.02
-
 #: Share of a part within the volume from which on it is what is reconstructed.
 _MOSTLY = 0.4
 #: Mean share of silhouettes beyond the volume that is warned of.
 _CUT = 0.02
 
-DEFINITION = (
-    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
-    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume "
-    "and beyond it where a part lies mostly within, "
-    f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
-)
-
 
 class Checker:
-    """`checker(frame, cloud)`: (V,) IoU per camera as `DEFINITION` says; NaN where the frame
-    shows nothing and the cloud reprojects to nothing.
+    """`checker(frame, cloud)`: (V,) IoU per camera as `definitions.DEFINITION` says; NaN where the
+    frame shows nothing and the cloud reprojects to nothing.
 
     The silhouettes are those of the reconstruction with this grid and config, which is done again,
     so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
@@ -56,7 +47,7 @@ class Checker:
             device, self.rig, grid, sequence.background, config, sparse=True
         )
         self._volume = volume_region(self.rig, grid)
-        self._extents = footprints(self.rig, grid.voxel_size)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     @classmethod
     def of_run(cls, device: Device | NumpyDevice, sequence: Sequence, run: Run) -> Checker:
@@ -89,7 +80,7 @@ class Checker:
 def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
     """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
-    return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
+    return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
 
 
 def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
@@ -103,7 +94,7 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     within = np.bincount(labels[region], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    return large_parts((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+    return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
 
 
 def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:

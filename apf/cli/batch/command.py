@@ -12,20 +12,18 @@ from apf.cli.batch.parts import PARTS, course_of
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
-from apf.cli.track import add_output_flag, add_track_flags, take_names
-from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
-from apf.cluster.courses import done_courses
+from apf.cli.track import take_names
+from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
+from apf.cluster.courses import run_workflows
 from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
-from apf.cluster.workers import WorkerConfig, shares_of_machine
-from apf.tracking.export import EXPORTS
+from apf.cluster.workers import share_machine
 from cl import InputError
-from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Flags of this command that are not track's.
 _OWN = ("workers", "scheduler", "part_frames", "to")
@@ -33,56 +31,13 @@ _OWN = ("workers", "scheduler", "part_frames", "to")
 _TAKEN = (LOGS, PARTS)
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "batch",
-        run,
-        "Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
-        "cluster; a second call does what the first left.",
-    )
-    add_output_flag(parser)
-    group = parser.add_argument_group("workers", "a process each, which does one take at a time")
-    group = group.add_mutually_exclusive_group()
-    config = WorkerConfig()
-    group.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help=f"on this machine (default: for each GPU {config.per_gpu}, or as many as there are "
-        f"{config.beside_gpu:g} cores each; without GPU one for each core)",
-    )
-    group.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="those of a running Dask cluster: tcp://HOST:PORT, or its scheduler file",
-    )
-    parser.add_argument(
-        "--part-frames",
-        type=int,
-        metavar="N",
-        help="cut longer takes into overlapping parts of about so many frames, which are tracked "
-        "at the same time and joined where they agree best (default: not cut)",
-    )
-    parser.add_argument(
-        "--to",
-        nargs="*",
-        choices=tuple(EXPORTS),
-        default=tuple(EXPORTS),
-        metavar="FORMAT",
-        help=f"export each take as `apf export` does: {', '.join(EXPORTS)} (default: all; --to "
-        "alone: none)",
-    )
-    add_track_flags(parser)
-
-
 def run(args: argparse.Namespace) -> None:
-    dask_distributed()  # before anything that takes time
+    import_distributed()  # before anything that takes time
     if args.part_frames is not None:
-        check_range("--part-frames", args.part_frames, 2, ends=True)
+        check_number("--part-frames", args.part_frames, 2)
     jobs = jobs_of(args)
     if args.scheduler is None and args.workers is not None:
-        shares_of_machine(args.device, args.workers)  # before anything is written
+        share_machine(args.device, args.workers)  # before anything is written
     inputs = [job.source for job in jobs]
     with output_folder(args.output, "apf batch", inputs, ("index.html", "takes.csv")) as out:
         out.begin()
@@ -102,7 +57,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
     with _cluster(args, len(jobs)) as client:
         courses = {job.name: course_of(job) for job in jobs}
         pool = Pool(client, report.progress)
-        with closing(done_courses(pool, courses)) as outcomes:
+        with closing(run_workflows(pool, courses)) as outcomes:
             for name, outcome in outcomes:
                 report.add(name, outcome)
     for job in jobs:  # nobody works on them any more, here or elsewhere
@@ -112,7 +67,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
 def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
     """Return a job for each take, by its name. Raises InputError where two have the same, OUT lies
     in a take or is one, or a take has a flag that `apf track` has not."""
-    out, takes = full_path(args.output), listed_takes(args.folders)
+    out, takes = resolve_path(args.output), listed_takes(args.folders)
     found = iter(take_names([take.source for take in takes if take.name is None]))
     words = stated_words(args, without=_OWN)
     jobs: dict[str, TakeJob] = {}
@@ -137,9 +92,9 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
 @contextmanager
 def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
     if args.scheduler is not None:
-        with joined_cluster(args.scheduler, full_path(args.output)) as client:
+        with connect_cluster(args.scheduler, resolve_path(args.output)) as client:
             yield client
         return
-    shares = shares_of_machine(args.device, args.workers)
-    with embedded_cluster(shares[:n_takes] if args.workers is None else shares) as client:
+    shares = share_machine(args.device, args.workers)
+    with start_cluster(shares[:n_takes] if args.workers is None else shares) as client:
         yield client

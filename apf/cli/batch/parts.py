@@ -16,11 +16,12 @@ from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
 from apf.cli.first_pose import naming_init, warn_of_doubts
 from apf.cli.method_flags import chosen_method
 from apf.cli.track import finish_take, write_files, write_track_settings
-from apf.cluster.courses import Course
-from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
+from apf.cluster.config import ChunksConfig
+from apf.cluster.courses import Workflow
+from apf.cluster.parts import cut_chunks, find_seam, join_tracks, to_millimetres
 from apf.cluster.pool import Task
-from apf.cluster.task_side import TaskProgress, logged_to
-from apf.cluster.workers import worker_device
+from apf.cluster.task_side import TaskProgress, log_to
+from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose
 from apf.initialisation import start_of
 from apf.tracking.batch import Take
@@ -35,7 +36,7 @@ PARTS = "parts"
 START = "start.txt"
 
 
-def course_of(job: TakeJob) -> Course:
+def course_of(job: TakeJob) -> Workflow:
     """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
     enough, its start, its parts, and how they are joined."""
     if job.part_frames is not None:
@@ -51,17 +52,17 @@ def course_of(job: TakeJob) -> Course:
 def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
     """Find the person in a take and return the jobs of its parts, which share body, volume and
     cameras; none of a take too short to be cut."""
-    with logged_to(job.log, f"{job.name}: cutting {job.source}"):
+    with log_to(job.log, f"{job.name}: cutting {job.source}"):
         progress.begin("opening")
         args = job.arguments()
         args.folder = str(job.source)
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
-        device = worker_device(args.device)
+        device = select_worker_device(args.device)
         sequence, _ = open_trusted(args, device, person=True)
         frames = selected_frames(args, sequence)
-        overlap = round(PartsConfig().overlap * sequence.fps / abs(frames.step))
-        parts = cut(frames, part_frames, overlap)
+        overlap = round(ChunksConfig().overlap * sequence.fps / abs(frames.step))
+        parts = cut_chunks(frames, part_frames, overlap)
         if len(parts) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
@@ -113,16 +114,16 @@ def _frames(frames: range) -> str:
 def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -> TakeDone:
     """Write the take out of its parts. One that does not agree with the part before it anywhere is
     tracked again, from that one's last pose that both have."""
-    with logged_to(job.log, f"{job.name}: joining {len(parts)} parts"):
+    with log_to(job.log, f"{job.name}: joining {len(parts)} parts"):
         tracks = [Track.open(parts[0].out)]
         for part in parts[1:]:
             track = Track.open(part.out)
-            if seam(tracks[-1], track).distance > PartsConfig().agreement:
+            if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
                 print(f"{part.name}: does not agree with the part before; tracked again")
                 track = _tracked_on(progress, part, tracks[-1])
             tracks.append(track)
-        whole, seams = joined(tracks)
-        apart = ", ".join(f"{millimetres(s.distance)} at {s.frame}" for s in seams)
+        whole, seams = join_tracks(tracks)
+        apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
         print(f"parts are joined with mm between them: {apart}")
 
         def write(args: argparse.Namespace, device: Any) -> Take:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from apf.body.cones import distances, outlines, overlap_errors
+from apf.body.cones import cone_distances, overlap_errors, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
@@ -35,7 +34,7 @@ def image_errors(
     columns. The sums: edge error, edge samples, silhouette error, silhouette samples; samples
     outside the image, and cones with a corner that has no image, count nothing.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     sums = np.zeros((*cones.shape[:2], 4))
     for c, (rows, columns) in enumerate(sampling):
         t = ((np.arange(rows) + 0.5) / rows)[:, None, None]
@@ -77,7 +76,7 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
         return np.ones(len(cones))
     errors = []
     for particle in cones:
-        nearest = np.abs(distances(points, particle)).min(1)
+        nearest = np.abs(cone_distances(points, particle)).min(1)
         errors.append(np.mean(nearest**2 / (nearest**2 + scale**2)))
     return np.array(errors)
 
@@ -185,7 +184,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         """Return errors (N,) of poses (N, D) by every `stride`-th surface sample, and by silhouette
         recall with a weight of at least `least_recall`."""
         weight = max(self.config.silhouette_recall_weight, least_recall)
-        return self._errors(poses, 0, stride, replace(self.config, silhouette_recall_weight=weight))
+        return self._errors(poses, 0, stride, self.config.replace(silhouette_recall_weight=weight))
 
     def _errors(
         self, poses: np.ndarray, turn: int, turns: int, config: LikelihoodConfig
@@ -221,8 +220,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def misfit(self, pose: np.ndarray) -> float:
         """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""
-        config = replace(
-            self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
+        config = self.config.replace(edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
             overlap_weight=0.0, silhouette_recall_weight=0.0,
         )  # fmt: skip
         cones = posed_cones(self.body, pose[None])

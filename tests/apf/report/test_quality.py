@@ -1,4 +1,4 @@
-"""A track judged without truth: what is right is believed, what is wrong is named."""
+"""Judging a track without ground truth: wrong limbs are found, right ones are not."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.report.agreement import agreement, shown_rows
-from apf.report.parts import parts_of, plain_name
+from apf.report.agreement import choose_rows, measure_agreement
+from apf.report.parts import find_parts, plain_name
 from apf.report.quality import DOUBTFUL, Quality
 from apf.results.evaluate import load_truth
 from apf.tracking.batch import track_take
@@ -54,7 +54,7 @@ def tracked(body: BodyModel, poses: np.ndarray) -> Track:
 
 def judged(scene: Scene, track: Track) -> Quality:
     device, sequence, grid, _ = scene
-    return Quality(track, agreement(device, sequence, grid, ReconstructionConfig(), track))
+    return Quality(track, measure_agreement(device, sequence, grid, ReconstructionConfig(), track))
 
 
 def test_a_good_track_looks_good(scene: Scene) -> None:
@@ -76,7 +76,7 @@ def test_a_good_track_looks_good(scene: Scene) -> None:
     ],
 )
 def test_a_wrong_limb_is_named(dof: str, by: float, part: str, scene: Scene) -> None:
-    """In the frames in which it is wrong."""
+    """It is reported in the frames in which it is wrong."""
     track = scene[3]
     poses = track.poses.copy()
     poses[1:4, track.dof_names.index(dof)] += by
@@ -123,7 +123,7 @@ def test_lost_frames_and_unsure_ends() -> None:
 @pytest.mark.parametrize("name", ["song31", "rymut31", "rymut31_upper", "rymut31_lower"])
 def test_parts_of_shipped_bodies(name: str) -> None:
     body = load_body(name)
-    parts = parts_of(body)
+    parts = find_parts(body)
     seen = sorted(cone for part in parts for cone in part.cones)
     assert seen == list(range(len(body.cones)))
     names = [part.name for part in parts]
@@ -137,5 +137,5 @@ def test_parts_of_shipped_bodies(name: str) -> None:
 
 def test_names_and_rows() -> None:
     assert plain_name("l_upper_arm") == "left upper arm" and plain_name("head_top") == "head top"
-    assert shown_rows(5).tolist() == [0, 1, 2, 3, 4] and shown_rows(0).size == 0
-    assert len(shown_rows(401)) <= 200 and shown_rows(401)[1] == 3
+    assert choose_rows(5).tolist() == [0, 1, 2, 3, 4] and choose_rows(0).size == 0
+    assert len(choose_rows(401)) <= 200 and choose_rows(401)[1] == 3

@@ -57,7 +57,7 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
 def shown(rig, background, images, device: Device, adapt: float, follow: bool) -> np.ndarray:
     """(V, H, W) bool silhouettes of the last of `images` (frames, V, H, W, 3)."""
     adaptation, light = AdaptationConfig(rate=adapt), LightConfig(follow=follow)
-    config = ReconstructionConfig(SilhouetteConfig(adaptation=adaptation, light=light))
+    config = ReconstructionConfig(silhouette=SilhouetteConfig(adaptation=adaptation, light=light))
     reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
     for index, image in enumerate(images):
         reconstruct(scenes.frame(index, image))

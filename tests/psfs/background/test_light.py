@@ -104,7 +104,7 @@ def test_silhouettes_stay_when_the_light_steps(device: Device) -> None:
         silhouettes = SilhouetteConfig(
             light=LightConfig(follow=follow), appearance=AppearanceConfig(learn=follow)
         )
-        config = ReconstructionConfig(silhouettes)
+        config = ReconstructionConfig(silhouette=silhouettes)
         reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
         for index, gain in enumerate((1.0, 1.0, 0.7, 1.4)):
             images = changed(3, (201, 153), gain * np.ones(3))[2]
@@ -115,4 +115,4 @@ def test_silhouettes_stay_when_the_light_steps(device: Device) -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(InputError, match="widest"):
-        LightConfig(widest=1.0)
+        LightConfig(widest=-1.0)

@@ -1,0 +1,36 @@
+from .api import Device as Device
+from .api import DeviceError as DeviceError
+from .api import InputError as InputError
+from .api import MissingFileError as MissingFileError
+from .api import NumpyDevice as NumpyDevice
+from .api import UserError as UserError
+from .api import open_sequence as open_sequence
+from .api import reconstruct as reconstruct
+from .api import select_device as select_device
+from .background.config import AdaptationConfig as AdaptationConfig
+from .background.config import BackgroundConfig as BackgroundConfig
+from .background.config import ChromaKeyConfig as ChromaKeyConfig
+from .background.config import EvidenceConfig as EvidenceConfig
+from .cameras.camera import Camera as Camera
+from .cameras.camera import CameraRig as CameraRig
+from .presets import preset as preset
+from .reconstructor import ReconstructionConfig as ReconstructionConfig
+from .reconstructor import Reconstructor as Reconstructor
+from .sequence import Frame as Frame
+from .sequence import Sequence as Sequence
+from .silhouettes.config import AppearanceConfig as AppearanceConfig
+from .silhouettes.config import FloorConfig as FloorConfig
+from .silhouettes.config import RimConfig as RimConfig
+from .silhouettes.config import SilhouetteConfig as SilhouetteConfig
+from .silhouettes.config import SmoothingConfig as SmoothingConfig
+from .volume import automatic_grid as automatic_grid
+from .voxels.clouds import read_cloud as read_cloud
+from .voxels.clouds import write_cloud as write_cloud
+from .voxels.config import ColourConfig as ColourConfig
+from .voxels.config import ForegroundJoinConfig as ForegroundJoinConfig
+from .voxels.config import OccupancyConfig as OccupancyConfig
+from .voxels.config import VolumeConfig as VolumeConfig
+from .voxels.grid import VoxelCloud as VoxelCloud
+from .voxels.grid import VoxelGrid as VoxelGrid
+
+__version__: str
