@@ -94,9 +94,8 @@ class NumpyReconstructor:
 
     def _light(self, frame: Frame) -> np.ndarray | None:
         """Return the frame's light (V, LIGHT_FLOATS); None if its silhouettes need none."""
-        if self._plate is None or isinstance(self._plate, ChromaKey):
+        if frame.images is None or self._plate is None or isinstance(self._plate, ChromaKey):
             return None
-        assert frame.images is not None
         config = self.config.silhouette
         return estimate_light(frame.images, self.rig, self._plate, config.light, config.background)
 
