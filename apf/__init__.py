@@ -11,8 +11,8 @@
 `track` does what `apf track` does: finds the person, follows, and finds again whom it lost. The
 parts below it: a `Method` is a search (`AnnealedParticleFilter`, `ParticleSwarm`,
 `SirParticleFilter`), an objective and their settings (`FilterConfig` and others); a search in a
-`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `start_of` looks for the
-first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
+`Scene` (device, rig, grid, body) gives an `Estimate` per frame of voxels; `initialise` looks for
+the first pose. Angles are radians, lengths metres. What a user can mend raises `InputError`,
 `MissingFileError` or `DeviceError`, all of them `UserError`.
 """
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from apf.filters.sir import SirConfig, SirParticleFilter
     from apf.filters.swarm import ParticleSwarm, SwarmConfig
     from apf.image_objective.config import FeatureConfig, ObjectiveConfig, ProximityConfig
-    from apf.initialisation import Start, StartConfig, StartError, start_of
+    from apf.initialisation import Start, StartConfig, StartError, initialise
     from apf.initialisation.from_joints import fit_to_joints
     from apf.keypoints.keypoints import Keypoints
     from apf.likelihood.config import (
@@ -47,12 +47,13 @@ if TYPE_CHECKING:
     from apf.presets import Preset, preset
     from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
-    from apf.tracking.batch import Take, track_take
     from apf.tracking.export import Export, export
     from apf.tracking.foot_contact import ContactConfig
     from apf.tracking.gait import Gait, GaitConfig, gait_of
     from apf.tracking.recovery import RecoveryConfig
+    from apf.tracking.settings import TakeSettings
     from apf.tracking.smoothing import SmoothingConfig, smoothed
+    from apf.tracking.take import Take, track_take
     from apf.tracking.track import Track
     from cl import (
         Device,
@@ -108,6 +109,7 @@ __all__ = [
     "SurfaceSamplesConfig",
     "SwarmConfig",
     "Take",
+    "TakeSettings",
     "Track",
     "Tracker",
     "UserError",
@@ -116,13 +118,13 @@ __all__ = [
     "export",
     "fit_to_joints",
     "gait_of",
+    "initialise",
     "load_body",
     "load_truth",
     "preset",
     "save_body",
     "select_device",
     "smoothed",
-    "start_of",
     "track",
     "track_take",
 ]
@@ -139,7 +141,7 @@ _MODULES = {
     "apf.filters.sir": ("SirConfig", "SirParticleFilter"),
     "apf.filters.swarm": ("ParticleSwarm", "SwarmConfig"),
     "apf.image_objective.config": ("FeatureConfig", "ObjectiveConfig", "ProximityConfig"),
-    "apf.initialisation": ("Start", "StartConfig", "StartError", "start_of"),
+    "apf.initialisation": ("Start", "StartConfig", "StartError", "initialise"),
     "apf.initialisation.from_joints": ("fit_to_joints",),
     "apf.keypoints.keypoints": ("Keypoints",),
     "apf.likelihood.config": (
@@ -154,12 +156,13 @@ _MODULES = {
     "apf.presets": ("Preset", "preset"),
     "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
-    "apf.tracking.batch": ("Take", "track_take"),
     "apf.tracking.export": ("Export", "export"),
     "apf.tracking.foot_contact": ("ContactConfig",),
     "apf.tracking.gait": ("Gait", "GaitConfig", "gait_of"),
     "apf.tracking.recovery": ("RecoveryConfig",),
+    "apf.tracking.settings": ("TakeSettings",),
     "apf.tracking.smoothing": ("SmoothingConfig", "smoothed"),
+    "apf.tracking.take": ("Take", "track_take"),
     "apf.tracking.track": ("Track",),
     "cl": (
         "Device",

@@ -17,18 +17,17 @@ from apf.keypoints.agreement import disagreements
 from apf.keypoints.keypoints import Keypoints
 from apf.results.evaluate import load_truth
 from apf.results.joint_names import match_joints
-from apf.tracking.batch import track_take
+from apf.tracking.settings import DEFAULT_BODY, TakeSettings
+from apf.tracking.take import track_take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
-from psfs.api import check_sequence, chosen_device, trusted
+from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
 from psfs.common.ranges import check_kind, check_range
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 
 log = logging.getLogger(__name__)
-
-#: The body that is tracked where none is named: Song et al.'s, ten cones, 31 degrees of freedom.
-DEFAULT_BODY = "song31"
 
 
 def track(
@@ -75,27 +74,25 @@ def track(
     check_kind("reconstruction", reconstruction, ReconstructionConfig)
     if height is not None:
         check_range("height, m,", height, 0.5, 2.5, ends=True)
-    device = chosen_device(device)
+    settings = SessionSettings(
+        reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
+    )
+    session = Session(sequence, chosen_device(device), settings)
     if method is None or method.objective != "keypoints":
-        sequence = trusted(sequence, device, all_cameras)
-    chosen = range(len(sequence))[frames or slice(None)]
-    if not chosen:
+        session = exclude_inconsistent_cameras(session, all_cameras)
+    sequence = session.sequence
+    if not session.frames:
         raise InputError(f"{frames} chooses none of the {len(sequence)} frames of {sequence.name}")
     template, keep_shape = template_of(body)
-    take = track_take(
-        device,
-        sequence,
-        method,
-        given=given_start(sequence.folder, chosen[0], body, init),
+    take_settings = TakeSettings(
+        method=method or Method(),
         template=template,
         keep_shape=keep_shape,
         height=height,
-        voxel_size=voxel_size,
-        selection=frames,
-        progress=progress,
+        given=given_start(sequence.folder, session.frames[0], body, init),
         keypoints=_opened(keypoints, sequence),
-        reconstruction=reconstruction,
     )
+    take = track_take(session, take_settings, progress)
     for doubt in take.start.doubts if take.start is not None else ():
         log.warning("%s: %s", sequence.name, doubt)
     if take.error is not None:

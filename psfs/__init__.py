@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from psfs.presets import preset
     from psfs.reconstructor import ReconstructionConfig, Reconstructor
     from psfs.sequence import Frame, Sequence
+    from psfs.session import Session, SessionSettings
     from psfs.silhouettes.config import (
         AppearanceConfig,
         FloorConfig,
@@ -75,6 +76,8 @@ __all__ = [
     "Reconstructor",
     "RimConfig",
     "Sequence",
+    "Session",
+    "SessionSettings",
     "SilhouetteConfig",
     "SmoothingConfig",
     "UserError",
@@ -114,6 +117,7 @@ _MODULES = {
     "psfs.presets": ("preset",),
     "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
     "psfs.sequence": ("Frame", "Sequence"),
+    "psfs.session": ("Session", "SessionSettings"),
     "psfs.silhouettes.config": (
         "AppearanceConfig",
         "FloorConfig",

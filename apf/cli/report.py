@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from apf.report.agreement import shown_rows
-from apf.report.judged import OVERLAY, judged, write_judged
+from apf.report.judged import OVERLAY, judge, write_judged
 from apf.report.page import PAGE
 from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tracked_with
 from apf.results.overlay import write_overlay
@@ -16,6 +16,7 @@ from cl import InputError, select_device
 from psfs.cameras.calibration.common import naming
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
+from psfs.session import Session, SessionSettings
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     with naming(folder / "track.npz"):
         tracked_grid(track)  # before anything is written
     sequence, config = tracked_sequence(folder, summary, last), tracked_with(folder, summary)
-    device = select_device(args.device)
+    session = Session(sequence, select_device(args.device), SessionSettings(config))
     draw = not args.no_overlay and not (folder / OVERLAY).exists()
     # The folder of a seed belongs to that of all.
     owner = folder if (folder / MANIFEST).exists() else folder.parent
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.advance(task)
 
-        quality = judged(device, sequence, track, config, advance)
+        quality = judge(session, track, advance)
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()

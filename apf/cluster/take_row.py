@@ -17,7 +17,7 @@ from apf.report.quality import DOUBTFUL
 from apf.report.summary import read_summary
 from apf.results.evaluate import evaluate, load_truth
 from apf.results.overlay import overlay_picture
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from apf.tracking.track import Track
 from psfs.common.files import write_picture
 

@@ -2,7 +2,7 @@
 
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import StartConfig
-from apf.initialisation.sequence import start_of
+from apf.initialisation.sequence import initialise
 from apf.initialisation.start import Start, StartError
 
-__all__ = ["Start", "StartConfig", "StartError", "find_start", "start_of"]
+__all__ = ["Start", "StartConfig", "StartError", "find_start", "initialise"]

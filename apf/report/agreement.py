@@ -14,15 +14,13 @@ import numpy as np
 from apf.body.cones import distances, outlines
 from apf.body.kinematics import posed_cones
 from apf.report.parts import Part, parts_of
-from apf.results.overlay import frames_of
+from apf.results.overlay import checked_indices
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import Checker
-from psfs.reconstructor import ReconstructionConfig
-from psfs.sequence import Sequence
+from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
+from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
@@ -60,26 +58,23 @@ def shown_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
     return np.arange(0, n_frames, max(1, -(-n_frames // most)))
 
 
-def agreement(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
+def compare_with_silhouettes(
+    session: Session,
     grid: VoxelGrid,
-    config: ReconstructionConfig,
     track: Track,
     progress: Callable[[], object] | None = None,
 ) -> Agreement:
-    """Reconstruct the `shown_rows` of the track again and compare body and voxels with their
-    silhouettes. progress: called after each frame."""
-    rows, rig, body = shown_rows(len(track)), sequence.rig, track.its_body
+    """Compare body and voxels in the `shown_rows` of the track with the silhouettes that the voxels
+    in `grid` were carved from, see `Session.carved`. progress: called after each frame."""
+    rows, rig, body = shown_rows(len(track)), session.rig, track.its_body
     parts, drawn = parts_of(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
-    checker = Checker(device, sequence, grid, config)
-    extents = footprints(rig, grid.voxel_size)
+    region, extents = volume_region(rig, grid), footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []
-    for number, frame in enumerate(frames_of(sequence, track.frames[rows])):
-        shown = checker.silhouettes(frame)
-        cloud = checker.cloud(colour=frame.images is not None)
+    indices = checked_indices(session.sequence, track.frames[rows])
+    for number, frame in enumerate(session.carved(grid, indices)):
+        shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
             _scores(camera, cones[number], drawn, silhouette)
             for camera, silhouette in zip(rig, shown, strict=True)

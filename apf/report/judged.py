@@ -1,4 +1,4 @@
-"""A track judged, its summary and its page written beside it."""
+"""The stages `judge` and `write`: a track judged, its summary and page written beside it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from apf.report.agreement import Agreement, agreement
+from apf.report.agreement import Agreement, compare_with_silhouettes, shown_rows
 from apf.report.page import PAGE, write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, tracked_grid
@@ -15,7 +15,7 @@ from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
 from psfs.output.runs import device_facts, versions
 from psfs.reconstructor import ReconstructionConfig
-from psfs.sequence import Sequence
+from psfs.session import Session
 
 OVERLAY = "overlay.mp4"
 #: Files of a track beside summary and page, as the summary lists them.
@@ -24,20 +24,21 @@ FILES = (
 )  # fmt: skip
 
 
-def judged(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    track: Track,
-    config: ReconstructionConfig,
-    progress: Callable[[], object] | None = None,
-) -> Quality:
+def judge(session: Session, track: Track, progress: Callable[[], object] | None = None) -> Quality:
     """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
     of no voxels. progress: called after each frame that is compared."""
     grid = tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
-        found = agreement(device, sequence, grid, config, track, progress)
+        found = compare_with_silhouettes(session, grid, track, progress)
     return Quality(track, found)
+
+
+def keep_judged_frames(session: Session) -> None:
+    """Have the session keep those frames, as they are carved while the person is tracked, that
+    `judge` needs of the whole track."""
+    frames = session.frames
+    session.keep_carved([frames[int(row)] for row in shown_rows(len(frames))])
 
 
 def write_judged(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from collections.abc import Sequence as Items
 from pathlib import Path
 
@@ -158,7 +158,8 @@ def write_overlay(
     views = [names.index(name) for name in cameras or names]
     cones, cone_names = _shown_cones(body, track)
     with written_video(path, frame_rate(track)) as video:
-        for row, frame in enumerate(frames_of(sequence, track.frames)):
+        indices = checked_indices(sequence, track.frames)
+        for row, frame in enumerate(sequence.frames_at(indices)):
             picture = overlay_picture(
                 frame,
                 sequence.rig,
@@ -182,8 +183,9 @@ def _shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list
     return posed_cones(body, track.poses)[:, shown], [body.cone_names[i] for i in shown]
 
 
-def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
-    """The frames of these indices (F,), decoded in the background where evenly spaced."""
+def checked_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:
+    """Return frame numbers (F,) of a track as a list. Raises InputError if there is none, or one
+    that the sequence does not have."""
     if not indices.size:
         raise InputError("the track holds no frame to draw")
     if indices.min() < 0 or indices.max() >= len(sequence):
@@ -191,11 +193,7 @@ def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
             f"{sequence.folder}: the track has frames {indices.min()}..{indices.max()}; "
             f"the sequence {len(sequence)}"
         )
-    steps = np.unique(np.diff(indices))
-    if steps.size > 1 or (steps.size and steps[0] <= 0):
-        return (sequence.read(int(index)) for index in indices)
-    step = int(steps[0]) if steps.size else 1
-    return sequence.frames(slice(int(indices[0]), int(indices[-1]) + 1, step))
+    return [int(index) for index in indices]
 
 
 def frame_rate(track: Track) -> float:

@@ -71,12 +71,19 @@ class Adaptation:
         groups = (_GROUP * len(rig),)
         self._view_drift = device.launch(view_drift, groups, (_GROUP,), **light)
         self._period, self._frames = config.period, 0
+        self._planes, self._drift = planes, drift
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
         self._of_phase(phase=self._frames % self._period)()
         self._view_drift()
         self._frames += 1
+
+    def restart(self, planes: np.ndarray) -> None:
+        """Start again from `planes`, see `background_planes`."""
+        self._planes.set(planes)
+        self._drift.fill(0)
+        self._frames = 0
 
 
 def _parts(device: Device) -> int:

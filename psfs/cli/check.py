@@ -9,15 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, select_device
-from psfs.api import remarks
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
-from psfs.diagnostics.camera_consistency import Suspect, suspects
-from psfs.diagnostics.faults import diagnosed
-from psfs.diagnostics.silhouette_iou import DEFINITION, Checker, cut_by_volume
+from psfs.diagnostics.camera_consistency import (
+    InconsistentCamera,
+    find_inconsistent_cameras,
+)
+from psfs.diagnostics.examination import Examination
+from psfs.diagnostics.faults import diagnose
+from psfs.diagnostics.reprojection_iou import DEFINITION, Checker, cut_by_volume
 from psfs.output.runs import Run
+from psfs.session import Session, SessionSettings
 
 #: IoU below which agreement is commented on.
 _LOW = 0.6
@@ -38,7 +42,8 @@ def _run(args: argparse.Namespace) -> None:
     run.warn_if_unfinished(warn)
     sequence = run.sequence()
     device = select_device(args.device)
-    checker = Checker.of_run(device, sequence, run)
+    session = Session(sequence, device, SessionSettings(run.config))
+    checker = Checker(session, run.grid)
     scores = []
     first, last = run.indices[0], run.indices[-1]
     step = run.indices[1] - first if len(run.indices) > 1 else 1
@@ -46,10 +51,10 @@ def _run(args: argparse.Namespace) -> None:
     with progress_bar() as bar:
         for frame in bar.track(frames, len(run.indices), description="checking"):
             scores.append(checker(frame, run.cloud(frame.index)))
-    diagnosis = diagnosed(sequence, device)
-    bad = suspects(sequence, run.config.silhouette, device, known=diagnosis.reasons)
+    diagnosis = diagnose(session)
+    bad = find_inconsistent_cameras(session, diagnosis.reasons)
     names, found = sequence.rig.names, np.array(scores)
-    comments = remarks(diagnosis, bad)[len(bad) :]
+    comments = Examination(session, diagnosis, tuple(bad)).warnings[len(bad) :]
     cut = cut_by_volume(names, np.array(checker.beyond))
     comments += [cut] if cut else []
     named = {suspect.camera for suspect in bad} | set(diagnosis.reasons)
@@ -75,7 +80,7 @@ def _report(
     run: Run,
     names: list[str],
     scores: np.ndarray,
-    bad: list[Suspect],
+    bad: list[InconsistentCamera],
     comments: list[str],
 ) -> None:
     """Print and write scores (frames, V): IoU, NaN where there was nothing to compare."""

@@ -17,11 +17,12 @@ from psfs.common.files import full_path, write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import Checker
+from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.marching_cubes import FORMATS, MOST_SMOOTHING, SMOOTHING, Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
 from psfs.output.runs import Run
 from psfs.sequence import Frame
+from psfs.session import Session, SessionSettings
 
 _DEFINITION = (
     "IoU of the projected mesh (pixels whose centre's ray meets it) with the frame's own "
@@ -91,7 +92,8 @@ def _mesh(args: argparse.Namespace, run: Run) -> None:
     targets = _targets(args, run)
     device, sequence = select_device(args.device), run.sequence()
     mesher = Mesher(device, run, sequence, args.smooth)
-    checker = Checker.of_run(device, sequence, run) if args.check else None
+    session = Session(sequence, device, SessionSettings(run.config))
+    checker = Checker(session, run.grid) if args.check else None
     checks = {}
     with progress_bar() as bar:
         for index, path in bar.track(targets.items(), len(targets), description="meshing"):

@@ -24,6 +24,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.common.files import written_whole
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
+from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
@@ -151,7 +152,7 @@ def record(
         return Recording(sequence, grid, frames, surfaces, foregrounds, truth, settings)
     selection = slice(None, None, step)
     config = settings.reconstruction
-    grid = automatic_grid(sequence, selection, config=config, device=device)
+    grid = automatic_grid(Session(sequence, device, SessionSettings(config, selection)))
     reconstruct = Reconstructor(device, sequence.rig, grid, sequence.background, config)
     frames, surfaces, foregrounds = [], [], []
     for frame in sequence.frames(selection):

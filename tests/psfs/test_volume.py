@@ -16,8 +16,8 @@ from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.sequence import Frame, Sequence
 from psfs.volume import automatic_grid
-from psfs.voxels.bounding_volume import reachable_box
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import reachable_box
 
 
 @dataclass

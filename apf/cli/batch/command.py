@@ -12,7 +12,8 @@ from apf.cli.batch.parts import PARTS, course_of
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
-from apf.cli.track import add_output_flag, add_track_flags, take_names
+from apf.cli.takes.job import take_names
+from apf.cli.track import add_output_flag, add_track_flags
 from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
 from apf.cluster.courses import done_courses
 from apf.cluster.page import LOGS

@@ -6,15 +6,17 @@ import argparse
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from apf.api import given_start, template_of
+from apf.api import given_start
 from apf.body import load_body, save_body
 from apf.cli.batch.take import TakeDone, TakeJob, do_take, written_take
-from apf.cli.first_pose import naming_init, warn_of_doubts
+from apf.cli.first_pose import found_start
 from apf.cli.method_flags import chosen_method
+from apf.cli.takes.job import TrackJob
 from apf.cli.track import finish_take, write_files, write_track_settings
 from apf.cluster.courses import Course
 from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
@@ -22,12 +24,14 @@ from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, logged_to
 from apf.cluster.workers import worker_device
 from apf.formats.pose import read_pose, write_pose
-from apf.initialisation import start_of
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from apf.tracking.track import Track
-from cl import InputError
-from psfs.cli.sequence_flags import open_trusted, selected_frames
-from psfs.volume import automatic_grid, foreground_box
+from cl import Device, InputError, NumpyDevice
+from psfs.cli.sequence_flags import examine_footage, open_sequence, selected_frames
+from psfs.diagnostics.examination import Examination
+from psfs.reconstructor import ReconstructionConfig
+from psfs.session import Session, SessionSettings
+from psfs.volume import automatic_grid, find_volume
 
 #: Folder in OUT of takes that are being tracked in parts.
 PARTS = "parts"
@@ -57,42 +61,15 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
         args.folder = str(job.source)
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
-        device = worker_device(args.device)
-        sequence, _ = open_trusted(args, device, person=True)
-        frames = selected_frames(args, sequence)
-        overlap = round(PartsConfig().overlap * sequence.fps / abs(frames.step))
+        session = _examined(args, worker_device(args.device)).session
+        frames = selected_frames(args, session.sequence)
+        overlap = round(PartsConfig().overlap * session.rate)
         parts = cut(frames, part_frames, overlap)
         if len(parts) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
-        selection = slice(frames.start, frames.stop, frames.step)
-        config = args.configs.get("reconstruction")
-        volume = sequence.volume or foreground_box(sequence, selection, config, device)
-        grid = automatic_grid(sequence, selection, args.voxel_size, config, device)
-        given = given_start(sequence.folder, frames[0], args.body, args.init, args.convention)
-        if given is None:
-            template, own_shape = template_of(args.body)
-            seed = chosen_method(args).filter.search.seed
-            with naming_init(sequence):
-                start = start_of(
-                    device, sequence, grid, template, selection, config, height=args.height,
-                    keep_shape=own_shape, seed=seed, progress=lambda: progress("start"),
-                )  # fmt: skip
-            warn_of_doubts(sequence, start)
-            given = start.body, start.pose
-        folder = job.out.parent / PARTS / job.name
-        save_body(folder / "body.toml", given[0])
-        write_pose(folder / START, given[1], given[0])
-        box = ",".join(repr(float(x)) for x in np.ravel(np.transpose(volume)))
-        shared = (
-            *(word for word in job.words if not word.startswith("--init=")),
-            f"--body={folder / 'body.toml'}",
-            f"--volume={box}",
-            f"--voxel-size={grid.voxel_size!r}",
-            f"--cameras={','.join(sequence.rig.names)}",
-            "--no-overlay",
-            "--no-report",
-        )
+        shared = _shared_words(progress, job, args, session)
+        folder = _parts_folder(job)
         return tuple(
             replace(
                 job,
@@ -104,6 +81,45 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
             )
             for number, part in enumerate(parts)
         )
+
+
+def _examined(args: argparse.Namespace, device: Device | NumpyDevice) -> Examination:
+    """Open the footage that the flags name and look for what is wrong with it."""
+    config = args.configs.get("reconstruction") or ReconstructionConfig()
+    settings = SessionSettings(config, args.frames or slice(None), args.voxel_size)
+    session = Session(open_sequence(args), device, settings)
+    return examine_footage(args, session, person=True)
+
+
+def _shared_words(
+    progress: TaskProgress, job: TakeJob, args: argparse.Namespace, session: Session
+) -> tuple[str, ...]:
+    """Find the person and return the flags that all parts of the take share; body and first pose
+    are written beside them."""
+    volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
+    first = session.frames[0]
+    given = given_start(sequence.folder, first, args.body, args.init, args.convention)
+    if given is None:
+        seed = chosen_method(args).filter.search.seed
+        given = found_start(session, args, seed, lambda: progress("start"))
+    folder = _parts_folder(job)
+    save_body(folder / "body.toml", given[0])
+    write_pose(folder / START, given[1], given[0])
+    box = ",".join(repr(float(x)) for x in np.ravel(np.transpose([volume.low, volume.high])))
+    return (
+        *(word for word in job.words if not word.startswith("--init=")),
+        f"--body={folder / 'body.toml'}",
+        f"--volume={box}",
+        f"--voxel-size={grid.voxel_size!r}",
+        f"--cameras={','.join(sequence.rig.names)}",
+        "--no-overlay",
+        "--no-report",
+    )
+
+
+def _parts_folder(job: TakeJob) -> Path:
+    """Return where the parts of a take are tracked."""
+    return job.out.parent / PARTS / job.name
 
 
 def _frames(frames: range) -> str:
@@ -127,15 +143,17 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
 
         def write(args: argparse.Namespace, device: Any) -> Take:
             args.folder = str(job.source)
-            sequence, left_out = open_trusted(args, device, person=True)
+            examination = _examined(args, device)
             body = load_body(str(parts[0].out.parent / "body.toml"))
             pose = read_pose(parts[0].out.parent / START, body)
+            sequence = examination.session.sequence
             take = Take(sequence, body, pose, None, [whole], 1.0)
             write_pose(args.output / START, pose, body)
             write_files(args.output, whole, body)
             write_track_settings(args, chosen_method(args))
             progress.n_frames = len(whole)
-            finish_take(args, device, take, left_out, [0], progress)
+            track_job = TrackJob(args, chosen_method(args), [0], device)
+            finish_take(track_job, examination, take, progress)
             return take
 
         done = written_take(progress, job, write, parts=apart)

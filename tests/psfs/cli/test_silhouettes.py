@@ -16,8 +16,8 @@ from apf.synthetic.scene import SceneConfig
 from cl import Device, NumpyDevice
 from psfs.background.config import EvidenceConfig
 from psfs.cli import main
-from psfs.diagnostics.silhouette_pictures import differences
-from psfs.diagnostics.silhouettes import followed_silhouettes, true_mask, truth_frames
+from psfs.diagnostics.silhouette_mosaic import differences
+from psfs.diagnostics.silhouette_scores import followed_silhouettes, true_mask, truth_frames
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
 from psfs.volume import automatic_grid

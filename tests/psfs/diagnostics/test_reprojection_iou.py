@@ -9,7 +9,7 @@ from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, NumpyDevice
 from psfs.cli import main
-from psfs.diagnostics.silhouette_iou import Checker, volume_region, without_speckle
+from psfs.diagnostics.reprojection_iou import Checker, volume_region, without_speckle
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor
 from psfs.silhouettes.silhouette import Silhouette
