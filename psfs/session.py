@@ -39,7 +39,7 @@ class SessionSettings:
 
     reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
     """Settings of silhouettes, volume and voxels."""
-    selection: slice = slice(None)
+    selection: slice = field(default_factory=lambda: slice(None))
     """The frames of the sequence to work on; all by default."""
     voxel_size: float | None = None
     """Edge of a voxel, m. By default 2 cm for people, see `psfs.volume.automatic_grid`."""

@@ -25,7 +25,7 @@ from apf.presets import Preset
 from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
-from apf.tracking.batch import Take
+from apf.tracking.take import Take
 from cl import Device, InputError
 
 sys.path.insert(0, str(ROOT / "scripts"))

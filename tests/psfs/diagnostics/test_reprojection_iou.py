@@ -12,6 +12,7 @@ from psfs.cli import main
 from psfs.diagnostics.reprojection_iou import Checker, volume_region, without_speckle
 from psfs.output.runs import Run
 from psfs.reconstructor import Reconstructor
+from psfs.session import Session, SessionSettings
 from psfs.silhouettes.silhouette import Silhouette
 
 
@@ -31,7 +32,7 @@ def test_the_silhouettes_are_those_of_the_run(run: Run, device: Device) -> None:
     region = volume_region(sequence.rig, run.grid)
     reconstruct = Reconstructor(device, sequence.rig, run.grid, sequence.background, config)
     unlearnt = Silhouette(device, sequence.rig, sequence.background, config.silhouette)
-    checker = Checker.of_run(device, sequence, run)
+    checker = Checker(Session(sequence, device, SessionSettings(config)), run.grid)
     for frame in sequence:
         reconstruct(frame)
         shown = checker.silhouettes(frame)
@@ -44,7 +45,10 @@ def test_the_silhouettes_are_those_of_the_run(run: Run, device: Device) -> None:
 
 def test_the_twin_checks_the_same(run: Run) -> None:
     sequence = run.sequence()
-    ours, twins = (Checker.of_run(d, sequence, run) for d in (Device.best(), NumpyDevice()))
+    settings = SessionSettings(run.config)
+    ours, twins = (
+        Checker(Session(sequence, d, settings), run.grid) for d in (Device.best(), NumpyDevice())
+    )
     frame = sequence.read(0)
     scores = [checker(frame, run.cloud(0)) for checker in (ours, twins)]
     np.testing.assert_allclose(*scores, atol=0.01)
