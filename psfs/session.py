@@ -6,6 +6,7 @@ in the session, so that a stage that is asked for twice computes once.
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
@@ -220,9 +221,9 @@ class _CarvedFrames:
 
     def get(self, index: int) -> CarvedFrame:
         bits, cloud = self._frames[index]
-        flat = np.unpackbits(np.frombuffer(zlib.decompress(bits), np.uint8), count=-1)
-        size = int(np.prod(self._shape))
-        return CarvedFrame(index, flat[:size].reshape(self._shape).astype(bool), cloud)
+        packed = np.frombuffer(zlib.decompress(bits), np.uint8)
+        shown = np.unpackbits(packed, count=math.prod(self._shape)).astype(bool)
+        return CarvedFrame(index, shown.reshape(self._shape), cloud)
 
 
 def check_frames(session: Session) -> range:
