@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from apf.api import track
     from apf.body import BodyModel, load_body, save_body
+    from apf.evaluation.evaluate import Evaluation, evaluate, load_truth
     from apf.filters.annealed import AnnealedParticleFilter
     from apf.filters.base import Estimate, Tracker
     from apf.filters.config import FilterConfig, LimbSearchConfig, RefinementConfig, SearchConfig
@@ -45,11 +46,10 @@ if TYPE_CHECKING:
         SurfaceSamplesConfig,
     )
     from apf.presets import Preset, preset
-    from apf.results.evaluate import Evaluation, evaluate, load_truth
     from apf.scene import Scene
-    from apf.tracking.export import Export, export
     from apf.tracking.foot_contact import ContactConfig
     from apf.tracking.gait import Gait, GaitConfig, gait_of
+    from apf.tracking.motion_files import Export, export
     from apf.tracking.recovery import RecoveryConfig
     from apf.tracking.settings import TakeSettings
     from apf.tracking.smoothing import SmoothingConfig, smoothed
@@ -154,9 +154,9 @@ _MODULES = {
         "SurfaceSamplesConfig",
     ),
     "apf.presets": ("Preset", "preset"),
-    "apf.results.evaluate": ("Evaluation", "evaluate", "load_truth"),
+    "apf.evaluation.evaluate": ("Evaluation", "evaluate", "load_truth"),
     "apf.scene": ("Scene",),
-    "apf.tracking.export": ("Export", "export"),
+    "apf.tracking.motion_files": ("Export", "export"),
     "apf.tracking.foot_contact": ("ContactConfig",),
     "apf.tracking.gait": ("Gait", "GaitConfig", "gait_of"),
     "apf.tracking.recovery": ("RecoveryConfig",),

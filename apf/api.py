@@ -10,13 +10,13 @@ import numpy as np
 
 from apf.body import BodyModel, load_body
 from apf.body.bodytrack import is_bodytrack, read_body
+from apf.evaluation.evaluate import load_truth
+from apf.evaluation.joint_names import match_joints
 from apf.filters.method import Method
 from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.agreement import disagreements
 from apf.keypoints.keypoints import Keypoints
-from apf.results.evaluate import load_truth
-from apf.results.joint_names import match_joints
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import track_take
 from apf.tracking.track import Track

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from psfs.session import Session, SessionSettings
     from psfs.silhouettes.config import (
         AppearanceConfig,
+        EvidenceSmoothingConfig,
         FloorConfig,
         RimConfig,
         SilhouetteConfig,
-        SmoothingConfig,
     )
     from psfs.volume import automatic_grid
     from psfs.voxels.clouds import read_cloud, write_cloud
@@ -65,6 +65,7 @@ __all__ = [
     "Device",
     "DeviceError",
     "EvidenceConfig",
+    "EvidenceSmoothingConfig",
     "FloorConfig",
     "ForegroundJoinConfig",
     "Frame",
@@ -79,7 +80,6 @@ __all__ = [
     "Session",
     "SessionSettings",
     "SilhouetteConfig",
-    "SmoothingConfig",
     "UserError",
     "VolumeConfig",
     "VoxelCloud",
@@ -123,7 +123,7 @@ _MODULES = {
         "FloorConfig",
         "RimConfig",
         "SilhouetteConfig",
-        "SmoothingConfig",
+        "EvidenceSmoothingConfig",
     ),
     "psfs.volume": ("automatic_grid",),
     "psfs.voxels.clouds": ("read_cloud", "write_cloud"),

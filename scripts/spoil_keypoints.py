@@ -20,10 +20,10 @@ from rich.table import Table
 
 from apf.api import DEFAULT_BODY
 from apf.body import load_body
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.keypoints import Keypoints, points_on
-from apf.results.evaluate import evaluate, load_truth
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from apf.tracking.track import Track

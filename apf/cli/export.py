@@ -8,7 +8,7 @@ from pathlib import Path
 from apf.body.limbs import limb_names
 from apf.cli.takes.opened_track import add_smoothing_flags, opened_track
 from apf.formats.trc import CONVENTIONS
-from apf.tracking.export import EXPORTS, OF_POINTS, Export, export
+from apf.tracking.motion_files import EXPORTS, OF_POINTS, Export, export
 from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import spans
 from psfs.cli.commandline import add_command, stdout

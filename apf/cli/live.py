@@ -16,6 +16,7 @@ from apf.body.model import BodyModel
 from apf.cli.first_pose import add_start_flags, check_start, found_start
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.track import RESULTS, write_files
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
 from apf.live.budget import sizes
@@ -26,7 +27,6 @@ from apf.live.pace import Pace, Progress
 from apf.live.pictures import fitting_factor
 from apf.live.session import Live, LiveResult, LiveStart
 from apf.live.sources import Replay, Source
-from apf.results.evaluate import load_truth
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device

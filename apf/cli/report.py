@@ -8,9 +8,9 @@ from pathlib import Path
 
 from apf.report.agreement import shown_rows
 from apf.report.judged import OVERLAY, judge, write_judged
+from apf.report.overlay import write_overlay
 from apf.report.page import PAGE
 from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tracked_with
-from apf.results.overlay import write_overlay
 from apf.tracking.track import Track
 from cl import InputError, select_device
 from psfs.cameras.calibration.common import naming

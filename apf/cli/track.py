@@ -21,15 +21,15 @@ from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.presets import PRESETS
 from apf.report.judged import FILES, judge, keep_judged_frames, run_facts, write_judged
+from apf.report.overlay import write_overlay
 from apf.report.page import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.results.evaluate import evaluate, load_truth
-from apf.results.overlay import write_overlay
 from apf.tracking.batch import BatchConfig, at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
@@ -48,7 +48,7 @@ from psfs.cli.sequence_flags import (
 from psfs.cli.settings import add_configs, add_preset_flag, refuse_unused, write_settings
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import Examination
-from psfs.output.runs import sequence_facts
+from psfs.output.reconstruction_folder import sequence_facts
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings

@@ -9,8 +9,8 @@ import numpy as np
 
 from apf.body.kinematics import posed_cones
 from apf.body.toml import load_body
-from apf.results.layers import cone_layer, note_of, skeleton_layer
-from apf.results.overlay import overlay_picture
+from apf.report.overlay import overlay_picture
+from apf.report.viewer_layers import cone_layer, note_of, skeleton_layer
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import CameraRig

@@ -14,7 +14,7 @@ from apf.cluster.workers import Share, setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, checked
-from psfs.output.runs import versions
+from psfs.output.reconstruction_folder import versions
 
 
 class _SchedulerFile(Table):

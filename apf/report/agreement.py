@@ -13,8 +13,8 @@ import numpy as np
 
 from apf.body.cones import distances, outlines
 from apf.body.kinematics import posed_cones
+from apf.report.overlay import checked_indices
 from apf.report.parts import Part, parts_of
-from apf.results.overlay import checked_indices
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import footprints

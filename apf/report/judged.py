@@ -13,7 +13,7 @@ from apf.report.summary import SUMMARY, body_facts, tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
-from psfs.output.runs import device_facts, versions
+from psfs.output.reconstruction_folder import device_facts, versions
 from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session
 

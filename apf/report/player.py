@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from apf.body.model import side_of
+from apf.report.overlay import COLOURS
 from apf.report.quality import Quality
-from apf.results.overlay import COLOURS
 
 #: Voxels of all frames together, and of one: 12 MB and 60 kB of page for the positions of more
 #: would show no more at the size of a player.

@@ -40,7 +40,7 @@ from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 from psfs.footage.settings import Settings
-from psfs.output.runs import versions
+from psfs.output.reconstruction_folder import versions
 from psfs.sequence import Sequence
 
 CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"

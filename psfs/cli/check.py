@@ -20,7 +20,7 @@ from psfs.diagnostics.camera_consistency import (
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.faults import diagnose
 from psfs.diagnostics.reprojection_iou import DEFINITION, Checker, cut_by_volume
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
 #: IoU below which agreement is commented on.
@@ -36,7 +36,7 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(args: argparse.Namespace) -> None:
-    run = Run.open(args.out)
+    run = ReconstructionFolder.open(args.out)
     if not run.indices:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")
     run.warn_if_unfinished(warn)
@@ -77,7 +77,7 @@ def low_agreement(names: list[str], scores: np.ndarray, named: Collection[str]) 
 
 def _report(
     out: Path,
-    run: Run,
+    run: ReconstructionFolder,
     names: list[str],
     scores: np.ndarray,
     bad: list[InconsistentCamera],

@@ -20,7 +20,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
 from psfs.mesh.marching_cubes import FORMATS, MOST_SMOOTHING, SMOOTHING, Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
-from psfs.output.runs import Run
+from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 
@@ -79,7 +79,7 @@ def _frame(text: str) -> int | str:
 
 def _run(args: argparse.Namespace) -> None:
     check_range("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING, ends=True)
-    run = Run.open(args.out)
+    run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
     with ExitStack() as stack:
         stack.enter_context(output_folder(args.out, args.parser.prog, addition=True))
@@ -88,7 +88,7 @@ def _run(args: argparse.Namespace) -> None:
         _mesh(args, run)
 
 
-def _mesh(args: argparse.Namespace, run: Run) -> None:
+def _mesh(args: argparse.Namespace, run: ReconstructionFolder) -> None:
     targets = _targets(args, run)
     device, sequence = select_device(args.device), run.sequence()
     mesher = Mesher(device, run, sequence, args.smooth)
@@ -108,7 +108,7 @@ def _mesh(args: argparse.Namespace, run: Run) -> None:
     stdout.print(f"wrote {what}", soft_wrap=True)
 
 
-def _targets(args: argparse.Namespace, run: Run) -> dict[int, Path]:
+def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, Path]:
     """Return the path of every frame's mesh."""
     if args.frame == "all":
         full = [int(f["index"]) for f in run.summary["frames"] if f["surface_voxels"]]

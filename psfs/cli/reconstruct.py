@@ -34,7 +34,7 @@ from psfs.diagnostics.reprojection_iou import (
     volume_region,
     whole_silhouettes,
 )
-from psfs.output import runs
+from psfs.output import reconstruction_folder
 from psfs.output.preview import preview
 from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
@@ -106,7 +106,7 @@ def _shape(text: str) -> tuple[int, int, int]:
 def _run(args: argparse.Namespace) -> None:
     if not 0 <= args.debris <= 1:
         raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
-    expected = (runs.SUMMARY, "preview.png", FILE, *runs.CLOUDS)
+    expected = (reconstruction_folder.SUMMARY, "preview.png", FILE, *reconstruction_folder.CLOUDS)
     with output_folder(args.output, args.parser.prog, [Path(args.folder)], expected) as out:
         _reconstruct(args, out)
 
@@ -223,7 +223,7 @@ class _Job:
 
     def _write(self) -> None:
         for index, cloud in self._waiting:
-            write_cloud(cloud, runs.cloud_stem(self.out, index), self.normals)
+            write_cloud(cloud, reconstruction_folder.cloud_stem(self.out, index), self.normals)
             fact = {"index": index, "surface_voxels": len(cloud), "volume_m3": cloud.volume}
             self.done.append(fact)
         self._waiting.clear()
@@ -232,7 +232,7 @@ class _Job:
 
     def _state(self) -> None:
         """Write the summary of what is done, for the case that the process is killed."""
-        write_json(self.out / runs.SUMMARY, self._summary())
+        write_json(self.out / reconstruction_folder.SUMMARY, self._summary())
         self.n_stated, self._stated_at = len(self.done), time.perf_counter()
 
     def keep(self) -> None:
@@ -251,22 +251,22 @@ class _Job:
         write_settings(self.out, self.args, {"reconstruction": self.config})
         full = [frame["index"] for frame in self.done if frame["surface_voxels"]]
         index = full[len(full) // 2]
-        run = runs.Run.open(self.out)
+        run = reconstruction_folder.ReconstructionFolder.open(self.out)
         title = f"{self.sequence.name}, frame {index}"
         picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
         write_picture(self.out / "preview.png", picture)
 
     def _summary(self) -> dict[str, Any]:
         return {
-            "sequence": runs.sequence_facts(
+            "sequence": reconstruction_folder.sequence_facts(
                 self.sequence, self.out, self.stated, {s.camera: str(s) for s in self.left_out}
             ),
             "complete": len(self.done) == self.expected,
-            "grid": runs.grid_facts(self.grid),
+            "grid": reconstruction_folder.grid_facts(self.grid),
             "config": self.config.to_dict(),
             "debris_share": self.debris,
-            "device": runs.device_facts(self.device),
-            "versions": runs.versions(),
+            "device": reconstruction_folder.device_facts(self.device),
+            "versions": reconstruction_folder.versions(),
             "median_ms": self.timings(),
             "frames": self.done,
         }

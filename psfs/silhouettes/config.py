@@ -79,7 +79,7 @@ SPAN = 16
 
 
 @dataclass(frozen=True)
-class SmoothingConfig:
+class EvidenceSmoothingConfig:
     """Contrast-sensitive smoothing: near foreground a pixel's evidence is that of the pixels around
     it that look like it, so silhouettes end where the picture has edges. Tuned on synthetic people
     with true masks; a reach of 1 and a contrast of 1000 is the plain mean over 3x3 pixels."""
@@ -150,7 +150,7 @@ class SilhouetteConfig:
     """Shadows on the floor."""
     rim: RimConfig = field(default_factory=RimConfig)
     """Mixed pixels."""
-    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    smoothing: EvidenceSmoothingConfig = field(default_factory=EvidenceSmoothingConfig)
     """How pixels learn from those around them."""
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     """From log ratios to evidence, and its limits."""

@@ -12,13 +12,13 @@ import numpy as np
 
 from apf.api import DEFAULT_BODY
 from apf.body import BodyModel, load_body
+from apf.evaluation.evaluate import load_truth
+from apf.evaluation.joint_names import match_joints
 from apf.formats.trc import JointSeries
 from apf.image_objective.config import FeatureConfig
 from apf.image_objective.features import Features
 from apf.initialisation.from_joints import fit_to_joints
 from apf.presets import Preset
-from apf.results.evaluate import load_truth
-from apf.results.joint_names import match_joints
 from cl import Device, InputError
 from psfs.cameras.camera import CameraRig
 from psfs.common.files import written_whole

@@ -23,11 +23,7 @@ from apf.api import DEFAULT_BODY, given_start
 from apf.body import load_body
 from apf.body.kinematics import posed_joints
 from apf.body.stature import stature
-from apf.formats.trc import JointSeries
-from apf.initialisation import StartError
-from apf.keypoints import Keypoints
-from apf.presets import Preset
-from apf.results.evaluate import (
+from apf.evaluation.evaluate import (
     LIMB_ENDS,
     LOST_JOINT,
     LOST_LIMB,
@@ -35,7 +31,11 @@ from apf.results.evaluate import (
     evaluate,
     load_truth,
 )
-from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints
+from apf.formats.trc import JointSeries
+from apf.initialisation import StartError
+from apf.keypoints import Keypoints
+from apf.presets import Preset
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, track_take
 from apf.tracking.triangulated import TriangulatedConfig, triangulated_track

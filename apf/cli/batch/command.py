@@ -20,7 +20,7 @@ from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
 from apf.cluster.workers import WorkerConfig, shares_of_machine
-from apf.tracking.export import EXPORTS
+from apf.tracking.motion_files import EXPORTS
 from cl import InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words

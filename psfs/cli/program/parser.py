@@ -22,7 +22,7 @@ from psfs.cli.commandline import (
 )
 from psfs.cli.program.outcome import exit_code
 from psfs.cli.settings import add_config_flag, with_settings
-from psfs.output.runs import versions
+from psfs.output.reconstruction_folder import versions
 
 
 def run_program(

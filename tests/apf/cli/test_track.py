@@ -15,7 +15,7 @@ import pytest
 import apf.tracking.pipeline
 from apf.body import load_body
 from apf.cli import main
-from apf.results.evaluate import evaluate, load_truth
+from apf.evaluation.evaluate import evaluate, load_truth
 from apf.tracking.track import Track
 
 FRAMES = 5

@@ -11,12 +11,12 @@ from helpers import tracks
 
 from apf.body import BodyModel, load_body
 from apf.body.kinematics import posed_joints
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
 from apf.report.agreement import compare_with_silhouettes, shown_rows
 from apf.report.parts import parts_of, plain_name
 from apf.report.quality import DOUBTFUL, Quality
-from apf.results.evaluate import load_truth
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from apf.tracking.track import Track

@@ -20,9 +20,9 @@ import apf.tracking.pipeline
 import apf.tracking.take
 from apf.body import BodyModel, load_body
 from apf.cli import main
+from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.results.evaluate import load_truth
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from apf.tracking.batch import at_once

@@ -9,7 +9,7 @@ import trimesh
 
 from apf.body.mesh import cone_mesh
 from apf.body.model import BodyModel, side_of
-from apf.results.overlay import COLOURS
+from apf.report.overlay import COLOURS
 from apf.tracking.track import Track
 from psfs.mesh.drawing import Layer, Lines, Surface
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import LIMB_ENDS
+from apf.evaluation.flags import FlagCounts, flagged_joints, said_lost
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
-from apf.results.flags import FlagCounts, flagged_joints, said_lost
-from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
 from cl import InputError

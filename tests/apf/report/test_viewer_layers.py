@@ -10,7 +10,7 @@ from helpers.tracks import walker
 from apf.body import load_body
 from apf.body.cones import distances
 from apf.body.kinematics import posed_cones
-from apf.results.layers import cone_layer, note_of, skeleton_layer
+from apf.report.viewer_layers import cone_layer, note_of, skeleton_layer
 from psfs.mesh.drawing import Lines, Surface
 
 

@@ -14,7 +14,7 @@ from helpers.shared import shared_data
 
 from apf.body import load_body
 from apf.body.kinematics import posed_cones
-from apf.results.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
+from apf.report.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_picture

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.kinematics import bone_matrices
+from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, landmarks_in, points_on
-from apf.results.evaluate import Evaluation, common_frames, evaluation_of
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
