@@ -67,11 +67,9 @@ def track(
     DeviceError where the device cannot be used.
     """
     check_sequence(sequence, frames)
-    check_kind("method", method, Method, ", such as apf.Method.of()")
-    check_kind("body", body, (BodyModel, str, Path))
-    check_kind("init", init, (np.ndarray, str, Path))
-    check_kind("keypoints", keypoints, (Keypoints, str, Path))
-    check_kind("reconstruction", reconstruction, ReconstructionConfig)
+    _check_kinds(
+        method=method, body=body, init=init, keypoints=keypoints, reconstruction=reconstruction
+    )
     if height is not None:
         check_range("height, m,", height, 0.5, 2.5, ends=True)
     settings = SessionSettings(
@@ -98,6 +96,20 @@ def track(
     if take.error is not None:
         raise take.error
     return take.tracks[0]
+
+
+def _check_kinds(**arguments: object) -> None:
+    """Raise InputError for an argument of `track` that is not of its kind."""
+    kinds: dict[str, tuple[type, ...]] = {
+        "method": (Method,),
+        "body": (BodyModel, str, Path),
+        "init": (np.ndarray, str, Path),
+        "keypoints": (Keypoints, str, Path),
+        "reconstruction": (ReconstructionConfig,),
+    }
+    for name, value in arguments.items():
+        hint = ", such as apf.Method.of()" if name == "method" else ""
+        check_kind(name, value, kinds[name], hint)
 
 
 def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Keypoints | None:

@@ -88,6 +88,7 @@ def overlay_picture(
     cone_names: Items[str],
     joints: np.ndarray,
     edges: np.ndarray,
+    *,
     views: Items[int] | None = None,
     note: str = "",
 ) -> np.ndarray:
@@ -167,8 +168,8 @@ def write_overlay(
                 cone_names,
                 track.joints[row],
                 track.edges,
-                views,
-                "   LOST" if track.lost[row] else "",
+                views=views,
+                note="   LOST" if track.lost[row] else "",
             )
             video.write(picture)
             if progress is not None:
