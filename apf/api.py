@@ -18,7 +18,7 @@ from apf.initialisation.from_joints import fit_to_joints
 from apf.keypoints.agreement import disagreements
 from apf.keypoints.keypoints import Keypoints
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
-from apf.tracking.take import track_take
+from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice
 from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
@@ -90,9 +90,13 @@ def track(
         given=given_start(sequence.folder, session.frames[0], body, init),
         keypoints=_opened(keypoints, sequence),
     )
-    take = track_take(session, take_settings, progress)
+    return _whole_track(track_take(session, take_settings, progress))
+
+
+def _whole_track(take: Take) -> Track:
+    """Return the only track of a take; log doubts about its start. Raises what ended it early."""
     for doubt in take.start.doubts if take.start is not None else ():
-        log.warning("%s: %s", sequence.name, doubt)
+        log.warning("%s: %s", take.sequence.name, doubt)
     if take.error is not None:
         raise take.error
     return take.tracks[0]
