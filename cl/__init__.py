@@ -15,6 +15,7 @@ from cl.device import Device, NumpyDevice, select_device
 from cl.errors import DeviceError, InputError, MissingFileError, UserError
 from cl.launch import Kernel, Launch, Step
 from cl.listing import DeviceInfo, list_devices
+from cl.probe import Probe
 from cl.profile import Profile
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Launch",
     "MissingFileError",
     "NumpyDevice",
+    "Probe",
     "Profile",
     "Step",
     "UserError",

@@ -22,12 +22,11 @@ from cl.errors import DeviceError, failing_as_device
 from cl.launch import Kernel, Launch
 from cl.listing import (
     DeviceInfo,
-    check_linker,
     device_info,
-    list_devices,
     ranked_devices,
     where_to_get_opencl,
 )
+from cl.probe import probe
 from cl.profile import Profile
 from cl.program import Define, build_options, kernel_source
 from cl.signature import signatures
@@ -55,27 +54,42 @@ class Transfers:
 def select_device(choice: str = "auto", profile: bool = False) -> Device | NumpyDevice:
     """Return the device for `auto`, `gpu`, `cpu`, `gpu:N`, `cpu:N`, `numpy` or a NAME.
 
-    `auto` takes the GPU with the most compute units, else a CPU. N counts those of a kind from 0,
-    in the order of `list_devices`. NAME is any part of a device's name or its platform's, in upper
-    or lower case. Raises DeviceError when there is none such.
+    `auto`, `gpu` and `cpu` take the first device that works, in the order of `list_devices`, and
+    warn of those before it that do not. N counts those of a kind from 0. NAME is any part of a
+    device's name or its platform's, in upper or lower case. Raises DeviceError if there is no such
+    device, or if it does not work.
     """
     if choice == "numpy":
         return NumpyDevice()
+    faults: list[str] = []
+    for handle in _candidates(choice):
+        fault = probe(handle).fault
+        if fault is None:
+            for line in faults:
+                log.warning("%s; %s is used", line, handle.name.strip())
+            return Device(handle, profile=profile)
+        faults.append(f"{handle.name.strip()} does not work: {fault}")
+    raise DeviceError(f"{'; '.join(faults)}; expected a driver that works, or another device")
+
+
+def _candidates(choice: str) -> list[Any]:
+    """Return the devices that `choice` may mean, the best first; at least one."""
     devices = ranked_devices()
     kind, _, number = choice.partition(":")
-    if kind in ("gpu", "cpu") and (number.isdecimal() or choice == kind):
-        chosen = [d for d in devices if device_info(d).kind == kind][int(number or 0) :]
-    elif choice == "auto":
-        chosen = devices
+    if choice == "auto":
+        found = devices
+    elif kind in ("gpu", "cpu") and (number.isdecimal() or choice == kind):
+        found = [d for d in devices if device_info(d).kind == kind]
+        found = found[int(number) :][:1] if number else found
     else:
         wanted = choice.lower()
-        chosen = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()]
-    if not chosen:
-        found = ", ".join(info.name for info in list_devices())
-        if not found:
-            raise DeviceError(f"this machine has no OpenCL device: {where_to_get_opencl()}")
-        raise DeviceError(f"no OpenCL device matches {choice}; found: {found}")
-    return Device(chosen[0], profile=profile)
+        found = [d for d in devices if wanted in f"{d.name} {d.platform.name}".lower()][:1]
+    if found:
+        return found
+    if not devices:
+        raise DeviceError(f"this machine has no OpenCL device: {where_to_get_opencl()}")
+    names = ", ".join(device.name.strip() for device in devices)
+    raise DeviceError(f"no OpenCL device matches {choice}; found: {names}")
 
 
 @dataclass
@@ -83,6 +97,7 @@ class Device:
     """An OpenCL device with its context, queue, built programs and arrays.
 
     Made by the caller and passed on; never global. `Device.best()` is the fastest one found.
+    handle: a device of pyopencl that works, see `cl.listing.working_devices`.
     """
 
     handle: Any
@@ -93,7 +108,6 @@ class Device:
 
     def __post_init__(self) -> None:
         self.info = device_info(self.handle)
-        check_linker(self.info)
         try:
             self.context = pyopencl.Context([self.handle])
             profiling: Any = pyopencl.command_queue_properties.PROFILING_ENABLE

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import logging
-import os
-import shutil
+import re
 import sys
-import tempfile
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pyopencl
 
-from cl.errors import DeviceError
+from cl.folders import replace_unwritable_caches
+from cl.probe import Probe, probe
+from cl.vendors import register_packaged_drivers
 
 log = logging.getLogger(__name__)
 
@@ -29,69 +27,50 @@ class DeviceInfo:
     kind: str  # "gpu", "cpu" or "other"
     compute_units: int
     memory: int  # bytes
+    #: The result of trying it; None if it was not tried.
+    probe: Probe | None = None
 
 
-def list_devices() -> list[DeviceInfo]:
-    """All OpenCL devices of this machine, GPUs first, then by compute units, most first."""
-    return [device_info(device) for device in ranked_devices()]
+def list_devices(afresh: bool = False) -> list[DeviceInfo]:
+    """Return all OpenCL devices of this machine, with the result of trying each: GPUs first, then
+    CPUs by Intel's runtime, then other CPUs. afresh: try them now, whatever is known of them."""
+    tried = ((device_info(handle), probe(handle, afresh)) for handle in ranked_devices())
+    return [replace(info, probe=found) for info, found in tried]
+
+
+def working_devices() -> list[Any]:
+    """Return pyopencl's devices that work, in the order of `list_devices`, for `Device`."""
+    return [handle for handle in ranked_devices() if probe(handle).fault is None]
 
 
 def ranked_devices() -> list[Any]:
-    """pyopencl's devices, in the order of `list_devices`."""
+    """Return pyopencl's devices, working or not: GPUs first, then CPUs by Intel's runtime, which is
+    the fastest there, then the others; of these, newer drivers and more compute units first."""
 
-    def rank(device: Any) -> tuple[bool, int]:
-        return (not device.type & pyopencl.device_type.GPU, -device.max_compute_units)
+    def rank(device: Any) -> tuple[Any, ...]:
+        is_gpu = bool(device.type & pyopencl.device_type.GPU)
+        by_intel = not is_gpu and "Intel" in device.platform.name
+        release = [int(number) for number in re.findall(r"\d+", device.driver_version)[:2]]
+        newer = [-number for number in release] if not is_gpu else []
+        return (not is_gpu, not by_intel, newer, -device.max_compute_units)
 
     return sorted(_opencl_devices(), key=rank)
 
 
 def _opencl_devices() -> list[Any]:
-    _mend_caches()
+    replace_unwritable_caches()
+    register_packaged_drivers()
     try:
         platforms = pyopencl.get_platforms()
     except pyopencl.Error:  # the loader reports "no platform" as an error
         return []
-    devices = []
+    devices: dict[int, Any] = {}  # by handle: a driver may be found in two places
     for platform in platforms:
         try:
-            devices += platform.get_devices()
+            devices.update({device.int_ptr: device for device in platform.get_devices()})
         except pyopencl.Error:
             log.warning("the OpenCL platform %s has no usable device", platform.name)
-    return devices
-
-
-def _mend_caches() -> None:
-    """Let PoCL and PyOpenCL, which do nothing without a cache that they can write, have one in a
-    temporary folder."""
-    places = {"XDG_CACHE_HOME": "~/.cache", "POCL_CACHE_DIR": None}
-    for variable, usual in places.items():
-        place = os.environ.get(variable) or usual
-        if place is not None and not _writable(place):
-            mended = str(Path(tempfile.gettempdir()) / f"psfs-cache-{os.getuid()}")
-            log.warning("the cache %s cannot be written; %s is taken", place, mended)
-            os.environ[variable] = mended
-
-
-def _writable(place: str) -> bool:
-    try:
-        folder = Path(place).expanduser()
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except (OSError, RuntimeError):
-        return False
-
-
-def check_linker(info: DeviceInfo) -> None:
-    """Raise DeviceError for PoCL's wheel on a machine without a linker, which PoCL calls when it
-    builds a kernel: it would end the process."""
-    pocl = info.kind == "cpu" and info.platform == "Portable Computing Language"
-    wheel = pocl and importlib.util.find_spec("pocl_binary_distribution") is not None
-    if wheel and shutil.which("ld") is None:
-        raise DeviceError(
-            f"{info.name}: PoCL finds no linker `ld` to build kernels with; expected one in PATH "
-            "(Debian: binutils), or --device numpy"
-        )
+    return list(devices.values())
 
 
 def where_to_get_opencl(system: str = sys.platform) -> str:
@@ -105,8 +84,8 @@ def where_to_get_opencl(system: str = sys.platform) -> str:
             "from conda-forge"
         )
     return (
-        f"{gpu}; for the CPU install pocl-binary-distribution with pip, on other processors than "
-        "x86-64 the system's package pocl-opencl-icd"
+        f"{gpu}; for the CPU install pocl-binary-distribution or the extra psfs-apf[intel] with "
+        "pip, on other processors than x86-64 the system's package pocl-opencl-icd"
     )
 
 

@@ -1,4 +1,4 @@
-"""`psfs devices`: the OpenCL devices of this machine."""
+"""`psfs devices`: the OpenCL devices of this machine, and whether they work."""
 
 from __future__ import annotations
 
@@ -6,23 +6,39 @@ import argparse
 
 from rich.table import Table
 
-from cl import list_devices, select_device
-from psfs.cli.commandline import add_command, stdout
+from cl import DeviceInfo, list_devices, select_device
+from psfs.cli.commandline import add_command, stdout, warn
 
 
 def register(commands: argparse._SubParsersAction) -> None:
-    add_command(commands, "devices", _run, help="list the OpenCL devices")
+    add_command(commands, "devices", _run, help="try the OpenCL devices and list them")
 
 
 def _run(args: argparse.Namespace) -> None:
-    devices = list_devices()
+    devices = list_devices(afresh=True)
     if not devices:
-        select_device()  # says what there could be
-    table = Table("name", "kind", "platform", "driver")
-    table.add_column("compute units", justify="right")
-    table.add_column("memory GiB", justify="right")
+        select_device()  # raises with what could be installed
+    stdout.print(_table(devices))
+    broken = [info for info in devices if info.probe and info.probe.fault]
+    if len(broken) == len(devices):
+        select_device()  # raises with the faults of all
+    for info in broken:
+        assert info.probe is not None
+        warn(f"{info.name} does not work: {info.probe.fault}", stdout)
+
+
+def _table(devices: list[DeviceInfo]) -> Table:
+    """Return the devices with what trying them found, the one that `auto` takes first."""
+    table = Table("name", "kind", "platform", "driver", "works")
+    for heading in ("compute units", "memory GiB", "GB/s", "GFLOP/s"):
+        table.add_column(heading, justify="right")
     for info in devices:
-        memory = f"{info.memory / 2**30:.1f}"
-        units = str(info.compute_units)
-        table.add_row(info.name, info.kind, info.platform, info.driver, units, memory)
-    stdout.print(table)
+        found = info.probe
+        assert found is not None
+        works = "no" if found.fault else f"yes, as {found.target}" if found.target else "yes"
+        speeds = ["", ""] if found.fault else [f"{found.bandwidth:.0f}", f"{found.gflops:.0f}"]
+        units, memory = str(info.compute_units), f"{info.memory / 2**30:.1f}"
+        table.add_row(
+            info.name, info.kind, info.platform, info.driver, works, units, memory, *speeds
+        )
+    return table

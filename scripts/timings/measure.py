@@ -7,7 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 import pyopencl
 
 from cl import Device, InputError, list_devices
-from cl.listing import ranked_devices
+from cl.listing import working_devices
 
 _FMA = """
 __kernel void fma_chain(__global float *x) {
@@ -36,6 +36,10 @@ __kernel void copy(__global const float4 *x, __global float4 *y) {
     y[i] = x[i];
 }
 """
+
+
+#: How many cores PoCL before 4 uses.
+_POCL_THREADS = "POCL_MAX_PTHREAD_COUNT"
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ class Place:
 def places() -> list[Place]:
     """Every OpenCL device of this process, GPUs first. Raises InputError if there is none."""
     found = []
-    for handle in ranked_devices():
+    for handle in working_devices():
         name, units = handle.name.strip(), handle.max_compute_units
         if handle.type & pyopencl.device_type.CPU:
             label = f"{name}, {units} core{'s' * (units > 1)}"
@@ -113,8 +117,8 @@ def places() -> list[Place]:
 
 
 def fewer_cores(place: Place) -> list[int]:
-    """1, 2, 4, ... below the cores of a CPU run by PoCL, which can be told to use fewer."""
-    if place.cores is None or "Portable" not in place.handle.platform.name:
+    """1, 2, 4, ... below the cores of the CPU that `cpu_place` returns; none for other devices."""
+    if place.cores is None or place.label != cpu_place().label:
         return []
     return [2**k for k in range(place.cores.bit_length()) if 2**k < place.cores]
 
@@ -124,7 +128,9 @@ def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) 
     before = {name: os.environ.get(name) for name in environ}
     os.environ.update(environ)
     try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        cores = int(environ.get(_POCL_THREADS, 0))
+        spawn = get_context("spawn")
+        with ProcessPoolExecutor(1, spawn, _keep_to_cores, (cores,)) as pool:
             return pool.submit(function, *args).result()
     finally:
         for name, value in before.items():
@@ -135,8 +141,15 @@ def apart(environ: Mapping[str, str], function: Callable[..., Any], *args: Any) 
 
 
 def only_cores(cores: int) -> dict[str, str]:
-    """The environment in which PoCL has `cores` cores: its sub-devices use all nevertheless."""
-    return {"POCL_MAX_PTHREAD_COUNT": str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
+    """The environment for `apart` in which OpenCL and its host have `cores` cores of the CPU."""
+    return {_POCL_THREADS: str(cores), "POCL_CPU_MAX_CU_COUNT": str(cores)}
+
+
+def _keep_to_cores(cores: int) -> None:
+    """Pin this process to its first `cores` cores, if any: Intel's runtime goes by that, PoCL by
+    its environment."""
+    if cores and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
 
 
 def cpu_place() -> Place:
@@ -144,7 +157,7 @@ def cpu_place() -> Place:
     for place in places():
         if place.cores:
             return place
-    raise InputError("no OpenCL device that is a CPU; expected PoCL's")
+    raise InputError("no OpenCL device that is a CPU; expected PoCL's or Intel's")
 
 
 @dataclass(frozen=True)
@@ -194,7 +207,7 @@ def environment() -> dict[str, Any]:
         "system": platform.platform(),
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in _PACKAGES},
-        "devices": [asdict(info) for info in list_devices()],
+        "devices": [asdict(replace(info, probe=None)) for info in list_devices()],
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,10 @@ import pytest
 
 import cl.array
 import cl.device
+import cl.listing
 import cl.program
 from cl import Device, DeviceError, NumpyDevice, list_devices, select_device
-from cl.listing import where_to_get_opencl
+from cl.listing import ranked_devices, where_to_get_opencl
 from cl.program import kernel_source
 from cl.staging import Download
 
@@ -75,10 +76,42 @@ def test_numpy_needs_no_device() -> None:
 
 
 def test_best_is_the_first_of_the_list() -> None:
-    infos = list_devices()
-    assert infos and Device.best().info == infos[0]
-    order = [(info.kind != "gpu", -info.compute_units) for info in infos]
-    assert order == sorted(order)
+    infos = [info for info in list_devices() if info.probe is not None and not info.probe.fault]
+    best = Device.best().info
+    assert (best.name, best.driver) == (infos[0].name, infos[0].driver)
+
+
+def test_gpus_come_first_then_intel_s_runtime_then_newer_drivers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    @dataclass
+    class Platform:
+        name: str
+
+    @dataclass
+    class Found:
+        type: int
+        platform: Platform
+        driver_version: str
+        max_compute_units: int
+
+    gpu, cpu = pyopencl.device_type.GPU, pyopencl.device_type.CPU
+    pocl, intel, nvidia = (
+        Platform("Portable Computing Language"),
+        Platform("Intel(R) OpenCL"),
+        Platform("NVIDIA CUDA"),
+    )
+    expected = [
+        Found(gpu, nvidia, "580.159", 132),
+        Found(gpu, intel, "26.1", 32),
+        Found(cpu, intel, "2026.22.10", 4),
+        Found(cpu, pocl, "5.0+debian", 4),
+        Found(cpu, pocl, "3.1", 4),
+        Found(cpu, pocl, "3.0-rc2", 8),
+        Found(cpu, pocl, "3.0-rc2", 4),
+    ]
+    monkeypatch.setattr(cl.listing, "_opencl_devices", lambda: expected[::-1])
+    assert ranked_devices() == expected
 
 
 def test_devices_are_found_by_kind_and_by_part_of_their_name(device: Device) -> None:

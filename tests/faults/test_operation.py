@@ -24,6 +24,8 @@ import psfs.cli
 import psfs.footage.threads as threads
 from apf.cli.takes.kept_parts import Keeper
 from apf.tracking.track import PARTS, Track
+from cl import pocl_wheel
+from cl.listing import device_info, working_devices
 from psfs.common.outputs import unfinished
 from psfs.voxels.clouds import read_cloud
 
@@ -261,9 +263,10 @@ def test_closed_standard_streams(stock: Path) -> None:
 
 
 def test_no_linker(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cl.listing.shutil.which", lambda _: None)
-    if pyopencl.get_platforms()[0].name != "Portable Computing Language":
-        pytest.skip("no PoCL")
+    cpus = [handle for handle in working_devices() if device_info(handle).kind == "cpu"]
+    if not cpus or not all(map(pocl_wheel.is_wheel, cpus)):
+        pytest.skip("another CPU device than PoCL's wheel")
+    monkeypatch.setattr("cl.pocl_wheel.shutil.which", lambda _: None)
     faults.refused(reconstruct(stock, "--device", "cpu"), stock, "no linker `ld`")
 
 

@@ -1,0 +1,120 @@
+"""PoCL's wheel on processors that its compiler does not know."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cl.probe
+from cl import pocl_wheel
+from cl.listing import ranked_devices
+
+FEATURES = Path("/proc/cpuinfo")
+
+
+@pytest.fixture
+def wheel() -> Any:
+    """The wheel's device."""
+    found = [device for device in ranked_devices() if pocl_wheel.is_wheel(device)]
+    if not found:
+        pytest.skip("pocl-binary-distribution 3.0 is not installed, or its driver not loaded")
+    return found[0]
+
+
+V2 = {"sse2", "ssse3", "cx16", "sse4_1", "sse4_2", "popcnt"}
+V3 = V2 | {"avx", "f16c", "avx2", "abm", "fma", "bmi1", "bmi2"}
+
+
+@pytest.mark.parametrize(
+    ("features", "expected"),
+    [
+        ({"sse2"}, "athlon64"),
+        ({"sse2", "ssse3", "cx16"}, "core2"),
+        (V2, "penryn"),
+        (V2 | {"avx"}, "sandybridge"),
+        (V2 | {"avx", "f16c"}, "ivybridge"),
+        (V2 | {"avx", "xop", "fma4"}, "bdver1"),
+        (V3, "haswell"),
+        (V3 - {"fma"}, "ivybridge"),
+        (V3 | {"avx512f", "avx512bw"}, "skylake-avx512"),
+        (set(), None),
+    ],
+)
+def test_the_name_is_that_of_the_library_that_pocl_chooses(
+    features: set[str], expected: str | None
+) -> None:
+    assert pocl_wheel.fitting_target(features) == expected
+
+
+def test_the_libraries_are_those_of_the_wheel(wheel: Any) -> None:
+    """Each bitcode library names the processor that it was compiled for."""
+    package = pytest.importorskip("pocl_binary_distribution")
+    folder = Path(package.__file__).parent / ".libs" / "share" / "pocl"
+    files = sorted(path.name.rpartition("-")[2] for path in folder.glob("kernel-x86_64*.bc"))
+    assert len(files) == len(pocl_wheel.LIBRARIES) == 8
+
+
+def test_a_processor_that_the_compiler_does_not_know_is_mended(
+    wheel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on AMD's Zen 5: LLVM 14 calls the processor "generic", which clang refuses."""
+    code = """
+import sys
+from pathlib import Path
+import cl.probe
+from cl import Device, pocl_wheel
+from cl.listing import ranked_devices
+from cl.probe import examine, probe
+cl.probe.cache_folder = lambda: Path(sys.argv[1])
+run_apart = cl.probe.try_apart
+cl.probe.try_apart = lambda handle, target: run_apart(handle, target or "generic")
+(wheel,) = [device for device in ranked_devices() if pocl_wheel.is_wheel(device)]
+pocl_wheel.set_target(wheel, "generic")
+print(examine(wheel).fault)
+found = probe(wheel)
+print(found.fault, found.target, pocl_wheel.target(wheel))
+assert probe(wheel) == found and probe(wheel, afresh=True).target == found.target
+print(examine(wheel).fault)
+"""
+    paths = os.pathsep.join(filter(None, sys.path))
+    ended = subprocess.run(
+        [sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths, "PYOPENCL_NO_CACHE": "1"},
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    before, during, after = ended.stdout.splitlines()
+    fitting = pocl_wheel.fitting_target()
+    assert "unknown target CPU 'generic'" in before
+    assert during == f"None {fitting} {fitting}"
+    assert after == "None"
+
+
+def test_where_no_name_helps_it_is_said_what_to_install(
+    wheel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cl.probe, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(cl.probe, "try_apart", lambda *_: cl.probe.Probe("it fails"))
+    fault = cl.probe.probe(wheel, afresh=True).fault
+    assert fault is not None and "psfs-apf[intel]" in fault and "pocl-opencl-icd" in fault
+
+
+def test_without_a_linker_the_wheel_is_not_tried(
+    wheel: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pocl_wheel.shutil, "which", lambda name: None)
+    fault = cl.probe.probe(wheel).fault
+    assert fault is not None and "linker" in fault
+
+
+def test_other_devices_are_not_written_to(wheel: Any) -> None:
+    class Other:
+        name, driver_version = "a GPU", "3.1"
+        platform = wheel.platform
+
+    with pytest.raises(ValueError, match="is not the device"):
+        pocl_wheel.set_target(Other(), "haswell")

@@ -1,0 +1,184 @@
+"""Devices are tried before they are used; those that do not work are passed over and named."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cl.listing
+import cl.probe
+from cl import Device, DeviceError, NumpyDevice, Probe, list_devices, select_device
+from cl.listing import ranked_devices, working_devices
+from cl.probe import examine, expected_sums, probe
+
+SOURCE = Path(__file__).parents[1] / "helpers" / "broken_driver.c"
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file that holds the results, in a folder of this test's own."""
+    monkeypatch.setattr(cl.probe, "cache_folder", lambda: tmp_path / "cache")
+    return tmp_path / "cache" / "devices.json"
+
+
+@pytest.fixture
+def tries(monkeypatch: pytest.MonkeyPatch) -> list[str | None]:
+    """The processors that devices are tried with from now on; each try finds them working."""
+    found: list[str | None] = []
+
+    def run(handle: object, target: str | None) -> Probe:
+        found.append(target)
+        return Probe(None, target, 1.0, 2.0)
+
+    monkeypatch.setattr(cl.probe, "try_apart", run)
+    return found
+
+
+@pytest.mark.parity("common/probe.check", "common/probe.copy", "common/probe.multiply_add")
+def test_the_kernels_compute_what_they_are_checked_against(device: Device) -> None:
+    values = np.linspace(0.1, 2.0, 80, dtype=np.float32)
+    sums, count = device.zeros(5, np.float32), device.zeros(1, np.int32)
+    check = device.kernel("common/probe", "check", GROUP=16, STEPS=3)
+    given = device.to_device(values)
+    device.launch(check, (80,), (16,), n=80, values=given, sums=sums, count=count)()
+    np.testing.assert_allclose(sums.get(), expected_sums(values), rtol=1e-4, atol=1e-3)
+    assert count.get() == 5
+    source, to = device.to_device(np.arange(44, dtype=np.float32)), device.zeros(44, np.float32)
+    copy = device.kernel("common/probe", "copy", GROUP=16, STEPS=3)
+    device.launch(copy, (10,), None, **{"n": 10, "from": source, "to": to})()
+    assert (to.get() == [*range(40), 0, 0, 0, 0]).all()
+    out = device.zeros(8, np.float32)
+    steps = device.kernel("common/probe", "multiply_add", GROUP=16, STEPS=3)
+    device.launch(steps, (7,), None, n=7, a=0.5, b=2.0, out=out)()
+    expected = np.append(np.arange(7) / 8 + 3.5, 0)
+    np.testing.assert_allclose(out.get(), expected, rtol=1e-6)
+
+
+def test_a_device_that_works_is_measured(device: Device) -> None:
+    found = examine(device.handle)
+    assert found.fault is None and found.bandwidth > 0 and found.gflops > 0
+
+
+def test_a_device_is_tried_once(device: Device, cache: Path, tries: list[str | None]) -> None:
+    assert probe(device.handle) == probe(device.handle)
+    assert len(tries) == 1
+    probe(device.handle, afresh=True)
+    assert len(tries) == 2
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"x": 1}', '{"x": {"speed": 1}}'])
+def test_a_damaged_cache_counts_for_nothing(
+    device: Device, cache: Path, tries: list[str | None], text: str
+) -> None:
+    cache.parent.mkdir()
+    cache.write_text(text)
+    assert probe(device.handle).fault is None and len(tries) == 1
+    assert len(json.loads(cache.read_text())) == 1
+
+
+def test_a_fault_is_forgotten_after_an_hour(
+    device: Device, cache: Path, tries: list[str | None]
+) -> None:
+    found = probe(device.handle)
+    for age, expected in ((60, 1), (4000, 2)):
+        old = replace(found, fault="broken", tried_at=time.time() - age)
+        cl.probe.write_cache({cl.probe.cache_key(device.handle): old})
+        assert (probe(device.handle).fault == "broken") == (expected == 1)
+        assert len(tries) == expected
+
+
+def test_a_driver_that_ends_the_process_is_a_fault(
+    device: Device, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cl.probe, "position", lambda handle: (99, 0))  # no such platform
+    found = probe(device.handle, afresh=True)
+    assert found.fault is not None and "IndexError" in found.fault and "\n" not in found.fault
+
+
+def test_devices_that_fail_are_passed_over_and_named(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    handles = working_devices()
+    faults = {id(handle): "its compiler fails" for handle in handles[:-1]}
+
+    def found(handle: object, afresh: bool = False) -> Probe:
+        return Probe(faults.get(id(handle)))
+
+    monkeypatch.setattr(cl.listing, "ranked_devices", lambda: handles)
+    monkeypatch.setattr(cl.device, "ranked_devices", lambda: handles)
+    monkeypatch.setattr(cl.device, "probe", found)
+    chosen = select_device("auto")
+    assert isinstance(chosen, Device) and chosen.handle == handles[-1]
+    assert len(caplog.records) == len(handles) - 1
+    faults[id(handles[-1])] = "it is broken"
+    for choice in ("auto", "cpu", handles[-1].name):
+        if choice != "cpu" or chosen.info.kind == "cpu":
+            with pytest.raises(DeviceError, match="does not work: it"):
+                select_device(choice)
+    assert select_device("numpy") == NumpyDevice()
+
+
+def test_all_devices_are_listed_with_their_probe() -> None:
+    infos = list_devices()
+    assert len(infos) == len(ranked_devices())
+    assert sum(info.probe is not None and info.probe.fault is None for info in infos) == len(
+        working_devices()
+    )
+
+
+# A driver that lists a GPU and cannot build, beside those of this machine ------------------------
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment in which OpenCL's loader finds such a driver."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or not sys.platform.startswith("linux"):
+        pytest.skip("no C compiler on Linux to make a broken driver with")
+    folder = tmp_path_factory.mktemp("vendors")
+    library = folder / "libbroken.so"
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, SOURCE], check=True)
+    (folder / "broken.icd").write_text(f"{library}\n")
+    known = os.environ.get("OCL_ICD_VENDORS", "/etc/OpenCL/vendors")
+    for path in Path(known).glob("*.icd"):
+        shutil.copy(path, folder)
+    paths = os.pathsep.join(filter(None, sys.path))
+    return {**os.environ, "OCL_ICD_VENDORS": str(folder), "PYTHONPATH": paths}
+
+
+def run(environment: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "psfs.cli", *words]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_broken_device_is_listed_beside_those_that_work(broken: dict[str, str]) -> None:
+    ended = run(broken, "devices")
+    if "Broken GPU" not in ended.stdout:
+        pytest.skip("OpenCL's loader here does not read OCL_ICD_VENDORS")
+    assert ended.returncode == 0
+    rows = {line.split("│")[1].strip(): line for line in ended.stdout.splitlines() if "│" in line}
+    assert "no" in rows["Broken GPU"].split() and "yes" in rows[Device.best().name]
+    assert "unknown target CPU" in ended.stdout + ended.stderr
+
+
+def test_a_broken_device_is_refused_by_name_and_passed_over_by_auto(
+    broken: dict[str, str], walk: Path, tmp_path: Path
+) -> None:
+    words = ["reconstruct", str(walk), "-o", str(tmp_path / "out"), "--frames", "0:1", "--device"]
+    named = run(broken, *words, "broken gpu")
+    if "no OpenCL device matches" in named.stderr:
+        pytest.skip("OpenCL's loader here does not read OCL_ICD_VENDORS")
+    assert named.returncode == 2 and "please report" not in named.stderr
+    (line,) = named.stderr.splitlines()
+    assert "Broken GPU does not work" in line and "unknown target CPU" in line
+    auto = run(broken, *words, "auto")
+    assert auto.returncode == 0 and "Broken GPU does not work" in auto.stderr
