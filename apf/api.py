@@ -67,11 +67,8 @@ def track(
     DeviceError where the device cannot be used.
     """
     check_sequence(sequence, frames)
-    _check_kinds(
-        method=method, body=body, init=init, keypoints=keypoints, reconstruction=reconstruction
-    )
-    if height is not None:
-        check_range("height, m,", height, 0.5, 2.5, ends=True)
+    kinds = {"method": method, "body": body, "init": init, "keypoints": keypoints}
+    _check_arguments(height, **kinds, reconstruction=reconstruction)
     settings = SessionSettings(
         reconstruction or ReconstructionConfig(), frames or slice(None), voxel_size
     )
@@ -102,8 +99,11 @@ def _whole_track(take: Take) -> Track:
     return take.tracks[0]
 
 
-def _check_kinds(**arguments: object) -> None:
-    """Raise InputError for an argument of `track` that is not of its kind."""
+def _check_arguments(height: float | None, **arguments: object) -> None:
+    """Raise InputError for a height, m, that nobody has, or an argument of `track` that is not of
+    its kind."""
+    if height is not None:
+        check_range("height, m,", height, 0.5, 2.5, ends=True)
     kinds: dict[str, tuple[type, ...]] = {
         "method": (Method,),
         "body": (BodyModel, str, Path),
