@@ -53,8 +53,8 @@ class Footage:
             return Frame(index, None, np.full(shape, 255, np.uint8))
         return Frame(index, np.full((*shape, 3), 90, np.uint8), None)
 
-    def frames(self, selection: slice) -> Iterator[Frame]:
-        return (self.read(index) for index in range(self.count)[selection])
+    def frames_at(self, indices: list[int]) -> Iterator[Frame]:
+        return map(self.read, indices)
 
 
 def body_at(row: int = 0) -> tuple[np.ndarray, list[str], np.ndarray, np.ndarray]:
