@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from apf.cli.batch.parts import PARTS, course_of
+from apf.cli.batch.chunks import PARTS, course_of
 from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes

@@ -1,4 +1,4 @@
-"""A long take in overlapping parts: where it is cut, and how the parts' tracks are joined."""
+"""A long take in overlapping chunks: where it is cut, and how the chunks' tracks are joined."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from apf.tracking.track import Track
 
 
 @dataclass(frozen=True)
-class PartsConfig:
-    """How parts overlap and when they agree."""
+class ChunksConfig:
+    """How chunks overlap and when they agree."""
 
     overlap: float = 1.0
-    """s that two parts share. A track has settled on a start that was found within about half."""
+    """s that two chunks share. A track has settled on a start that was found within about half."""
     agreement: float = 0.05
     """m, mean over the joints, up to which two tracks of a frame are the same but for noise: runs
     with different seeds lie about 10 to 20 mm apart, a wrong start 100 and more."""
@@ -25,7 +25,7 @@ class PartsConfig:
 
 @dataclass(frozen=True)
 class Seam:
-    """Where two parts are joined: the first frame of the later one, and the mean distance of their
+    """Where two chunks are joined: the first frame of the later one, and the mean distance of their
     joints there, m; infinite where they share no frame that both are sure of."""
 
     frame: int
@@ -33,10 +33,10 @@ class Seam:
 
 
 def cut(frames: range, n_frames: int, overlap: int) -> list[range]:
-    """Return the frames of each part: about `n_frames`, and `overlap` of the next part's."""
-    n_parts = max(1, round(len(frames) / n_frames))
-    edges = np.linspace(0, len(frames), n_parts + 1).round().astype(int).tolist()
-    if n_parts > 1 and min(np.diff(edges)) <= overlap:
+    """Return the frames of each chunk: about `n_frames`, and `overlap` of the next chunk's."""
+    n_chunks = max(1, round(len(frames) / n_frames))
+    edges = np.linspace(0, len(frames), n_chunks + 1).round().astype(int).tolist()
+    if n_chunks > 1 and min(np.diff(edges)) <= overlap:
         return [frames]
     return [frames[a : min(b + overlap, len(frames))] for a, b in pairwise(edges)]
 
@@ -53,7 +53,7 @@ def seam(first: Track, second: Track) -> Seam:
 
 
 def joined(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
-    """Return one track out of those of parts in their order, and its seams. Its provenance is that
+    """Return one track out of those of chunks in their order, and its seams. Its provenance is that
     of the first, with the seams under `parts`."""
     seams = [seam(a, b) for a, b in pairwise(tracks)]
     begins = [-np.inf, *(s.frame for s in seams)]

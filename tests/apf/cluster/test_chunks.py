@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.tracks import walker
 
-from apf.cluster.parts import cut, joined, seam
+from apf.cluster.chunks import cut, joined, seam
 from apf.tracking.track import Track
 
 

@@ -1,4 +1,4 @@
-"""A long take on several workers: its start, its parts, and their tracks joined to one."""
+"""A long take on several workers: its start, its chunks, and their tracks joined to one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from apf.cli.first_pose import found_start
 from apf.cli.method_flags import chosen_method
 from apf.cli.takes.job import TrackJob
 from apf.cli.track import finish_take, write_files, write_track_settings
+from apf.cluster.chunks import ChunksConfig, cut, joined, millimetres, seam
 from apf.cluster.courses import Course
-from apf.cluster.parts import PartsConfig, cut, joined, millimetres, seam
 from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, logged_to
 from apf.cluster.workers import worker_device
@@ -33,7 +33,7 @@ from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, find_volume
 
-#: Folder in OUT of takes that are being tracked in parts.
+#: Folder in OUT of takes that are being tracked in chunks.
 PARTS = "parts"
 #: The first pose of a take, in its folder there.
 START = "start.txt"
@@ -41,19 +41,19 @@ START = "start.txt"
 
 def course_of(job: TakeJob) -> Course:
     """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
-    enough, its start, its parts, and how they are joined."""
+    enough, its start, its chunks, and how they are joined."""
     if job.part_frames is not None:
-        (parts,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
-        if parts:
-            yield [Task(part.name, do_take, (part,)) for part in parts]
-            (done,) = yield [Task(f"{job.name}/joining", join_parts, (job, parts))]
+        (chunks,) = yield [Task(f"{job.name}/start", cut_take, (job, job.part_frames))]
+        if chunks:
+            yield [Task(chunk.name, do_take, (chunk,)) for chunk in chunks]
+            (done,) = yield [Task(f"{job.name}/joining", join_chunks, (job, chunks))]
             return done
     (done,) = yield [Task(job.name, do_take, (job,))]
     return done
 
 
 def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
-    """Find the person in a take and return the jobs of its parts, which share body, volume and
+    """Find the person in a take and return the jobs of its chunks, which share body, volume and
     cameras; none of a take too short to be cut."""
     with logged_to(job.log, f"{job.name}: cutting {job.source}"):
         progress.begin("opening")
@@ -63,23 +63,23 @@ def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[Ta
             raise InputError("--seeds and --part-frames; expected one of them")
         session = _examined(args, worker_device(args.device)).session
         frames = selected_frames(args, session.sequence)
-        overlap = round(PartsConfig().overlap * session.rate)
-        parts = cut(frames, part_frames, overlap)
-        if len(parts) < 2:
+        overlap = round(ChunksConfig().overlap * session.rate)
+        chunks = cut(frames, part_frames, overlap)
+        if len(chunks) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
         shared = _shared_words(progress, job, args, session)
-        folder = _parts_folder(job)
+        folder = _chunks_folder(job)
         return tuple(
             replace(
                 job,
                 name=f"{job.name}/part{number}",
                 out=folder / f"part{number}",
-                words=(*shared, *([f"--init={folder / START}"] * (number == 0)), _frames(part)),
+                words=(*shared, *([f"--init={folder / START}"] * (number == 0)), _frames(chunk)),
                 part_frames=None,
                 exports=(),
             )
-            for number, part in enumerate(parts)
+            for number, chunk in enumerate(chunks)
         )
 
 
@@ -94,7 +94,7 @@ def _examined(args: argparse.Namespace, device: Device | NumpyDevice) -> Examina
 def _shared_words(
     progress: TaskProgress, job: TakeJob, args: argparse.Namespace, session: Session
 ) -> tuple[str, ...]:
-    """Find the person and return the flags that all parts of the take share; body and first pose
+    """Find the person and return the flags that all chunks of the take share; body and first pose
     are written beside them."""
     volume, grid, sequence = find_volume(session), automatic_grid(session), session.sequence
     first = session.frames[0]
@@ -102,7 +102,7 @@ def _shared_words(
     if given is None:
         seed = chosen_method(args).filter.search.seed
         given = found_start(session, args, seed, lambda: progress("start"))
-    folder = _parts_folder(job)
+    folder = _chunks_folder(job)
     save_body(folder / "body.toml", given[0])
     write_pose(folder / START, given[1], given[0])
     box = ",".join(repr(float(x)) for x in np.ravel(np.transpose([volume.low, volume.high])))
@@ -117,8 +117,8 @@ def _shared_words(
     )
 
 
-def _parts_folder(job: TakeJob) -> Path:
-    """Return where the parts of a take are tracked."""
+def _chunks_folder(job: TakeJob) -> Path:
+    """Return where the chunks of a take are tracked."""
     return job.out.parent / PARTS / job.name
 
 
@@ -126,16 +126,16 @@ def _frames(frames: range) -> str:
     return f"--frames={frames.start}:{frames.stop}:{frames.step}"
 
 
-def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -> TakeDone:
-    """Write the take out of its parts. One that does not agree with the part before it anywhere is
-    tracked again, from that one's last pose that both have."""
-    with logged_to(job.log, f"{job.name}: joining {len(parts)} parts"):
-        tracks = [Track.open(parts[0].out)]
-        for part in parts[1:]:
-            track = Track.open(part.out)
-            if seam(tracks[-1], track).distance > PartsConfig().agreement:
-                print(f"{part.name}: does not agree with the part before; tracked again")
-                track = _tracked_on(progress, part, tracks[-1])
+def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:
+    """Write the take out of its chunks. One that does not agree with the chunk before it anywhere
+    is tracked again, from that one's last pose that both have."""
+    with logged_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
+        tracks = [Track.open(chunks[0].out)]
+        for chunk in chunks[1:]:
+            track = Track.open(chunk.out)
+            if seam(tracks[-1], track).distance > ChunksConfig().agreement:
+                print(f"{chunk.name}: does not agree with the part before; tracked again")
+                track = _tracked_on(progress, chunk, tracks[-1])
             tracks.append(track)
         whole, seams = joined(tracks)
         apart = ", ".join(f"{millimetres(s.distance)} at {s.frame}" for s in seams)
@@ -144,8 +144,8 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
         def write(args: argparse.Namespace, device: Any) -> Take:
             args.folder = str(job.source)
             examination = _examined(args, device)
-            body = load_body(str(parts[0].out.parent / "body.toml"))
-            pose = read_pose(parts[0].out.parent / START, body)
+            body = load_body(str(chunks[0].out.parent / "body.toml"))
+            pose = read_pose(chunks[0].out.parent / START, body)
             sequence = examination.session.sequence
             take = Take(sequence, body, pose, None, [whole], 1.0)
             write_pose(args.output / START, pose, body)
@@ -157,16 +157,16 @@ def join_parts(progress: TaskProgress, job: TakeJob, parts: Sequence[TakeJob]) -
             return take
 
         done = written_take(progress, job, write, parts=apart)
-        shutil.rmtree(parts[0].out.parent, ignore_errors=True)
+        shutil.rmtree(chunks[0].out.parent, ignore_errors=True)
         return done
 
 
-def _tracked_on(progress: TaskProgress, part: TakeJob, before: Track) -> Track:
-    """A part's track from the pose that the part before it has in its first frame."""
-    first = part.arguments().frames.start
+def _tracked_on(progress: TaskProgress, chunk: TakeJob, before: Track) -> Track:
+    """A chunk's track from the pose that the chunk before it has in its first frame."""
+    first = chunk.arguments().frames.start
     rows = np.flatnonzero(before.frames == first)
-    pose = part.out.parent / f"{part.out.name}.txt"
+    pose = chunk.out.parent / f"{chunk.out.name}.txt"
     write_pose(pose, before.poses[rows[0]], before.its_body)
-    again = replace(part, words=(*part.words, f"--init={pose}"))
+    again = replace(chunk, words=(*chunk.words, f"--init={pose}"))
     do_take(progress, again)
     return Track.open(again.out)
