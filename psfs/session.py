@@ -28,9 +28,9 @@ from psfs.voxels.host_voxels import HostVoxels
 
 R = TypeVar("R")
 
-#: Bytes of evidence maps that a session keeps, at most: a hundred frames of four VGA cameras.
+#: Bytes of evidence maps that a session keeps, at most: 109 frames of four VGA cameras.
 _EVIDENCE_BYTES = 2**27
-#: Bytes of carved frames that a session keeps, at most: 200 frames of eight HD cameras take 150 MB.
+#: Bytes of carved frames that a session keeps, at most.
 _CARVED_BYTES = 2**28
 
 

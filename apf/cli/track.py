@@ -228,6 +228,7 @@ def _tracked_and_judged(out: OutputFolder, job: TrackJob, line: Line) -> Finishe
         check_cameras(opened)
     # What flags name is read by now: looking at the pictures takes seconds.
     examination = _examined(job, opened)
+    del opened  # whose frames are in memory: other ones where cameras were left out
     session = examination.session
     line.n_frames = len(selected_frames(args, session.sequence))
     if job.method.uses_voxels and not args.no_report:
