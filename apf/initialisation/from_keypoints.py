@@ -72,6 +72,7 @@ def start_from_keypoints(
     keypoints: Keypoints,
     template: BodyModel,
     frames: range,
+    *,
     height: float | None = None,
     keep_shape: bool = False,
     config: KeypointStartConfig | None = None,

@@ -25,8 +25,8 @@ def fit_to_keypoints(
     given = settings.given
     body = settings.body_template if given is None else given[0]
     witness = start_from_keypoints(
-        session.rig, settings.keypoints, body, session.frames, settings.height,
-        settings.keep_shape or given is not None,
+        session.rig, settings.keypoints, body, session.frames,
+        height=settings.height, keep_shape=settings.keep_shape or given is not None,
     )  # fmt: skip
     if given is None:
         given = witness.body, _first_pose(session, witness, settings.tracked_method)
