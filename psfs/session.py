@@ -163,7 +163,8 @@ class Session:
             known.restart()
             known.move_to(grid)
             return known
-        self._reconstructor = None  # its memory is free before the next is made
+        # Their memory is free before the next reconstructor is made.
+        self._reconstructor = self._evidence_of = None
         self._reconstructor = reconstructor_for(
             self.device, self.rig, grid, self.background, self.reconstruction, sparse=True
         )
