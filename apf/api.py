@@ -15,7 +15,7 @@ from apf.evaluation.joint_names import match_joints
 from apf.filters.method import Method
 from apf.formats.pose import check_pose, read_pose
 from apf.initialisation.from_joints import fit_to_joints
-from apf.keypoints.agreement import disagreements
+from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import Take, track_take
@@ -120,7 +120,7 @@ def _opened(keypoints: Keypoints | str | Path | None, sequence: Sequence) -> Key
     if keypoints is None or isinstance(keypoints, Keypoints):
         return keypoints
     found = Keypoints.open(keypoints, sequence)
-    for text in disagreements(found, sequence.rig):
+    for text in find_disagreements(found, sequence.rig):
         log.warning("%s: %s", keypoints, text)
     return found
 

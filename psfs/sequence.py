@@ -22,17 +22,17 @@ from psfs.background.gaussian import Background, background_from_frames, backgro
 from psfs.background.mixture import Mixture
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import metres_per_unit, turned_rig, z_up_from
-from psfs.common.files import full_path
+from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
+from psfs.common.files import resolve_path
 from psfs.common.ranges import check_kind
-from psfs.footage.layouts import Footage, recognised
+from psfs.footage.layouts import Footage, find_layout
 from psfs.footage.media import Decoder, Media
-from psfs.footage.memory import FRAME_MEMORY, room_for_frames
-from psfs.footage.numbering import numbered
-from psfs.footage.prefetch import prefetched
+from psfs.footage.memory import FRAME_MEMORY, frame_memory_limit
+from psfs.footage.numbering import pair_by_number
+from psfs.footage.prefetch import prefetch
 from psfs.footage.settings import MIXTURES, Settings
-from psfs.footage.threads import PATIENCE, HangingError, Threads
-from psfs.footage.timing import timed, timing_of
+from psfs.footage.threads import TIMEOUT_S, HangingError, Threads
+from psfs.footage.timing import find_timing, synchronise
 
 #: Memory for frames decoded ahead, and the most frames of them.
 _QUEUE_BYTES, _QUEUE_FRAMES = 256 * 2**20, 16
@@ -72,7 +72,7 @@ class Sequence:
 
     def __init__(self, folder: Path, layout: str, footage: Footage, settings: Settings) -> None:
         self.folder = folder
-        self.name = full_path(folder).name
+        self.name = resolve_path(folder).name
         self.layout = layout
         if settings.sync is None and footage.late:
             settings = replace(settings, sync=footage.late)
@@ -81,10 +81,10 @@ class Sequence:
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
         if settings.cameras is not None:
             sync = {name: late for name, late in sync.items() if name in settings.cameras}
-        footage, numbering = numbered(footage)
-        timing, rates = timing_of(footage, settings.fps, sync, _DEFAULT_FPS)
+        footage, numbering = pair_by_number(footage)
+        timing, rates = find_timing(footage, settings.fps, sync, _DEFAULT_FPS)
         self.timing_notes = [*numbering, *rates]
-        self.footage = timed(footage, timing)
+        self.footage = synchronise(footage, timing)
         self.unit = footage.unit
         self.subject: str = settings.subject or "person"
         self.notes += self.timing_notes
@@ -93,7 +93,7 @@ class Sequence:
         ):
             self.notes.append(f"no frame rate is known: {_DEFAULT_FPS:g} per second is assumed")
         self.fps = timing.fps
-        self.rig: CameraRig = turned_rig(footage.rig, z_up_from(settings.up or "z"))
+        self.rig: CameraRig = rotate_rig(footage.rig, rotation_to_z_up(settings.up or "z"))
         self.background_kind = self._background_kind()
         self.volume: tuple[np.ndarray, np.ndarray] | None = self._volume()
         self._kept: np.ndarray | None = None
@@ -110,9 +110,9 @@ class Sequence:
         folder = Path(folder)
         stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = replace(stated, calibration=str(full_path(stated.calibration)))
+            stated = replace(stated, calibration=str(resolve_path(stated.calibration)))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
-        layout = recognised(folder, settings)
+        layout = find_layout(folder, settings)
         settings = settings.over(layout.defaults)
         try:
             sequence = cls(folder, layout.name, layout.read(folder, settings), settings)
@@ -136,7 +136,7 @@ class Sequence:
 
     def _again(self, settings: Settings) -> Sequence:
         """Open the same folder with other settings."""
-        layout = recognised(self.folder, settings)
+        layout = find_layout(self.folder, settings)
         return Sequence(self.folder, layout.name, layout.read(self.folder, settings), settings)
 
     def __len__(self) -> int:
@@ -161,7 +161,7 @@ class Sequence:
         indices = range(len(self))[selection or slice(None)]
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
-        return prefetched(self._decoded(indices), depth)
+        return prefetch(self._decoded(indices), depth)
 
     def frames_at(self, indices: Items[int]) -> Iterator[Frame]:
         """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
@@ -179,10 +179,10 @@ class Sequence:
     def keep_frames(self) -> None:
         """Decode a short sequence once: its frames are kept, as far as they are decoded in order
         from the first one on, as long as there is this sequence. Nothing is kept of frames with
-        masks, and where all would take more than `room_for_frames`."""
+        masks, and where all would take more than `frame_memory_limit`."""
         shape = (len(self), len(self.rig), self.rig.height, self.rig.width, 3)
         without_masks = self.background_kind in ("gaussian", "frames", "chroma")
-        if without_masks and 0 < math.prod(shape) <= room_for_frames():
+        if without_masks and 0 < math.prod(shape) <= frame_memory_limit():
             self._kept = FRAME_MEMORY.array(shape)
 
     @property
@@ -268,7 +268,7 @@ class Sequence:
         corners = np.array(list(product(*np.transpose(stated["own"]))))
         if LEFT_HANDED in self.notes:
             corners = corners @ MIRROR
-        corners = metres_per_unit(self.unit) * corners @ z_up_from(self.settings.up or "z").T
+        corners = metres_per_unit(self.unit) * corners @ rotation_to_z_up(self.settings.up or "z").T
         return corners.min(axis=0), corners.max(axis=0)
 
     @contextmanager
@@ -348,7 +348,7 @@ class Sequence:
             decoders.clear()  # one that is being read must not be closed
             raise InputError(
                 f"{self._views[error.number].where}: frame {index} was not decoded within "
-                f"{PATIENCE:g} s; expected a file that can be read"
+                f"{TIMEOUT_S:g} s; expected a file that can be read"
             ) from None
 
     def _thresholded(self, image: np.ndarray) -> np.ndarray:

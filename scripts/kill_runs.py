@@ -21,9 +21,9 @@ from apf.body import load_body
 from apf.evaluation.evaluate import load_truth
 from apf.tracking.track import Track
 from psfs.common.files import read_json
-from psfs.common.outputs import Manifest, unfinished
+from psfs.common.outputs import Manifest, find_unfinished_command
 from psfs.common.toml import read_toml
-from psfs.output.video import frames_of
+from psfs.output.video import count_frames
 from psfs.voxels.clouds import read_cloud
 
 _SIZE = ["--cameras", "4", "--frames", "40", "--size", "160x120"]
@@ -64,7 +64,7 @@ def check(out: Path) -> int:
         elif suffix == ".png":
             assert cv2.imread(str(path)) is not None, path
         elif suffix == ".mp4":
-            assert frames_of(path) > 0, path
+            assert count_frames(path) > 0, path
         elif suffix == ".ply":
             assert path.read_bytes().startswith(b"ply"), path
         elif path.name == "manifest.txt":
@@ -130,7 +130,8 @@ def main() -> None:
             print(
                 f"{name}: killed {tries} times within {seconds:.1f} s, {hits} of them while it was "
                 "writing; all files readable each time; then whole: "
-                f"{unfinished(out) is None}, {files} files; left behind: {left or 'nothing'}",
+                f"{find_unfinished_command(out) is None}, {files} files; "
+                f"left behind: {left or 'nothing'}",
                 flush=True,
             )
     finally:

@@ -23,7 +23,7 @@ from apf.body import load_body
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.trc import JointSeries
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
 from apf.tracking.track import Track
@@ -61,7 +61,7 @@ def spoilt(keypoints: Keypoints, kind: str, camera: int, seed: int = 0) -> Keypo
         places = random.uniform(low, high, (*points.shape[:3], 2))
         points[..., :2] = np.where(wrong[..., None], places, points[..., :2])
     elif kind == "exchanged":
-        own = points_on(load_body(DEFAULT_BODY), keypoints.names)
+        own = locate_points(load_body(DEFAULT_BODY), keypoints.names)
         points[camera][:, own.columns] = points[camera][:, own.columns[own.partners]]
     elif kind == "missing":
         points[camera] = np.nan

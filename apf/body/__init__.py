@@ -1,6 +1,6 @@
-"""The body: bones with free axes, cones and meshes around them, and their kinematics."""
+"""The body: bones with free axes, their cones and meshes, and forward kinematics."""
 
-from apf.body.cones import distances, outlines, overlap_errors
+from apf.body.cones import cone_distances, overlap_errors, project_outlines
 from apf.body.jacobian import distance_jacobian, point_jacobian
 from apf.body.kinematics import bone_matrices, posed_cones, posed_joints
 from apf.body.limbs import limb_chains, limb_masks, swinging_bones, trunk_mask
@@ -16,18 +16,18 @@ __all__ = [
     "FreeAxis",
     "Joint",
     "bone_matrices",
+    "cone_distances",
     "cone_mesh",
     "distance_jacobian",
-    "distances",
     "limb_chains",
     "limb_masks",
     "load_body",
     "load_mesh",
-    "outlines",
     "overlap_errors",
     "point_jacobian",
     "posed_cones",
     "posed_joints",
+    "project_outlines",
     "save_body",
     "swinging_bones",
     "trunk_mask",

@@ -1,7 +1,7 @@
-"""The body model, initial pose and ranges of PARSEC's *bodytrack*, read from its own files.
+"""Read the body model, initial pose and ranges of PARSEC's *bodytrack* from its own files.
 
-The files hold lengths in mm; everything here is in metres. The formulas follow the program's
-source (see the README of the shared sequence): its 31 pose values a0..a30 are kept in its order.
+The files hold lengths in mm; everything here is in metres. The formulas follow the program's source
+(see the README of the shared sequence), and so does the order of its 31 pose values a0..a30.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ _EDGES = (
 
 
 def is_bodytrack(folder: Path) -> bool:
-    """Return whether `folder` holds a body of bodytrack."""
+    """Return whether `folder` holds a bodytrack body."""
     return (folder / "BodyShapeParameters.txt").is_file()
 
 
 def read_poses(path: Path) -> np.ndarray:
-    """Read poses (N, 31) of a text file with 31 values (rad, mm) per pose; positions become metres.
+    """Read poses (N, 31) from a text file with 31 values (rad, mm) per pose; mm become metres.
 
     Raises InputError naming the file.
     """
@@ -65,17 +65,17 @@ def read_poses(path: Path) -> np.ndarray:
 
 
 def _check(values: np.ndarray, path: Path, most: float) -> None:
-    wrong = values[~(np.abs(values) <= most)]  # NaN, too
+    wrong = values[~(np.abs(values) <= most)]  # rejects NaN, too
     if wrong.size:
         raise InputError(f"{path}: holds {wrong[0]:g}; expected numbers up to {most:g}")
 
 
 def read_body(folder: Path) -> BodyModel:
-    """Read the model of BodyShapeParameters.txt with the deviations of PoseParameters.txt.
+    """Read the model of BodyShapeParameters.txt with the standard deviations of PoseParameters.txt.
 
-    Limits stay open: the shipped initial pose lies outside the shipped ranges, and the program
-    does not apply them either. The initial pose of InitialPose.txt is the rest pose.
-    Raises InputError naming the file that is wrong.
+    No limits are set: the shipped initial pose lies outside the shipped ranges, and the program
+    does not apply them either. The rest pose is that of InitialPose.txt. Raises InputError naming
+    the file that is wrong.
     """
     shape = read_numbers(folder / "BodyShapeParameters.txt")
     if shape.size != 58:

@@ -1,4 +1,4 @@
-"""Outlines of tapered cones in a picture, distances to them, and how deep they lie in each other.
+"""Outlines of tapered cones in a picture, distances to them, and their overlap.
 
 Also the float64 specification of cones.h and packed_cones.h.
 """
@@ -11,17 +11,19 @@ import numpy as np
 
 from psfs.cameras.camera import Camera
 
-#: Corners further out than this, px, count as unseen: interpolated in float, the lines between them
+#: Corners further out than this, px, count as unseen: float interpolation would displace the lines
+#: between them by more than a hundredth of a pixel, and at 1e9 px by whole pictures.
 #: would be off by more than a hundredth of a pixel, at 1e9 px by whole pictures.
 FAR_OUT = 1e5
 
 
 def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
-    """Return world corners (..., 4, 3) of the trapezoids that cones (..., 16) show to `eye` (3,) m.
+    """Return world corners (..., 4, 3) of the outline trapezoids of cones (..., 16) seen from `eye`
+    (3,) m.
 
-    Kwolek & Rymut 2016 section 3: the side vector is normal to the axis and to the view; in the
-    frame where the elliptic section is a circle it is `normalize(axis x (A - eye))`. Corners in
-    order A + s, A - s, B - s, B + s. With the axis pointing at the eye the side is any normal.
+    Kwolek & Rymut 2016 section 3: the side vector is normal to the axis and to the viewing ray; in
+    the frame where the elliptic section is a circle it is `normalize(axis x (A - eye))`. Corners in
+    order A + s, A - s, B - s, B + s. If the axis points at the eye, any normal is used.
     """
     a, b = cones[..., 0:3], cones[..., 4:7]
     x, y = cones[..., 8:11], cones[..., 12:15]  # unit axes over their scales
@@ -32,25 +34,25 @@ def outline_corners(eye: np.ndarray, cones: np.ndarray) -> np.ndarray:
         np.where(norm > 1e-9, component / np.maximum(norm, 1e-9), default)
         for component, default in ((ex, 0.0), (ey, 1.0))
     )
-    # Back from the circular section: X sx = x / |x|^2.
+    # Transform back from the circular section: X sx = x / |x|^2.
     x, y = x / np.sum(x * x, -1, keepdims=True), y / np.sum(y * y, -1, keepdims=True)
     side = -ey[..., None] * x + ex[..., None] * y
     ra, rb = cones[..., 3:4], cones[..., 7:8]
     return np.stack([a + ra * side, a - ra * side, b - rb * side, b + rb * side], -2)
 
 
-def outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 4, 2) of the corners in `camera`; NaN for a cone with a corner unseen."""
+def project_outlines(camera: Camera, cones: np.ndarray) -> np.ndarray:
+    """Project the outline corners (..., 4, 2) px; NaN for a cone with an unseen corner."""
     pixels, depth = camera.project(outline_corners(camera.centre, cones))
     visible = np.all((depth > 0) & (np.abs(pixels) < FAR_OUT).all(-1), axis=-1)
     return np.where(visible[..., None, None], pixels, np.nan)
 
 
-def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+def cone_distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return signed distances (N, C) m from points (N, 3) to the surfaces of cones (C, 16).
 
-    Measured in the frame where the elliptic section is a circle, so exact for round cones but
-    for their taper; the ends are rounded. Negative inside.
+    Measured in the frame where the elliptic section is a circle: exact for round cones except for
+    their taper; the ends are rounded. Negative inside.
     """
     a, b = cones[:, 0:3], cones[:, 4:7]
     axis = b - a
@@ -64,13 +66,13 @@ def distances(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers takes four
-    times as long."""
+    """Return the scalar products (..) of vectors (.., 3); `np.sum` over three numbers is four times
+    slower."""
     total: np.ndarray = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
     return total
 
 
-def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
+def cone_normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
     """Return unit gradients (N, 3) of the distances of points (N, 3), each to its cone (N, 16)."""
     a, b = cones[:, 0:3], cones[:, 4:7]
     x, y = cones[:, 8:11], cones[:, 12:15]
@@ -87,10 +89,10 @@ def normals(points: np.ndarray, cones: np.ndarray) -> np.ndarray:
 
 
 def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return (N,) how deep the parts that must not meet lie in each other, 0 to 1.
+    """Return (N,) how deeply parts that must not meet overlap, 0 to 1.
 
-    The mean over `pairs` (first, second cone) of cones (N, C, 16) and over three points of the
-    first's axis of (overlap / radius)^2, at most 1 each.
+    The mean of (overlap / radius)^2, at most 1 each, over `pairs` (first, second cone) of cones (N,
+    C, 16) and over three points on the first one's axis.
     """
     if not pairs:
         return np.zeros(len(cones))
@@ -101,6 +103,6 @@ def overlap_errors(cones: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.nd
         a = own[first]
         points = a[:, 0:3] + t[:, None] * (a[:, 4:7] - a[:, 0:3])
         radius = a[:, 3] + t * (a[:, 7] - a[:, 3])
-        distance = distances(points, own)[np.arange(len(t)), second]
+        distance = cone_distances(points, own)[np.arange(len(t)), second]
         errors.append(np.mean(np.clip(1 - distance / radius, 0, 1) ** 2))
     return np.array(errors)

@@ -1,24 +1,24 @@
-"""Derivatives of points on the body, and of distances to it, by the pose.
+"""Derivatives of points on the body, and of distances to it, with respect to the pose.
 
-World matrices by Rymut 2016 eq. (4.18)-(4.21): the axis of a degree of freedom stands in the world
-as the bones above it and the bone's earlier axes put it.
+World matrices by Rymut 2016 eq. (4.18)-(4.21): the world axis of a degree of freedom depends on the
+bones above it and on the bone's earlier axes.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import distances, normals
-from apf.body.kinematics import axis_turns, bone_matrices, posed_cones
+from apf.body.cones import cone_distances, cone_normals
+from apf.body.kinematics import axis_rotations, bone_matrices, posed_cones
 from apf.body.model import AXES, BodyModel
 
-#: Kinds of influence of a degree of freedom on a cone, in the table `cone_moves`.
+#: Codes in the table `cone_moves` for how a degree of freedom moves a cone.
 _SLIDES, _TURNS = 1, 2
 
 
 def bone_moves(body: BodyModel) -> np.ndarray:
-    """Return (B, D) uint8: 0 where a degree of freedom does not move a bone, 1 where it slides it,
-    2 where it turns it."""
+    """Return (B, D) uint8: 0 if a degree of freedom does not move a bone, 1 if it translates, 2 if
+    it rotates it."""
     moves = np.zeros((len(body.bones), body.n_dof), np.uint8)
     for b, bone in enumerate(body.bones):
         if bone.parent >= 0:
@@ -29,17 +29,20 @@ def bone_moves(body: BodyModel) -> np.ndarray:
 
 
 def cone_moves(body: BodyModel) -> np.ndarray:
-    """Return (C, D) uint8, what moves each cone: what moves its bone, see `bone_moves`."""
+    """Return (C, D) uint8, how each degree of freedom moves each cone, see `bone_moves`."""
     return bone_moves(body)[[cone.bone for cone in body.cones]]
 
 
 def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the world axes (..., D, 3), with their signs, of the degrees of freedom in poses
-    (..., D), and points (..., D, 3) m on them."""
+    """Return the world axes (..., D, 3), with their signs, of the degrees of freedom in poses (...,
+    D).
+
+    Also returns a point (..., D, 3) m on each axis.
+    """
     poses = np.asarray(pose, np.float64).reshape(-1, body.n_dof)
     directions, anchors = np.zeros((2, len(poses), body.n_dof, 3))
     rotations, origins = bone_matrices(body, poses)
-    turns = axis_turns(body, poses)
+    turns = axis_rotations(body, poses)
     for bone in body.bones:
         rotation, origin = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), bone.offset
         if bone.parent >= 0:
@@ -62,8 +65,10 @@ def world_axes(body: BodyModel, pose: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def bone_point_jacobian(
     body: BodyModel, poses: np.ndarray, bone: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """Return (M, P, D, 3) how fast each degree of freedom of poses (M, D) moves points (M, P, 3) m
-    that are fixed to the bones numbered `bone` (P,)."""
+    """Return the derivatives (M, P, D, 3) of points with respect to poses (M, D).
+
+    points: (M, P, 3) m, fixed to the bones with indices `bone` (P,).
+    """
     directions, anchors = world_axes(body, poses)
     moves = bone_moves(body)[bone][:, :, None]
     turns = np.cross(directions[:, None], points[:, :, None] - anchors[:, None])
@@ -73,10 +78,11 @@ def bone_point_jacobian(
 def point_jacobian(
     body: BodyModel, pose: np.ndarray, cone: np.ndarray, points: np.ndarray, normal: np.ndarray
 ) -> np.ndarray:
-    """Return (D, K) how fast each degree of freedom moves points (K, 3) m along `normal` (K, 3).
+    """Return the derivatives (D, K) of points (K, 3) m along `normal` (K, 3) with respect to a
+    pose.
 
-    The points are fixed to the cones numbered `cone` (K,). A turn by d about an axis a through o
-    moves the point p by d (a x (p - o)).
+    The points are fixed to the cones with indices `cone` (K,). A rotation by d about an axis a
+    through o moves the point p by d (a x (p - o)).
     """
     directions, anchors = world_axes(body, pose)
     slides = directions @ normal.T
@@ -88,10 +94,12 @@ def point_jacobian(
 def distance_jacobian(
     body: BodyModel, pose: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distances (K,) m of points (K, 3) m to the nearest cone of `pose` (D,), and their
-    derivatives (K, D)."""
+    """Return the distances (K,) m of points (K, 3) m to the nearest cone of `pose` (D,).
+
+    Also returns their derivatives (K, D).
+    """
     cones = posed_cones(body, pose[None])[0]
-    every = distances(points, cones)
+    every = cone_distances(points, cones)
     nearest = np.abs(every).argmin(1)
-    rows = -point_jacobian(body, pose, nearest, points, normals(points, cones[nearest])).T
+    rows = -point_jacobian(body, pose, nearest, points, cone_normals(points, cones[nearest])).T
     return every[np.arange(len(points)), nearest], rows

@@ -14,6 +14,7 @@ from apf.body.model import AXES, BodyModel, Joint
 
 #: Floats of a posed cone: A (3), radius at A, B (3), radius at B, X / sx (3), 0, Y / sy (3), 0,
 #: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
+#: where A, B are the end centres in the world and X, Y the unit axes of the elliptic section.
 CONE_FLOATS = 16
 
 
@@ -29,15 +30,18 @@ def axis_rotation(axis: int, angles: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product of two vectors (3,): bit by bit `np.cross`, which takes 30 times as
-    long for so few numbers."""
+    """Return the cross product of two vectors (3,), bitwise equal to `np.cross` but 30 times
+    faster."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def axis_turns(body: BodyModel, poses: np.ndarray) -> np.ndarray:
-    """Return rotations (D, N, 3, 3) by the axes that turn in poses (N, D), 0 for those that slide.
-    All of a kind at once: one by one takes twice as long for few poses."""
+def axis_rotations(body: BodyModel, poses: np.ndarray) -> np.ndarray:
+    """Return rotations (D, N, 3, 3) of the rotational axes in poses (N, D), 0 for translational
+    ones.
+
+    Axes of one kind are computed together: one by one takes twice as long for few poses.
+    """
     turns = np.zeros((body.n_dof, len(poses), 3, 3))
     for kind in range(3):
         axes = [axis for bone in body.bones for axis in bone.axes if axis.kind == AXES[kind + 3]]
@@ -49,7 +53,7 @@ def axis_turns(body: BodyModel, poses: np.ndarray) -> np.ndarray:
 def bone_matrices(body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return world rotations (N, B, 3, 3) and origins (N, B, 3) m of the bones in poses (N, D)."""
     poses = np.asarray(poses, np.float64)
-    turns = axis_turns(body, poses)
+    turns = axis_rotations(body, poses)
     rotations = np.empty((len(poses), len(body.bones), 3, 3))
     origins = np.empty((len(poses), len(body.bones), 3))
     for b, bone in enumerate(body.bones):
@@ -77,7 +81,7 @@ def posed_joints(body: BodyModel, poses: np.ndarray) -> np.ndarray:
 
 
 def posed_points(body: BodyModel, poses: np.ndarray, points: Sequence[Joint]) -> np.ndarray:
-    """Return where `points` on the bones of `body` are, (N, P, 3) m, in poses (N, D)."""
+    """Return positions (N, P, 3) m of `points` on the bones of `body` in poses (N, D)."""
     rotations, origins = bone_matrices(body, poses)
     bones = [point.bone for point in points]
     positions = np.stack([point.position for point in points])

@@ -1,4 +1,4 @@
-"""Trunk and limbs of a body, read from the structure of its bones: no names are needed."""
+"""Trunk and limbs of a body, found from the structure of its bones, without their names."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ LIMB_ENDS = {
     "right leg": "r_ankle",
     "head": "head_top",
 }
-#: m: joints that are nearer to the places that they reach for stay, if not stated otherwise.
-_AT_PLACE = 0.02
-#: Of the steps towards them, m^2 / rad^2.
-_REACHING_STEPS, _DAMPING = 3, 1e-3
+#: Default tolerance, m: joints that are nearer to their targets are not moved.
+_TOLERANCE = 0.02
+#: Number of Levenberg steps towards the targets, and their damping, m^2 / rad^2.
+_N_STEPS, _DAMPING = 3, 1e-3
 #: Words in the names of a limb's angles.
 _ANGLES = {"arm": {"shoulder", "arm", "elbow"}, "leg": {"hip", "knee", "ankle"}}
 
 
 def trunk_bones(body: BodyModel) -> list[int]:
-    """Return the bones beyond which the body branches."""
+    """Return the bones below which the body branches."""
     children = _children(body)
     branches = [False] * len(body.bones)
     for bone in reversed(range(len(body.bones))):  # children come after their parents
@@ -43,8 +43,8 @@ def trunk_mask(body: BodyModel) -> np.ndarray:
 def limb_chains(body: BodyModel) -> list[tuple[int, ...]]:
     """Return the bones of each limb, from the trunk to its end.
 
-    A limb is an unbranched chain of two or more bones down to its end, one of several that hang
-    from the same bone.
+    A limb is an unbranched chain of two or more bones that ends without children, and whose parent
+    has several children.
     """
     children = _children(body)
     chains = []
@@ -64,7 +64,7 @@ def limb_masks(body: BodyModel) -> np.ndarray:
 
 
 def limb_names(body: BodyModel) -> tuple[str, ...]:
-    """Return the names (L,) of the `limb_chains`, as people say them: left arm."""
+    """Return the usual names (L,) of the `limb_chains`, such as left arm."""
     ends = {joint.bone: joint.name for joint in body.joints if joint.name in LIMB_ENDS.values()}
     names = {end: name for name, end in LIMB_ENDS.items()}
     found = []
@@ -75,8 +75,7 @@ def limb_names(body: BodyModel) -> tuple[str, ...]:
 
 
 def limb_ends(body: BodyModel) -> list[int]:
-    """Return the number of the last joint on each of the `limb_chains`; 0 of one
-    that bears none."""
+    """Return the index of the last joint on each of the `limb_chains`; 0 for one without joints."""
     ends = []
     for chain in limb_chains(body):
         on_it = [number for number, joint in enumerate(body.joints) if joint.bone in chain]
@@ -93,8 +92,10 @@ def limb_bones(body: BodyModel) -> np.ndarray:
 
 
 def limb_joints(body: BodyModel) -> np.ndarray:
-    """Return (L, J) bool: the joints that each of the `limb_chains` moves. The joint by which it
-    hangs, as a hip, is moved by what it hangs from."""
+    """Return (L, J) bool: the joints that each of the `limb_chains` moves.
+
+    Its first joint, such as a hip, is moved by its parent.
+    """
     joints = limb_bones(body)[:, [joint.bone for joint in body.joints]]
     for limb, chain in enumerate(limb_chains(body)):
         for number, joint in enumerate(body.joints):
@@ -103,20 +104,22 @@ def limb_joints(body: BodyModel) -> np.ndarray:
     return joints
 
 
-def reaching(
+def solve_inverse_kinematics(
     body: BodyModel,
     poses: np.ndarray,
     dofs: np.ndarray,
     joints: np.ndarray,
     places: np.ndarray,
-    near: float = _AT_PLACE,
+    near: float = _TOLERANCE,
 ) -> np.ndarray:
-    """Return poses (N, D) whose degrees of freedom `dofs`, (D,) or (N, D) bool, bring the `joints`,
-    (J,) or (N, J) bool, as near as they can to their `places` (N, J, 3) m, by a few damped steps
-    (Levenberg 1944). Poses that have them there within `near` m stay as they are.
+    """Move `joints` to `places` by a few damped steps of inverse kinematics (Levenberg 1944).
 
-    The angles of a limb say where it is on its own trunk alone: on another, a few degrees of a
-    chest take a hand elsewhere.
+    dofs: free degrees of freedom, (D,) or (N, D) bool. joints: (J,) or (N, J) bool. places: target
+    positions (N, J, 3) m. near: tolerance, m. Returns poses (N, D). Poses whose joints are within
+    the tolerance, or that the steps do not improve, are unchanged.
+
+    Positions are needed where the trunk differs: a limb's angles are relative to its own trunk, and
+    a few degrees of the chest move a hand far.
     """
     poses, joints = poses.copy(), np.broadcast_to(joints, places.shape[:2])
     off = np.linalg.norm(posed_joints(body, poses) - places, axis=-1)
@@ -127,7 +130,7 @@ def reaching(
     some = np.any(joints[far], axis=0)
     wanted, goals = joints[far][:, some, None, None], places[far][:, some]
     bones = np.array([joint.bone for joint in body.joints])[some]
-    for _ in range(_REACHING_STEPS):
+    for _ in range(_N_STEPS):
         now = posed_joints(body, moved)[:, some]
         slopes = bone_point_jacobian(body, moved, bones, now)
         slopes *= wanted * free[:, None, :, None]
@@ -143,8 +146,10 @@ def reaching(
 
 
 def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
-    """Return (L, N) bool: which of the angles with these `names`, such as l_knee_flexion or
-    knee_angle_l, are of each of the `limb_chains`."""
+    """Return (L, N) bool: which angles belong to each of the `limb_chains`.
+
+    names: of the N angles, such as l_knee_flexion or knee_angle_l.
+    """
     tokens = [set(name.split("_")) for name in names]
     found = np.zeros((len(limb_chains(body)), len(tokens)), bool)
     for limb, name in enumerate(limb_names(body)):
@@ -155,13 +160,15 @@ def limb_angles(body: BodyModel, names: Iterable[str]) -> np.ndarray:
 
 
 def swinging_bones(body: BodyModel) -> list[int]:
-    """Return the upper bone of each limb, the last but one of its chain, in the body's order: upper
-    arms and thighs, with shoulder blades and hip axes left out."""
+    """Return the upper bone of each limb, the last but one of its chain, in the body's order.
+
+    These are upper arms and thighs, without shoulder blades and hip axes.
+    """
     return sorted(chain[-2] for chain in limb_chains(body))
 
 
 def _children(body: BodyModel) -> list[list[int]]:
-    """Return the bones that hang from each bone."""
+    """Return the children of each bone."""
     children: list[list[int]] = [[] for _ in body.bones]
     for index, bone in enumerate(body.bones):
         if bone.parent >= 0:

@@ -1,4 +1,4 @@
-"""Virtual markers: points of a body beyond its joints, read from its cones by their names."""
+"""Virtual markers: points of a body besides its joints, derived from its cones by name."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from apf.body.model import BodyModel, Cone, Joint, sideless
 
 
 def virtual_markers(body: BodyModel) -> tuple[Joint, ...]:
-    """Return heels, toes and hands of `body`, those of them that its cones show.
+    """Return the heels, toes and hands that the cones of `body` define.
 
-    Heel and toe are the ends of the cone `foot`, hind and front, its roundings included; a hand is
-    the far end of the cone `hand`, or of the forearm where that reaches beyond the wrist.
+    Heel and toe are the ends of the cone `foot`, back and front, including its rounded ends; a hand
+    is the distal end of the cone `hand`, or of the forearm if that extends beyond the wrist.
     """
     found: list[Joint] = []
     for cone in body.cones:
@@ -27,7 +27,7 @@ def virtual_markers(body: BodyModel) -> tuple[Joint, ...]:
 
 
 def _reaches_beyond_wrist(body: BodyModel, cone: Cone, side: str) -> bool:
-    """Whether a forearm's cone is longer than the way to the wrist by a third of a hand, 6 cm."""
+    """Return whether a forearm's cone extends beyond the wrist by a third of a hand, 6 cm."""
     own = [joint for joint in body.joints if joint.name == f"{side}wrist"]
     own = [joint for joint in own if joint.bone == cone.bone]
     return any(np.linalg.norm(cone.end) > np.linalg.norm(j.position) + 0.06 for j in own)

@@ -1,4 +1,4 @@
-"""Shapes of the body as triangle meshes that its bones move (Rymut 2016, 4.3 and table 6.5)."""
+"""Triangle meshes of the body that its bones move (Rymut 2016, 4.3 and table 6.5)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import bone_matrices, posed_cones
 from apf.body.model import BodyModel, Cone
 from cl import InputError, MissingFileError
@@ -16,11 +16,11 @@ from psfs.common.npz import Values, read_npz
 
 #: Vertices per part of the frusta of table 6.5: a square base, then elliptic ones.
 FRUSTUM_VERTICES = (8, 18, 34, 66, 130, 258, 514)
-#: Bones that move one vertex, at most; smaller weights are left out.
+#: Most bones that move one vertex; smaller weights are dropped.
 MAX_BONES = 4
-#: Parts are numbered in bytes of pictures, from 1.
+#: Most parts: pictures number them in bytes, from 1.
 MAX_PARTS = 255
-#: Of a user's mesh: bytes of its file, vertices, and how far from the origin they lie, m.
+#: Limits of a user's mesh: bytes of its file, vertices, and distance from the origin, m.
 _MOST_BYTES, _MOST_VERTICES, _FARTHEST = 2**28, 2_000_000, 100.0
 
 
@@ -28,10 +28,10 @@ _MOST_BYTES, _MOST_VERTICES, _FARTHEST = 2**28, 2_000_000, 100.0
 class BodyMesh:
     """A mesh bound to the bones of a body by linear blend skinning, Rymut 2016 eq. (4.25).
 
-    bones: (M, K) int, weights: (M, K) with sum 1, positions: (M, K, 3) m of the vertex in the
-    frame of each of its bones; K = 1 is rigid skinning. faces: (T, 3) int. parts: (T,) int part of
-    each face; a part hides those behind it as a whole. edged: (P,) bool, whether a part's outline
-    is an edge. names: (P,) of the parts.
+    bones: (M, K) int. weights: (M, K) with sum 1. positions: (M, K, 3) m of the vertex in the frame
+    of each of its bones; K = 1 is rigid skinning. faces: (T, 3) int. parts: (T,) int, part of each
+    face; a part hides those behind it as a whole. edged: (P,) bool, whether a part's outline is an
+    edge. names: (P,) of the parts.
     """
 
     bones: np.ndarray
@@ -55,10 +55,10 @@ class BodyMesh:
         return len(self.names)
 
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return lines (L, 4) int32 and the parts (L,) int32 that they belong to.
+        """Return lines (L, 4) int32 and their parts (L,) int32.
 
-        A line is its two ends, and the third corners of the part's two triangles that meet there;
-        -1 where there are not two.
+        A line is its two ends and the third corners of the part's two triangles that meet there; -1
+        where there are not two triangles.
         """
         corners: dict[tuple[int, int, int], list[int]] = {}
         for (a, b, c), part in zip(self.faces.tolist(), self.parts.tolist(), strict=True):
@@ -72,8 +72,11 @@ class BodyMesh:
         return np.array(lines, np.int32), np.array(owners, np.int32)
 
     def middles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return of each part a bone (P,) and the point (P, 3) m in its frame that its depth is
-        taken at: the mean of the vertices that this bone moves most."""
+        """Return for each part the point at which its depth is taken.
+
+        That is the mean of the vertices that the part's main bone moves most: bones (P,), and
+        points (P, 3) m in their frames.
+        """
         main = self.bones[np.arange(self.n_vertices), self.weights.argmax(1)]
         local = self.positions[np.arange(self.n_vertices), self.weights.argmax(1)]
         bones, points = np.zeros(self.n_parts, int), np.zeros((self.n_parts, 3))
@@ -84,8 +87,10 @@ class BodyMesh:
         return bones, points
 
     def posed(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return vertices (N, M, 3) m and the parts' middles (N, P, 3) m in the world, of poses
-        (N, D): Rymut 2016 eq. (4.25)."""
+        """Return vertices (N, M, 3) m and part centres (N, P, 3) m in the world for poses (N, D).
+
+        Rymut 2016 eq. (4.25).
+        """
         rotations, origins = bone_matrices(body, poses)
         by_bone = origins[:, self.bones] + np.einsum(
             "nmkab,mkb->nmka", rotations[:, self.bones], self.positions
@@ -96,7 +101,7 @@ class BodyMesh:
 
 
 def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
-    """Make frusta of the cones of `body`, of so many vertices each, one of FRUSTUM_VERTICES.
+    """Make frusta of the cones of `body`; vertices_per_part: one of FRUSTUM_VERTICES.
 
     8: a square base of the ellipse's area; else rings of (n - 2) / 2 vertices on the ellipses and
     the ends' centres. Raises InputError for another number.
@@ -110,13 +115,16 @@ def cone_mesh(body: BodyModel, vertices_per_part: int) -> BodyMesh:
 
 
 def rounded_mesh(body: BodyModel, segments: int = 16) -> BodyMesh:
-    """Make the cones of `body` with rounded ends, as distances to them are measured, of so many
-    corners around."""
+    """Make the cones of `body` with rounded ends, the shape that `cone_distances` measures.
+
+    segments: vertices around a cone.
+    """
     return _cone_parts(body, [_capsule(cone, segments) for cone in body.cones])
 
 
 def _cone_parts(body: BodyModel, meshes: list[tuple[np.ndarray, np.ndarray]]) -> BodyMesh:
-    """A part of as many vertices for each of the cones: vertices m in its bone's frame, faces."""
+    """Make a mesh with one part per cone; meshes: vertices m in the bone's frame, and faces, of
+    equal counts."""
     n = len(meshes[0][0])
     n_faces = [len(faces) for _, faces in meshes]
     return BodyMesh(
@@ -135,7 +143,7 @@ def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
     square = n == 8
     segments = 4 if square else (n - 2) // 2
     angles = (np.arange(segments) + 0.5 * square) * 2 * np.pi / segments
-    # The square's corners lie so far out that it has the circle's area.
+    # The square's corners are moved outwards so that it has the circle's area.
     reach = np.sqrt(np.pi / 2) if square else 1.0
     axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
     across = np.cross(axis, cone.side)
@@ -163,8 +171,10 @@ def _frustum(cone: Cone, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _capsule(cone: Cone, segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices m in the bone's frame and faces of a cone with rounded ends: rings from its
-    start to its end, then the two poles."""
+    """Return vertices m in the bone's frame and faces of a cone with rounded ends.
+
+    Rings from its start to its end, then the two poles.
+    """
     axis = (cone.end - cone.start) / np.linalg.norm(cone.end - cone.start)
     across = np.cross(axis, cone.side)
     around = np.arange(segments) * 2 * np.pi / segments
@@ -200,10 +210,10 @@ def load_mesh(
 
     weights: an npz file with `weights` (M, B), a column for each bone of `body` in its order, or
     for those in its `bones` (names). Without it each vertex moves with the bone of the nearest
-    cone. The parts are the bones, each face of that which moves it most. Raises MissingFileError,
-    or InputError naming the file that is wrong.
+    cone. The parts are the bones; a face belongs to the one that moves it most. Raises
+    MissingFileError, or InputError naming the file that is wrong.
     """
-    import trimesh  # takes longer to load than the rest of this package
+    import trimesh  # slower to import than the rest of this package
 
     if not Path(path).is_file():
         raise MissingFileError(f"{path}: no such file; expected a mesh that trimesh reads")
@@ -212,7 +222,7 @@ def load_mesh(
     try:
         mesh: Any = trimesh.load(path, force="mesh", process=False)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
-    except Exception as error:  # its readers raise all kinds
+    except Exception as error:  # its readers raise exceptions of all kinds
         raise InputError(
             f"{path}: not a mesh that trimesh reads: {type(error).__name__} {str(error)[:100]}"
         ) from None
@@ -221,7 +231,7 @@ def load_mesh(
             f"{path}: {len(vertices)} vertices, {len(faces)} faces; expected a surface of at most "
             f"{_MOST_VERTICES:,} vertices"
         )
-    if not np.abs(vertices).max() <= _FARTHEST:  # nor NaN
+    if not np.abs(vertices).max() <= _FARTHEST:  # rejects NaN, too
         raise InputError(
             f"{path}: vertices up to {np.abs(vertices).max():g} m from the origin; expected metres"
         )
@@ -242,7 +252,7 @@ def skinned_mesh(
     kept = kept / kept.sum(1, keepdims=True)
     rotations, origins = (array[0] for array in bone_matrices(body, pose[None]))
     offset = vertices[:, None] - origins[bones]
-    of_face = np.sort(bones[:, 0][faces], 1)[:, 1]  # that of two corners, if two agree
+    of_face = np.sort(bones[:, 0][faces], 1)[:, 1]  # the bone of two corners, if two agree
     used = np.unique(of_face)
     return BodyMesh(
         bones=bones,
@@ -257,13 +267,13 @@ def skinned_mesh(
 
 def _nearest_bones(vertices: np.ndarray, body: BodyModel, pose: np.ndarray) -> np.ndarray:
     """Return weights (M, B): 1 for the bone of the cone whose surface is nearest."""
-    gaps = distances(vertices, posed_cones(body, pose[None])[0])
+    gaps = cone_distances(vertices, posed_cones(body, pose[None])[0])
     bones = np.array([cone.bone for cone in body.cones])[gaps.argmin(1)]
     return np.eye(len(body.bones))[bones]
 
 
 def _read_weights(path: Path, body: BodyModel, n_vertices: int) -> np.ndarray:
-    """Read weights (M, B), a row's sum 1. Raises InputError naming the file."""
+    """Read weights (M, B) and normalise each row to sum 1. Raises InputError naming the file."""
     schema = {"weights": Values(None, low=0), "bones": Values(("B",), "text", needed=False)}
     data = read_npz(path, schema, "the array weights, vertices x bones")
     table = np.asarray(data["weights"], np.float64)

@@ -1,8 +1,8 @@
 """The body model as data: a tree of bones with free axes, tapered cones and named joints.
 
 World matrix of a bone (Rymut 2016 eq. 4.18-4.21): W = W_parent T(offset) rest A_1 A_2 ..., where
-each free axis A is a translation along or a rotation about a local axis. The pose is the vector
-of all axis values (metres, radians).
+each free axis A is a translation along or a rotation about a local axis. The pose is the vector of
+all axis values (metres, radians).
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class FreeAxis:
-    """A degree of freedom: `kind` in AXES, `sign` +1 or -1, `dof` its index in the pose."""
+    """A degree of freedom.
+
+    kind: one of AXES. sign: +1 or -1. dof: its index in the pose.
+    """
 
     kind: str
     sign: int
@@ -27,7 +30,10 @@ class FreeAxis:
 
 @dataclass(frozen=True, eq=False)
 class Bone:
-    """offset (3,) m from the parent's origin in the parent's frame; rest (3, 3) rotation."""
+    """A link of the body's tree.
+
+    offset: (3,) m from the parent's origin in the parent's frame. rest: (3, 3) rotation.
+    """
 
     name: str
     parent: int  # -1 for a root
@@ -40,9 +46,9 @@ class Bone:
 class Cone:
     """A tapered cylinder fixed to a bone: end centres (3,) m and radii m in the bone's frame.
 
-    Its section is an ellipse: the radius is scaled by `scale` along `side` and along
-    axis x side. in_images: False for a part that only explains voxels near it (a foot, say) and
-    is neither looked for in the images nor drawn.
+    Its section is an ellipse: the radius is scaled by `scale` along `side` and along axis x side.
+    in_images: False for a part that only explains voxels near it (such as a foot); it is neither
+    compared with the images nor drawn.
     """
 
     name: str
@@ -66,12 +72,12 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class BodyModel:
-    """Bones (parents first), cones, joints, and per degree of freedom its limits and noise.
+    """Bones (parents first), cones, joints, and the limits and noise of each degree of freedom.
 
-    dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard
-    deviation of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
-    posture_sigma: (D,) standard deviation from rest, the posture prior's; infinite for flat ones.
-    edges: joint pairs to draw. apart: pairs of cones that must not lie in each other.
+    dof_names: (D,). lower, upper: (D,) limits, infinite where free. sigma: (D,) standard deviation
+    of the change from one frame to the next at 60 frames/s. rest_pose: (D,) standing.
+    posture_sigma: (D,) standard deviation from rest of the posture prior; infinite for a flat one.
+    edges: joint pairs to draw. apart: pairs of cones that must not overlap.
     """
 
     name: str
@@ -93,7 +99,7 @@ class BodyModel:
 
     @property
     def limits(self) -> np.ndarray:
-        """(D, 2) float32 lower and upper limit, as the kernels take them."""
+        """Lower and upper limits (D, 2) float32, as the kernels take them."""
         return np.stack([self.lower, self.upper], -1).astype(np.float32)
 
     @property
@@ -124,7 +130,7 @@ class BodyModel:
     ) -> BodyModel:
         """Scale what is fixed to each bone: children's offsets, cones, joints.
 
-        lengths: factor per scale group, 1 where absent; radii: factor for all cone radii, or per
+        lengths: factor per scale group, 1 where absent. radii: factor for all cone radii, or per
         radius group, 1 where absent.
         """
         if not isinstance(radii, Mapping):
@@ -149,12 +155,12 @@ class BodyModel:
 
 
 def sideless(name: str) -> str:
-    """Return the name of a bone, cone or joint without its side: left and right share one."""
+    """Return the name of a bone, cone or joint without its side; left and right share one."""
     return name.removeprefix("l_").removeprefix("r_")
 
 
-def side_of(name: str) -> str:
-    """Return left, right or middle, as the name of a bone, cone or joint begins."""
+def find_side(name: str) -> str:
+    """Return left, right or middle, from the beginning of a bone's, cone's or joint's name."""
     lower = name.lower()
     sides = (side for side in ("left", "right") if lower.startswith((f"{side[0]}_", side)))
     return next(sides, "middle")

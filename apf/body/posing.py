@@ -13,18 +13,19 @@ from cl import Array, Device, Launch
 from cl.program import Define
 from cl.workgroups import pack_defines, pack_size
 
-#: Floats of a bone and of a free axis in the body's table, of a posed bone, and of what distances
+#: Floats of a bone and of a free axis in the body's table, of a posed bone, and of the additional
+#: values for distances to a cone; see kinematics.h and packed_cones.h.
 #: to a cone need beside it; see kinematics.h and packed_cones.h.
 BONE_FLOATS, AXIS_FLOATS, FRAME_FLOATS, SPAN_FLOATS = 16, 4, 12, 8
-#: Number in a cone's row that says which bone it is on.
+#: Index in a cone's row of the bone that it is fixed to.
 _CONE_BONE = 11
-#: The defines of cones.h.
+#: The compile-time definitions of cones.h.
 CONE_DEFINES: dict[str, Define] = {"CONE_FLOATS": CONE_FLOATS, "FAR_OUT": FAR_OUT}
 _GROUP = 64
 
 
 class Kinematics:
-    """Poses the body's cones for `n_particles` pose vectors.
+    """Launcher that poses the body's cones for `n_particles` pose vectors.
 
     `cones` is the device array (N, C, CONE_FLOATS) that the launches of `launcher(poses)` fill.
     """
@@ -38,7 +39,7 @@ class Kinematics:
         self.cones = device.empty(shape, np.float32, "the posed cones")
 
     def change_body(self, body: BodyModel) -> None:
-        """Pose `body`, which differs from the one before in numbers alone, from now on."""
+        """Replace the body by one that differs in numbers only."""
         self.body = body
         self._body.set(pack_body(body))
 
@@ -59,7 +60,8 @@ class Kinematics:
 
 
 def body_defines(body: BodyModel) -> dict[str, int]:
-    """Return the defines of kinematics.h and packed_cones.h, beside those of cones.h."""
+    """Return the compile-time definitions of kinematics.h and packed_cones.h, without those of
+    cones.h."""
     return {
         "N_DOF": body.n_dof,
         "N_BONES": len(body.bones),
@@ -74,7 +76,7 @@ def body_defines(body: BodyModel) -> dict[str, int]:
 
 
 def bone_levels(body: BodyModel) -> list[int]:
-    """Return how deep each bone lies in the tree; 0 for a root."""
+    """Return the depth of each bone in the tree; 0 for a root."""
     levels: list[int] = []
     for bone in body.bones:
         levels.append(levels[bone.parent] + 1 if bone.parent >= 0 else 0)
@@ -83,8 +85,10 @@ def bone_levels(body: BodyModel) -> list[int]:
 
 @lru_cache(maxsize=4)  # a tracker asks for it once per layer
 def pack_body(body: BodyModel) -> np.ndarray:
-    """Return the table of kinematics.h, float32, not to be written to: bones (B, 16), free axes
-    (D, 4), cones (C, CONE_FLOATS), one after the other."""
+    """Return the table of kinematics.h, float32, read-only.
+
+    It concatenates bones (B, 16), free axes (D, 4) and cones (C, CONE_FLOATS).
+    """
     bones: list[np.ndarray] = []
     axes: list[tuple[int, int, int, int]] = []
     for bone, level in zip(body.bones, bone_levels(body), strict=True):

@@ -1,4 +1,4 @@
-"""What a body's TOML file must hold."""
+"""The required contents of a body's TOML file."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pydantic import ConfigDict, Field
 
 from psfs.common.schema import Name, Positive, Table, flat
 
-#: Bones, cones, joints and degrees of freedom of one body, at most, and pairs of them.
+#: Most bones, cones, joints and degrees of freedom of one body, and most pairs of them.
 MOST, MOST_PAIRS = 200, 2000
-#: Of offsets, positions and cones, m: no part of a person is longer.
+#: Largest coordinate of offsets, positions and cones, m: no part of a person is longer.
 _LONGEST = 3.0
 
 Length = Annotated[float, Field(ge=-_LONGEST, le=_LONGEST)]
@@ -27,7 +27,10 @@ class _Entry(Table):
 
 
 class AxisEntry(_Entry):
-    """A free axis; limits, rest: m or rad; sigmas: per frame at 60 frames/s, and of the posture."""
+    """A free axis.
+
+    limits, rest: m or rad. sigma: per frame at 60 frames/s. posture_sigma: of the posture prior.
+    """
 
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz", "-tx", "-ty", "-tz", "-rx", "-ry", "-rz"]
     sigma: Annotated[float, Field(ge=0, le=100)]

@@ -1,4 +1,4 @@
-"""How tall the person is whom a body is a model of, where the body shows it."""
+"""The stature of the person that a body models."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from cl import InputError
 
-#: Height of the hips over the floor as a share of the stature (Drillis & Contini 1966).
+#: Height of the hips above the floor as a share of the stature (Drillis & Contini 1966).
 HIP_SHARE = 0.53
 TOP, HIPS, ANKLES = "head_top", "pelvis", ("l_ankle", "r_ankle")
 
@@ -34,8 +34,11 @@ def lowest_point(cones: np.ndarray) -> float:
 
 
 def ankle_cones(body: BodyModel) -> dict[int, float]:
-    """Return the cones that end at an ankle, by number, with the height, m, of their ends over the
-    floor when the body stands upright; none for a body without feet."""
+    """Return the cones that end at an ankle, by index, with the height, m, of their ends above the
+    floor.
+
+    The height is that of the upright body; empty for a body without feet.
+    """
     cones = posed_cones(body, _upright(body))[0]
     found = {}
     for joint in body.joints:
@@ -48,11 +51,11 @@ def ankle_cones(body: BodyModel) -> dict[int, float]:
 
 
 def stature(body: BodyModel) -> float:
-    """Return the height, m, of the person when he stands upright.
+    """Return the height, m, of the upright person.
 
-    From the lowest cone to the top of the head; of a body that lacks the head or the feet, from
-    its hips down or up, which are `HIP_SHARE` of the stature high. Raises InputError if the body
-    has no two of head, hips and feet.
+    Measured from the lowest cone to the top of the head. If the head or the feet are missing, it
+    follows from the hips' height, `HIP_SHARE` of the stature. Raises InputError if the body lacks
+    two of head, hips and feet.
     """
     pose = _upright(body)
     joints = dict(zip(body.joint_names, posed_joints(body, pose)[0, :, 2], strict=True))
@@ -71,5 +74,5 @@ def stature(body: BodyModel) -> float:
 
 
 def _upright(body: BodyModel) -> np.ndarray:
-    """(1, D) the pose with all angles at 0, as far as the limits allow."""
+    """Return the pose (1, D) with all angles at 0, as far as the limits allow."""
     return np.clip(np.zeros(body.n_dof), body.lower, body.upper)[None]

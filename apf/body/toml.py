@@ -1,4 +1,4 @@
-"""Body models as TOML files."""
+"""Read and write body models as TOML files."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from psfs.common.files import written_whole
 from psfs.common.schema import checked
 from psfs.common.toml import parse_toml, read_toml
 
-#: No person is taller, m, arms raised.
+#: Largest extent of a body, m: no person is taller with arms raised.
 TALLEST = 3.0
-#: The bodies that are shipped.
+#: Folder of the bodies that are shipped.
 _BODIES = Path(str(resources.files("apf"))) / "body" / "models"
 
 
 def load_body(name_or_path: str | Path) -> BodyModel:
-    """Read a body from a TOML file, or one of those shipped (`song31`) by name.
+    """Read a body from a TOML file, or a shipped one (`song31`) by name.
 
     Raises MissingFileError, or InputError naming the file and the entry that is wrong.
     """
@@ -36,16 +36,16 @@ def load_body(name_or_path: str | Path) -> BodyModel:
     if not path.is_file():
         wanted = f"a TOML file or one of {listed(shipped)}"
         raise MissingFileError(f"{path}: no body model; expected {wanted}")
-    return _checked(read_toml(path), path)
+    return _validate(read_toml(path), path)
 
 
-def body_from_text(text: str, source: str | Path) -> BodyModel:
-    """Return the body that `body_text` wrote. Raises InputError naming its `source` and the entry
-    that is wrong."""
-    return _checked(parse_toml(text, source), source)
+def parse_body(text: str, source: str | Path) -> BodyModel:
+    """Parse the body that `format_body` wrote. Raises InputError naming its `source` and the wrong
+    entry."""
+    return _validate(parse_toml(text, source), source)
 
 
-def _checked(data: dict[str, Any], source: str | Path) -> BodyModel:
+def _validate(data: dict[str, Any], source: str | Path) -> BodyModel:
     entry = checked(BodyEntry, data, source)
     try:
         body = _parse(entry)
@@ -56,10 +56,10 @@ def _checked(data: dict[str, Any], source: str | Path) -> BodyModel:
 
 
 def _parse(entry: BodyEntry) -> BodyModel:
-    """Make a BodyModel of TOML tables; ValueError says what is wrong."""
-    names = _different("bone", [bone.name for bone in entry.bone])
-    cone_names = _different("cone", [cone.name for cone in entry.cone])
-    joint_names = _different("joint", [joint.name for joint in entry.joint])
+    """Build a BodyModel from TOML tables. ValueError says what is wrong."""
+    names = _check_distinct("bone", [bone.name for bone in entry.bone])
+    cone_names = _check_distinct("cone", [cone.name for cone in entry.cone])
+    joint_names = _check_distinct("joint", [joint.name for joint in entry.joint])
     bones, dofs = _parse_bones(entry.bone, names)
     if not 1 <= len(dofs) <= MOST:
         raise ValueError(f"{len(dofs)} free axes; expected 1 to {MOST}")
@@ -73,22 +73,22 @@ def _parse(entry: BodyEntry) -> BodyModel:
         bones=bones,
         cones=tuple(_parse_cone(cone, names) for cone in entry.cone),
         joints=tuple(
-            Joint(j.name, _index(names, j.bone, "bone"), np.array(j.position, float))
+            Joint(j.name, _find_index(names, j.bone, "bone"), np.array(j.position, float))
             for j in entry.joint
         ),
-        dof_names=tuple(_different("degree of freedom", [name for name, _ in dofs])),
+        dof_names=tuple(_check_distinct("degree of freedom", [name for name, _ in dofs])),
         lower=limits[:, 0],
         upper=limits[:, 1],
         sigma=np.array([axis.sigma for _, axis in dofs], float),
         rest_pose=np.array([axis.rest for _, axis in dofs], float),
         posture_sigma=np.array([axis.posture_sigma for _, axis in dofs], float),
-        edges=_pairs(entry.edges, joint_names, "joint"),
-        apart=_pairs(entry.apart, cone_names, "cone"),
+        edges=_parse_pairs(entry.edges, joint_names, "joint"),
+        apart=_parse_pairs(entry.apart, cone_names, "cone"),
     )
 
 
 def _check_extent(body: BodyModel) -> None:
-    """Raise ValueError for a body that is no person's: larger than `TALLEST` where it rests."""
+    """Raise ValueError for a body that is larger than `TALLEST` in its rest pose."""
     rest = np.clip(body.rest_pose, body.lower, body.upper)[None]
     points = np.concatenate([posed_joints(body, rest)[0], posed_cones(body, rest)[0, :, :3]])
     extent = float(np.ptp(points, axis=0).max())
@@ -96,7 +96,7 @@ def _check_extent(body: BodyModel) -> None:
         raise ValueError(f"the body measures {extent:.3g} m; expected at most {TALLEST:g} m")
 
 
-def _different(what: str, names: list[str]) -> list[str]:
+def _check_distinct(what: str, names: list[str]) -> list[str]:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise ValueError(f"two {what}s have the same name, {twice[0]}")
@@ -106,7 +106,7 @@ def _different(what: str, names: list[str]) -> list[str]:
 def _parse_bones(
     entries: Sequence[BoneEntry], names: Sequence[str]
 ) -> tuple[tuple[Bone, ...], list[tuple[str, AxisEntry]]]:
-    """Return the bones, and their axes with names, ordered by index in the pose.
+    """Return the bones, and their named axes ordered by index in the pose.
 
     That is the order of the file unless an entry's `dof` says otherwise.
     """
@@ -122,9 +122,9 @@ def _parse_bones(
         bones.append(
             Bone(
                 entry.name,
-                -1 if entry.parent is None else _parent(entry, names, index),
+                -1 if entry.parent is None else _find_parent(entry, names, index),
                 np.array(entry.offset, float),
-                _rotation(entry.rest),
+                _parse_rotation(entry.rest),
                 tuple(axes),
             )
         )
@@ -134,7 +134,7 @@ def _parse_bones(
     return tuple(bones), [dofs[index] for index in np.argsort(indices)]
 
 
-def _parent(entry: BoneEntry, names: Sequence[str], index: int) -> int:
+def _find_parent(entry: BoneEntry, names: Sequence[str], index: int) -> int:
     before = list(names[:index])
     if entry.parent in before:
         return before.index(entry.parent)
@@ -157,7 +157,7 @@ def _parse_cone(entry: ConeEntry, bones: Sequence[str]) -> Cone:
     (radius_a, radius_b), (scale_x, scale_y) = entry.radii, entry.scale
     return Cone(
         entry.name,
-        _index(bones, entry.bone, "bone"),
+        _find_index(bones, entry.bone, "bone"),
         start,
         end,
         (float(radius_a), float(radius_b)),
@@ -167,33 +167,33 @@ def _parse_cone(entry: ConeEntry, bones: Sequence[str]) -> Cone:
     )
 
 
-def _rotation(values: Sequence[float]) -> np.ndarray:
+def _parse_rotation(values: Sequence[float]) -> np.ndarray:
     rotation = np.array(values, np.float64).reshape(3, 3)
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
         raise ValueError(f"{rotation.tolist()} is not a rotation matrix")
     return rotation
 
 
-def _pairs(
+def _parse_pairs(
     entries: Sequence[Sequence[str]], names: Sequence[str], what: str
 ) -> tuple[tuple[int, int], ...]:
-    return tuple((_index(names, a, what), _index(names, b, what)) for a, b in entries)
+    return tuple((_find_index(names, a, what), _find_index(names, b, what)) for a, b in entries)
 
 
-def _index(names: Sequence[str], name: str, what: str) -> int:
+def _find_index(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:
         raise ValueError(f"no {what} named {name!r}; expected one of {listed(names) or 'none'}")
     return list(names).index(name)
 
 
 def save_body(path: str | Path, body: BodyModel) -> None:
-    """Write `body` as a TOML file that `load_body` reads back."""
+    """Write `body` as a TOML file that `load_body` reads."""
     with written_whole(path) as temporary:
-        temporary.write_text(body_text(body))
+        temporary.write_text(format_body(body))
 
 
-def body_text(body: BodyModel) -> str:
-    """Return `body` as TOML, for `body_from_text`."""
+def format_body(body: BodyModel) -> str:
+    """Return `body` as TOML, for `parse_body`."""
     cone_names, joint_names = body.cone_names, body.joint_names
     bone_names = [bone.name for bone in body.bones]
     data = {

@@ -24,7 +24,7 @@ from apf.tracking.track import Track, spans
 from cl import InputError
 from psfs.cli.commandline import add_command, path_or_name, stdout, warn
 from psfs.cli.settings import refuse_unused
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 
@@ -101,14 +101,14 @@ def _truth(args: argparse.Namespace, fps: float) -> tuple[JointSeries, str]:
     kind = args.truth.suffix.lower()
     if kind == ".c3d":
         truth = read_c3d(args.truth, args.convention)
-        return truth.at_rate(fps, args.truth_start), args.convention or "z-up"
+        return truth.resample(fps, args.truth_start), args.convention or "z-up"
     if kind != ".trc":
         refuse_unused(args, ["convention"], f"is of a TRC or C3D; {args.truth} has Z up")
     # An npz has the world's own axes.
     convention = (args.convention or "y-up") if kind == ".trc" else "z-up"
     truth = load_truth(args.truth, convention)
     if args.truth_start is not None:
-        truth = truth.at_rate(fps, args.truth_start)
+        truth = truth.resample(fps, args.truth_start)
     return truth, convention
 
 
@@ -122,7 +122,7 @@ def _written(
         evaluation.write_csv(written[-1])
     if "plot" in wanted:
         written.append(folder / "evaluation.png")
-        title = f"{full_path(args.track).name} against {args.truth.name}"
+        title = f"{resolve_path(args.track).name} against {args.truth.name}"
         write_plot(written[-1], evaluation, title)
     if "json" in wanted:
         written.append(folder / "evaluation.json")

@@ -24,7 +24,7 @@ from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
-from psfs.output.preview import picture_of
+from psfs.output.preview import crop_view
 
 #: What is written of every picture, each into a folder of its own.
 KINDS = ("silhouettes", "edges", "overlay")
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
 def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) -> None:
     device = None if args.opengl else select_device(args.device)
     sequence = open_sequence(args)
-    out.keep_off(sequence.inputs)
+    out.check_inputs(sequence.inputs)
     chosen = selected_frames(args, sequence)
     track = Track.open(args.track)
     folder = args.track if args.track.is_dir() else args.track.parent
@@ -85,7 +85,7 @@ def _render(args: argparse.Namespace, out: OutputFolder, look: ObjectiveConfig) 
                 pictures = (
                     silhouette,
                     edges,
-                    tinted(picture_of(frame, view, camera), parts, edges),
+                    tinted(crop_view(frame, view, camera), parts, edges),
                 )
                 for kind, picture in zip(KINDS, pictures, strict=True):
                     write_picture(args.output / kind / name, picture)

@@ -6,14 +6,19 @@ import argparse
 from contextlib import ExitStack
 from pathlib import Path
 
-from apf.report.agreement import shown_rows
-from apf.report.judged import OVERLAY, judge, write_judged
+from apf.report.agreement import choose_rows
+from apf.report.judged import OVERLAY, judge_track, write_report
 from apf.report.overlay import write_overlay
 from apf.report.page import PAGE
-from apf.report.summary import read_summary, tracked_grid, tracked_sequence, tracked_with
+from apf.report.summary import (
+    open_tracked_sequence,
+    read_summary,
+    read_tracked_config,
+    read_tracked_grid,
+)
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.common.outputs import MANIFEST, output_folder
 from psfs.session import Session, SessionSettings
@@ -40,16 +45,19 @@ def run(args: argparse.Namespace) -> None:
     if not len(track):
         raise InputError(f"{folder}: holds no tracked frame; expected at least one")
     last = int(track.frames.max())
-    with naming(folder / "track.npz"):
-        tracked_grid(track)  # before anything is written
-    sequence, config = tracked_sequence(folder, summary, last), tracked_with(folder, summary)
+    with name_file_in_errors(folder / "track.npz"):
+        read_tracked_grid(track)  # before anything is written
+    sequence, config = (
+        open_tracked_sequence(folder, summary, last),
+        read_tracked_config(folder, summary),
+    )
     session = Session(sequence, select_device(args.device), SessionSettings(config))
     draw = not args.no_overlay and not (folder / OVERLAY).exists()
     # The folder of a seed belongs to that of all.
     owner = folder if (folder / MANIFEST).exists() else folder.parent
     with output_folder(owner, args.parser.prog, addition=True, replaces=True), ExitStack() as stack:
         bar = progress_bar()
-        steps = len(shown_rows(len(track))) + (len(track) if draw else 0)
+        steps = len(choose_rows(len(track))) + (len(track) if draw else 0)
         task = bar.add_task("judging", total=steps)
 
         def advance() -> None:
@@ -57,11 +65,11 @@ def run(args: argparse.Namespace) -> None:
                 stack.enter_context(bar)
             bar.advance(task)
 
-        quality = judge(session, track, advance)
+        quality = judge_track(session, track, advance)
         if draw:
             write_overlay(folder / OVERLAY, sequence, track, track.its_body, advance)
         stack.close()
-        write_judged(folder, sequence.name, quality, summary)
+        write_report(folder, sequence.name, quality, summary)
     for warning in summary["warnings"]:
         warn(warning, stdout)
     for line in quality.lines():

@@ -25,7 +25,7 @@ from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
 from apf.presets import PRESETS
-from apf.report.judged import FILES, judge, keep_judged_frames, run_facts, write_judged
+from apf.report.judged import FILES, judge_track, keep_judged_frames, run_facts, write_report
 from apf.report.overlay import write_overlay
 from apf.report.page import PAGE
 from apf.report.quality import Quality
@@ -243,7 +243,7 @@ def _opened(out: OutputFolder, job: TrackJob) -> Sequence:
         job.method.image.mesh(template_of(job.args.body)[0])  # that its files are what they should
     sequence = open_sequence(job.args)
     sequence.keep_frames()
-    out.keep_off(sequence.inputs)
+    out.check_inputs(sequence.inputs)
     return sequence
 
 
@@ -313,8 +313,8 @@ def finish_take(job: TrackJob, examination: Examination, take: Take, line: Line)
         compared = whole and not args.no_report
         if compared:
             line.begin("judging")
-            quality = judge(examination.session, track, partial(line, "judging"))
-        files = write_judged(folder, take.sequence.name, quality, facts, page=compared)
+            quality = judge_track(examination.session, track, partial(line, "judging"))
+        files = write_report(folder, take.sequence.name, quality, facts, page=compared)
         found.append(Judgement(folder, quality, files))
     return found
 

@@ -1,2 +1,5 @@
-"""Many takes on many workers: Dask carries the tasks, this room says what a worker is, when a take
-is finished, and what the lab sees of it."""
+"""Track many takes on many workers.
+
+Dask runs the tasks; this package sets up the workers, records which takes are finished, and writes
+their overview page.
+"""

@@ -1,4 +1,4 @@
-"""A long take in overlapping chunks: where it is cut, and how the chunks' tracks are joined."""
+"""Cut a long take into overlapping chunks, and join the chunks' tracks."""
 
 from __future__ import annotations
 
@@ -14,35 +14,38 @@ from apf.tracking.track import Track
 
 @dataclass(frozen=True)
 class ChunksConfig:
-    """How chunks overlap and when they agree."""
+    """The overlap of chunks, and the threshold for their agreement."""
 
     overlap: float = 1.0
-    """s that two chunks share. A track has settled on a start that was found within about half."""
+    """Overlap of two chunks, s. A track settles within about half of it after a found start."""
     agreement: float = 0.05
-    """m, mean over the joints, up to which two tracks of a frame are the same but for noise: runs
-    with different seeds lie about 10 to 20 mm apart, a wrong start 100 and more."""
+    """Largest mean distance of the joints, m, at which two tracks of a frame differ by noise only.
+    Runs with different seeds differ by 10 to 20 mm, a wrong start by 100 mm and more."""
 
 
 @dataclass(frozen=True)
 class Seam:
-    """Where two chunks are joined: the first frame of the later one, and the mean distance of their
-    joints there, m; infinite where they share no frame that both are sure of."""
+    """The join of two chunks.
+
+    frame: first frame of the later chunk. distance: mean distance of the joints there, m; infinite
+    if the chunks share no frame in which neither is lost.
+    """
 
     frame: int
     distance: float
 
 
-def cut(frames: range, n_frames: int, overlap: int) -> list[range]:
-    """Return the frames of each chunk: about `n_frames`, and `overlap` of the next chunk's."""
-    n_chunks = max(1, round(len(frames) / n_frames))
-    edges = np.linspace(0, len(frames), n_chunks + 1).round().astype(int).tolist()
-    if n_chunks > 1 and min(np.diff(edges)) <= overlap:
+def cut_chunks(frames: range, n_frames: int, overlap: int) -> list[range]:
+    """Return the frames of each chunk: about `n_frames`, and `overlap` frames of the next chunk."""
+    n_parts = max(1, round(len(frames) / n_frames))
+    edges = np.linspace(0, len(frames), n_parts + 1).round().astype(int).tolist()
+    if n_parts > 1 and min(np.diff(edges)) <= overlap:
         return [frames]
     return [frames[a : min(b + overlap, len(frames))] for a, b in pairwise(edges)]
 
 
-def seam(first: Track, second: Track) -> Seam:
-    """Return the frame of the overlap in which two tracks agree best."""
+def find_seam(first: Track, second: Track) -> Seam:
+    """Find the frame of the overlap in which two tracks agree best."""
     shared, of_first, of_second = np.intersect1d(first.frames, second.frames, return_indices=True)
     if not shared.size:
         return Seam(int(second.frames[0]), np.inf)
@@ -52,10 +55,12 @@ def seam(first: Track, second: Track) -> Seam:
     return Seam(int(shared[best]), float(apart[best]))
 
 
-def joined(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
-    """Return one track out of those of chunks in their order, and its seams. Its provenance is that
-    of the first, with the seams under `parts`."""
-    seams = [seam(a, b) for a, b in pairwise(tracks)]
+def join_tracks(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
+    """Join the tracks of consecutive chunks; return the track and its seams.
+
+    Its provenance is that of the first, with the seams under `parts`.
+    """
+    seams = [find_seam(a, b) for a, b in pairwise(tracks)]
     begins = [-np.inf, *(s.frame for s in seams)]
     ends = [*(s.frame for s in seams), np.inf]
     rows = [
@@ -72,19 +77,21 @@ def joined(tracks: Sequence[Track]) -> tuple[Track, list[Seam]]:
         for name in tracks[0].diagnostics
         if name in names
     }
-    said = json.loads(tracks[0].provenance)
-    said["parts"] = [{"frame": s.frame, "apart_mm": millimetres(s.distance)} for s in seams]
+    provenance = json.loads(tracks[0].provenance)
+    provenance["parts"] = [
+        {"frame": s.frame, "apart_mm": to_millimetres(s.distance)} for s in seams
+    ]
     whole = replace(
         tracks[0],
         frames=stacked("frames"),
         poses=stacked("poses"),
         joints=stacked("joints"),
         diagnostics=diagnostics,
-        provenance=json.dumps(said),
+        provenance=json.dumps(provenance),
     )
     return whole, seams
 
 
-def millimetres(distance: float) -> float | None:
-    """Return a distance, m, as mm for a file; None where there is none."""
+def to_millimetres(distance: float) -> float | None:
+    """Convert a distance, m, to mm for a file; None if it is not finite."""
     return round(1000 * distance, 1) if np.isfinite(distance) else None

@@ -1,4 +1,4 @@
-"""A Dask cluster: one of this command's own, or one that runs already."""
+"""Start a Dask cluster of this command's own, or connect to a running one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
-from apf.cluster.workers import Share, setup_plugin
+from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, checked
@@ -18,17 +18,17 @@ from psfs.output.reconstruction_folder import versions
 
 
 class _SchedulerFile(Table):
-    """What is read of a scheduler's file."""
+    """The entries of a scheduler's file that are read."""
 
     address: str
 
 
-#: Deaths of workers in the midst of a task after which the scheduler gives it up.
+#: Number of workers that may die during a task before the scheduler gives it up.
 ATTEMPTS = 3
 
 
-def dask_distributed() -> ModuleType:
-    """Return the module `distributed`. Raises InputError that says how to get it."""
+def import_distributed() -> ModuleType:
+    """Import `distributed`. Raises InputError that says how to install it."""
     try:
         import distributed
     except ImportError:
@@ -36,23 +36,26 @@ def dask_distributed() -> ModuleType:
             "many takes on workers need dask.distributed, which is not installed; expected: "
             "pip install psfs-apf[cluster]"
         ) from None
-    # They tell of every worker that comes and goes; what matters the outcomes tell.
+    # Dask logs every worker that joins or leaves; the tasks' outcomes report what matters.
     for name in ("distributed", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
 
 
 @contextmanager
-def embedded_cluster(shares: Sequence[Share]) -> Iterator[Any]:
-    """Give the client of a cluster on this machine: a worker process for each share, which is
-    started anew when it dies. All end with this process, however that ends."""
-    distributed = dask_distributed()
+def start_cluster(shares: Sequence[Share]) -> Iterator[Any]:
+    """Start a cluster on this machine with a worker process per share, and yield its client.
+
+    Workers that die are restarted. All end with this process, however it ends.
+    """
+    distributed = import_distributed()
     import dask
 
     quiet = {
         "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
         "distributed.worker.daemon": False,  # so that a worker may start processes
-        "distributed.worker.profile.enabled": False,  # which stops the take 100 times a second
+        # it would interrupt the take 100 times a second
+        "distributed.worker.profile.enabled": False,
     }
     local = {"host": "127.0.0.1", "dashboard": False, "silence_logs": logging.CRITICAL}
     with TemporaryDirectory(prefix="apf-workers-") as scratch, dask.config.set(quiet):
@@ -70,19 +73,20 @@ def embedded_cluster(shares: Sequence[Share]) -> Iterator[Any]:
         )
         with cluster, distributed.Client(cluster) as client:
             client.wait_for_workers(len(shares))
-            client.register_plugin(setup_plugin(embedded=True))
+            client.register_plugin(make_setup_plugin(embedded=True))
             yield client
 
 
 @contextmanager
-def joined_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
-    """Give the client of the running scheduler at `address`, `tcp://HOST:PORT`, or of the file that
-    a scheduler wrote (`--scheduler-file`).
+def connect_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterator[Any]:
+    """Connect to a running scheduler and yield the client.
 
-    patience: s to wait for it, and for its first worker. Raises InputError where none answers, no
-    worker comes, one has another version of this program or does not see the folder `shared`.
+    address: `tcp://HOST:PORT`, or the file that a scheduler wrote (`--scheduler-file`). patience:
+    time to wait for the scheduler and for its first worker, s. Raises InputError if none answers,
+    no worker joins, or a worker has another version of this program or cannot see the folder
+    `shared`.
     """
-    distributed = dask_distributed()
+    distributed = import_distributed()
     where: dict[str, str] = {"address": address}
     if Path(address).is_file():
         what = "the file that a `dask scheduler` wrote"
@@ -103,12 +107,12 @@ def joined_cluster(address: str, shared: Path, patience: float = 10.0) -> Iterat
                 f"--scheduler {address}: has no worker; expected one: dask worker {address}"
             ) from None
         _check_workers(client, shared)
-        client.register_plugin(setup_plugin(embedded=False))
+        client.register_plugin(make_setup_plugin(embedded=False))
         yield client
 
 
 def _check_workers(client: Any, shared: Path) -> None:
-    found = client.run(_seen_by_worker, str(shared), on_error="return")
+    found = client.run(_inspect_worker, str(shared), on_error="return")
     here = versions()["psfs-apf"]
     for address, seen in found.items():
         if isinstance(seen, BaseException):
@@ -120,5 +124,5 @@ def _check_workers(client: Any, shared: Path) -> None:
             raise InputError(f"worker {address}: sees no folder {shared}; expected a shared one")
 
 
-def _seen_by_worker(folder: str) -> tuple[str, bool]:
+def _inspect_worker(folder: str) -> tuple[str, bool]:
     return versions()["psfs-apf"], Path(folder).is_dir()

@@ -1,4 +1,4 @@
-"""Work of several tasks, of which later ones need what earlier ones gave."""
+"""Workflows of several tasks in which later tasks need the results of earlier ones."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ from typing import Any
 
 from apf.cluster.pool import Pool, Task
 
-#: Yields tasks that may be done at a time, gets their outcomes in that order, returns the result.
+#: A generator of workflow steps: it yields tasks that may run in parallel, receives their results
+#: in that order, and returns the final result. If one of them fails, its exception is raised at the
+#: `yield`.
 #: Where one of them fails its exception is raised at the `yield`.
-Course = Generator[list[Task], list[Any], Any]
+Workflow = Generator[list[Task], list[Any], Any]
 
 
 @dataclass
 class _UnderWay:
-    course: Course
+    course: Workflow
     tasks: list[str] = field(default_factory=list)
     outcomes: dict[str, Any] = field(default_factory=dict)
 
 
-def done_courses(
-    pool: Pool, courses: Mapping[str, Course]
+def run_workflows(
+    pool: Pool, courses: Mapping[str, Workflow]
 ) -> Generator[tuple[str, Any], None, None]:
-    """Yield the name of every course with what it returned, or the exception, as they are done."""
+    """Run the workflows; yield the name of each with its result, or its exception, as they
+    finish."""
     owners: dict[str, str] = {}
     begun: dict[str, _UnderWay] = {}
 
@@ -42,7 +45,7 @@ def done_courses(
             name = owners[task.name]
             under_way = begun.get(name)
             if under_way is None:
-                continue  # one beside it has failed
+                continue  # another task of this workflow has failed
             under_way.outcomes[task.name] = outcome
             try:
                 if isinstance(outcome, BaseException):

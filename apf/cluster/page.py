@@ -1,4 +1,4 @@
-"""What a folder of takes holds, as a page for people and a table for programs."""
+"""The overview of a folder of takes: an HTML page, and a table for programs."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from urllib.parse import quote
 
 from apf.cluster.record import RECORD, TakeRecord
 from apf.cluster.take_row import THUMBNAIL, TakeRow
-from psfs.common.files import full_path, written_whole
+from psfs.common.files import resolve_path, written_whole
 
 LOGS = "logs"
-#: Columns of the page: what of the row, heading, explanation.
+#: Columns of the page: field of the row, heading, explanation.
 _COLUMNS = (
     ("name", "take", "folder of the results"),
     ("status", "status", ""),
@@ -33,7 +33,7 @@ _COLUMNS = (
     ("worker", "worker", ""),
     ("finished", "finished, UTC", ""),
 )
-#: Files that are linked where a take has them: name, text.
+#: Files that are linked if a take has them: name, text.
 _LINKS = (
     ("report.html", "report"),
     ("overlay.mp4", "overlay"),
@@ -70,8 +70,8 @@ for (const head of document.querySelectorAll("th[data-column]")) head.onclick = 
 """
 
 
-def rows_in(out: Path) -> dict[str, list[TakeRow]]:
-    """Return the rows of every finished take in `out`, by the take's name."""
+def read_rows(out: Path) -> dict[str, list[TakeRow]]:
+    """Read the rows of every finished take in `out`, by the take's name."""
     if not out.is_dir():
         return {}
     found = {path.parent.name: TakeRecord.read(path.parent) for path in out.glob(f"*/{RECORD}")}
@@ -85,9 +85,12 @@ def rows_in(out: Path) -> dict[str, list[TakeRow]]:
 def write_index(
     out: Path, failed: Mapping[str, TakeRow], unfinished: Iterable[TakeRow] = ()
 ) -> None:
-    """Write index.html and takes.csv of what `out` holds, of takes that failed and of those that
-    are still to be done. Raises InputError."""
-    rows = rows_in(out) | {name: [row] for name, row in failed.items()}
+    """Write index.html and takes.csv of the finished takes in `out` and of failed and unfinished
+    ones.
+
+    Raises InputError.
+    """
+    rows = read_rows(out) | {name: [row] for name, row in failed.items()}
     rows = {row.name: [row] for row in unfinished} | rows
     in_order = [row for name in sorted(rows) for row in rows[name]]
     with written_whole(out / "takes.csv") as temporary, temporary.open("w", newline="") as file:
@@ -95,21 +98,21 @@ def write_index(
         writer.writeheader()
         writer.writerows(row.plain() for row in in_order)
     with written_whole(out / "index.html") as temporary:
-        temporary.write_text(_page(out, in_order), encoding="utf-8")
+        temporary.write_text(_format_page(out, in_order), encoding="utf-8")
 
 
-def _page(out: Path, rows: list[TakeRow]) -> str:
+def _format_page(out: Path, rows: list[TakeRow]) -> str:
     heads = "".join(
         f'<th data-column="{"text" if name in _TEXT else "number"}" title="{html.escape(what)}">'
         f"{html.escape(head)}</th>"
         for name, head, what in _COLUMNS
     )
-    body = "\n".join(_row(out, row) for row in rows)
+    body = "\n".join(_format_row(out, row) for row in rows)
     states = [row.status for row in rows]
     counts = ", ".join(
         f"{states.count(s)} {s}" for s in ("done", "failed", "waiting") if s in states
     )
-    title = html.escape(full_path(out).name)
+    title = html.escape(resolve_path(out).name)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{title}: takes</title><style>{_STYLE}</style></head>\n"
@@ -120,17 +123,17 @@ def _page(out: Path, rows: list[TakeRow]) -> str:
     )
 
 
-def _row(out: Path, row: TakeRow) -> str:
+def _format_row(out: Path, row: TakeRow) -> str:
     picture = out / row.name / THUMBNAIL
     shown = (
         f'<img src="{_link(row.name, THUMBNAIL)}" alt="" width="120">' if picture.is_file() else ""
     )
-    cells = "".join(_cell(row, name) for name, _, _ in _COLUMNS)
+    cells = "".join(_format_cell(row, name) for name, _, _ in _COLUMNS)
     kind = ' class="failed"' if row.status == "failed" else ""
-    return f"<tr{kind}><td>{shown}</td>{cells}<td>{_files(out, row)}</td></tr>"
+    return f"<tr{kind}><td>{shown}</td>{cells}<td>{_format_links(out, row)}</td></tr>"
 
 
-def _cell(row: TakeRow, name: str) -> str:
+def _format_cell(row: TakeRow, name: str) -> str:
     value: Any = getattr(row, name)
     text = "" if value is None else html.escape(str(value))
     style = "" if name in _TEXT else ' class="number"'
@@ -140,7 +143,7 @@ def _cell(row: TakeRow, name: str) -> str:
     return f'<td{style} data-value="{text}">{text}{more}</td>'
 
 
-def _files(out: Path, row: TakeRow) -> str:
+def _format_links(out: Path, row: TakeRow) -> str:
     links = [
         (_link(row.name, file), text) for file, text in _LINKS if (out / row.name / file).is_file()
     ]

@@ -1,4 +1,4 @@
-"""Tasks on the workers of a cluster, and what became of each."""
+"""Run tasks on the workers of a cluster, and return their outcomes."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from apf.cluster.connection import ATTEMPTS, dask_distributed
-from apf.cluster.task_side import Progress, perform, stop
+from apf.cluster.connection import ATTEMPTS, import_distributed
+from apf.cluster.task_side import Progress, run_task, stop
 from cl import InputError
 
-#: Seconds after which workers that came or went are noticed.
+#: Interval at which joining and leaving workers are noticed, s.
 _PULSE = 0.5
 _GONE = "the scheduler has gone; what is finished is kept: give the command again"
 
 
 @dataclass(frozen=True)
 class Task:
-    """What one worker does at a time. name: unlike any other's. work: a function of a module, which
-    is called as `work(progress, *arguments)`, see `TaskProgress`; all of them plain values."""
+    """A unit of work for one worker.
+
+    name: unique. work: a module's function, called as `work(progress, *arguments)`, see
+    `TaskProgress`. arguments: plain values.
+    """
 
     name: str
     work: Callable[..., Any]
@@ -29,10 +32,10 @@ class Task:
 
 
 class Pool:
-    """Does tasks on the workers of `client`; as many at a time as these have threads.
+    """Runs tasks on the workers of `client`, as many at a time as these have threads.
 
-    A task whose worker dies is done again by another, one that raises is tried three times; what
-    it raised last is its outcome then and stops no other.
+    A task whose worker dies is repeated on another. One that raises is tried three times; its last
+    exception is its outcome, and does not stop the others.
     """
 
     def __init__(self, client: Any, on_progress: Callable[[Progress], object] | None = None):
@@ -44,15 +47,15 @@ class Pool:
             client.subscribe_topic(self.batch, lambda event: on_progress(Progress(**event[1])))
 
     def add(self, task: Task) -> None:
-        """Do the task, too; also while `outcomes` is iterated over."""
+        """Add a task; also possible while iterating over `outcomes`."""
         self._waiting.append(task)
 
     def outcomes(self, tasks: Iterable[Task] = ()) -> Generator[tuple[Task, Any], None, None]:
-        """Yield every task with what it returned, or the exception, as they are done. tasks: more
-        of them, each asked for when a worker is free.
+        """Yield every task with its result, or its exception, as they finish.
 
-        When it is closed, or an interrupt comes, tasks under way are told to stop. Raises
-        InputError where the scheduler has gone.
+        tasks: further ones, each requested when a worker is free. Closing the generator, or an
+        interrupt, stops the running tasks. Raises InputError if the connection to the scheduler is
+        lost.
         """
         self._more = iter(tasks)
         try:
@@ -65,16 +68,16 @@ class Pool:
             self._stop()
 
     def _next(self) -> list[tuple[Task, Any]]:
-        """Return what was done meanwhile, with its outcomes."""
-        distributed = dask_distributed()
+        """Return the tasks that have finished since the last call, with their outcomes."""
+        distributed = import_distributed()
         try:
             self._submit()
             if not self._under_way:
                 return []
             done = distributed.wait([*self._under_way], _PULSE, "FIRST_COMPLETED").done
-            # A result is lost with the worker that holds it; then the task is done again.
+            # A result is lost with the worker that holds it; the task is then repeated.
             whole = [future for future in done if future.status not in ("pending", "lost")]
-            return [(self._under_way.pop(future), _outcome(future)) for future in whole]
+            return [(self._under_way.pop(future), _get_outcome(future)) for future in whole]
         except TimeoutError:
             return []
         except (distributed.CancelledError, distributed.comm.CommClosedError):
@@ -88,26 +91,26 @@ class Pool:
                 return
             key = f"{task.name}-{self.batch}"
             future = self._client.submit(
-                perform, task.name, self.batch, task.work, task.arguments,
+                run_task, task.name, self.batch, task.work, task.arguments,
                 key=key, retries=ATTEMPTS - 1, pure=False,
             )  # fmt: skip
             self._under_way[future] = task
 
     def _stop(self) -> None:
-        """Tell the workers to stop what is under way; their threads end after the frame in work."""
+        """Stop the running tasks on the workers; their threads end after the current frame."""
         if self._under_way and self._client.status == "running":
-            with suppress(OSError, TimeoutError):  # the scheduler may have gone
+            with suppress(OSError, TimeoutError):  # the scheduler may be gone
                 self._client.run(stop, self.batch, on_error="ignore")
                 self._client.cancel(list(self._under_way), force=True)
         self._under_way.clear()
 
 
-def _outcome(future: Any) -> Any:
+def _get_outcome(future: Any) -> Any:
     if future.status == "finished":
         return future.result()
     if future.status == "error":
         error = future.exception()
-        if isinstance(error, dask_distributed().KilledWorker):
+        if isinstance(error, import_distributed().KilledWorker):
             return InputError(f"its worker died {ATTEMPTS} times, at last on {error.last_worker}")
         return error
     raise InputError(_GONE)

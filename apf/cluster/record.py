@@ -1,4 +1,4 @@
-"""What finished a folder of results: contents of inputs, settings, version; and what it holds."""
+"""A record of a finished take: contents of its inputs, settings, version, and outputs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cl import InputError
-from psfs.common.files import unreadable, write_json
+from psfs.common.files import unreadable_error, write_json
 from psfs.output.reconstruction_folder import versions
 
 RECORD = "take.json"
@@ -19,7 +19,7 @@ _LOT = 1 << 22  # bytes read at a time
 
 @dataclass(frozen=True)
 class FileFacts:
-    """A file's size, bytes, when it was changed, ns, and the SHA-256 of its content."""
+    """A file's size, bytes, time of change, ns, and SHA-256."""
 
     size: int
     mtime_ns: int
@@ -27,7 +27,7 @@ class FileFacts:
 
     @classmethod
     def of(cls, path: Path, known: FileFacts | None = None) -> FileFacts:
-        """Read the file, unless size and time are those `known`. Raises InputError."""
+        """Read the file, unless its size and time equal those of `known`. Raises InputError."""
         try:
             stat = path.stat()
             if known is not None and (stat.st_size, stat.st_mtime_ns) == known.looks:
@@ -37,7 +37,7 @@ class FileFacts:
                 while lot := file.read(_LOT):
                     digest.update(lot)
         except OSError as error:
-            raise unreadable(path, error) from None
+            raise unreadable_error(path, error) from None
         return cls(stat.st_size, stat.st_mtime_ns, digest.hexdigest())
 
     @property
@@ -51,9 +51,12 @@ class FileFacts:
 
 @dataclass(frozen=True)
 class TakeRecord:
-    """What a folder of results was made of. inputs: by path in the take's folder. settings: plain
-    values by the flags' names; of those that name a file the content counts, under `files`.
-    outputs: by path in the folder of results. row: what `TakeRow` says of it."""
+    """The inputs of a folder of results, and its contents.
+
+    inputs: by path in the take's folder. settings: plain values by the flags' names. files: the
+    contents of files that settings name. outputs: by path in the folder of results. rows: the
+    values of its `TakeRow`s.
+    """
 
     version: str
     settings: Mapping[str, Any]
@@ -63,24 +66,27 @@ class TakeRecord:
     rows: tuple[Mapping[str, Any], ...] = ()
 
     @classmethod
-    def of_take(
+    def describe_take(
         cls, folder: Path, settings: Mapping[str, Any], known: TakeRecord | None = None
     ) -> TakeRecord:
-        """Return the record of a take that is to be done; files that look as those `known` are
-        not read again. Raises InputError where one cannot be read."""
-        plain = {name: _plain(value) for name, value in settings.items()}
+        """Describe a take that is to be tracked.
+
+        Files that match those of `known` are not read again. Raises InputError if one cannot be
+        read.
+        """
+        plain = {name: _to_json_types(value) for name, value in settings.items()}
         named = {name: path for name, value in plain.items() for path in _named_files(value)}
-        inputs = {str(path.relative_to(folder)): path for path in files_in(folder)}
+        inputs = {str(path.relative_to(folder)): path for path in list_files(folder)}
         return cls(
             versions()["psfs-apf"],
             {name: value for name, value in plain.items() if name not in named},
-            _facts(inputs, known.inputs if known else {}),
-            _facts(named, known.files if known else {}),
+            _describe_files(inputs, known.inputs if known else {}),
+            _describe_files(named, known.files if known else {}),
         )
 
     @classmethod
     def read(cls, folder: Path) -> TakeRecord | None:
-        """Return that in a folder of results; None where there is none, or one of another kind."""
+        """Read the record of a folder of results; None if there is none of the right format."""
         try:
             data = json.loads((folder / RECORD).read_text())
             for part in ("inputs", "files", "outputs"):
@@ -89,8 +95,8 @@ class TakeRecord:
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 
-    def same_take(self, other: TakeRecord) -> bool:
-        """Were both made of the same contents, by the same version with the same settings?"""
+    def is_same_take(self, other: TakeRecord) -> bool:
+        """Return whether both records have the same contents, version and settings."""
         return (
             self.version == other.version
             and dict(self.settings) == dict(other.settings)
@@ -98,8 +104,8 @@ class TakeRecord:
             and _contents(self.files) == _contents(other.files)
         )
 
-    def holds(self, folder: Path) -> bool:
-        """Is all there that was written into the folder of results, as it was written?"""
+    def is_complete(self, folder: Path) -> bool:
+        """Return whether all outputs are in the folder of results, unchanged."""
         try:
             return all(
                 FileFacts.of(folder / name, facts).content == facts.content
@@ -109,13 +115,15 @@ class TakeRecord:
             return False
 
     def write(self, folder: Path) -> None:
-        """Write it into the folder of results. Raises InputError."""
+        """Write the record into the folder of results. Raises InputError."""
         write_json(folder / RECORD, asdict(self))
 
 
-def files_in(folder: Path) -> list[Path]:
-    """Return all files in a folder and below, sorted, without hidden ones. Raises InputError if it
-    is no folder."""
+def list_files(folder: Path) -> list[Path]:
+    """List all files in a folder and below, sorted, without hidden ones.
+
+    Raises InputError if it is not a folder.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with calibrated views")
     found = (path for path in folder.rglob("*") if path.is_file())
@@ -124,7 +132,9 @@ def files_in(folder: Path) -> list[Path]:
     )
 
 
-def _facts(paths: Mapping[str, Path], known: Mapping[str, FileFacts]) -> dict[str, FileFacts]:
+def _describe_files(
+    paths: Mapping[str, Path], known: Mapping[str, FileFacts]
+) -> dict[str, FileFacts]:
     return {name: FileFacts.of(path, known.get(name)) for name, path in paths.items()}
 
 
@@ -132,14 +142,14 @@ def _contents(facts: Mapping[str, FileFacts]) -> dict[str, tuple[int, str]]:
     return {name: fact.content for name, fact in facts.items()}
 
 
-def _plain(value: Any) -> Any:
-    """JSON's own types for a flag's value, as they are read back."""
+def _to_json_types(value: Any) -> Any:
+    """Convert a flag's value to JSON types, as they are read back."""
     if isinstance(value, slice):
         return [value.start, value.stop, value.step]
     return json.loads(json.dumps(value, default=str))
 
 
 def _named_files(value: Any) -> Iterable[Path]:
-    """The file that a setting names; text without a folder or an ending is a name of its own."""
+    """Yield the file that a setting names; text without a folder or an ending is not a path."""
     if isinstance(value, str) and ("/" in value or "." in value) and Path(value).is_file():
         yield Path(value)

@@ -1,4 +1,4 @@
-"""What a lab wants to know of a finished take at a glance."""
+"""The row of a finished take in the overview."""
 
 from __future__ import annotations
 
@@ -22,19 +22,21 @@ from apf.tracking.track import Track
 from psfs.common.files import write_picture
 
 THUMBNAIL = "thumbnail.jpg"
-#: Width of a thumbnail, px, of the first camera.
+#: Width of a thumbnail, px; it shows the first camera.
 _WIDTH = 240
 
 
 @dataclass(frozen=True)
 class TakeRow:
-    """A track of a take. name: its folder in OUT. source: the take's folder. quality: verdict of
-    the track's report. seconds: filmed. limbs: lost where the truth is known, else parts of the
-    body that the report believes little on the mean. confidence,
-    misfit: means over the frames. height: of the body, m. mean_error: mm, where there is a truth.
-    took: s of computing. device: what computed, worker: where. finished: when, UTC. parts: how far
-    the parts of a long take differed where they were joined, mm. status, error: of a take that
-    failed, which has none of the figures."""
+    """A track of a take.
+
+    name: its folder in OUT. source: the take's folder. quality: verdict of the track's report.
+    seconds: length of the take. limbs: lost ones if the truth is known, else parts with a low mean
+    confidence in the report. confidence, misfit: means over the frames. height: of the body, m.
+    mean_error: mm, if there is a truth. took: computing time, s. device, worker: that computed it.
+    finished: time, UTC. parts: distances between the chunks of a long take where they are joined,
+    mm. status, error: of a take that failed, which has no figures.
+    """
 
     name: str
     source: str = ""
@@ -57,7 +59,7 @@ class TakeRow:
 
     @classmethod
     def of(cls, name: str, folder: Path, take: Take, track: Track, **more: Any) -> TakeRow:
-        """Return the row of one of the take's tracks, whose results are in `folder`."""
+        """Build the row of one of the take's tracks, whose results are in `folder`."""
         quality = read_summary(folder)["quality"]
         truth = take.sequence.folder / "truth.npz"
         found = evaluate(track, load_truth(truth)) if truth.is_file() else None
@@ -86,7 +88,7 @@ class TakeRow:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> TakeRow:
-        """Return the row of plain values; those that this version does not know are left out."""
+        """Build the row from plain values; unknown ones are ignored."""
         known = {field.name for field in fields(cls)}
         return cls(**{name: value for name, value in values.items() if name in known})
 

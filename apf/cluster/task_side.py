@@ -1,4 +1,4 @@
-"""What a task has on its worker: a line of progress, a log of its own, and a way to be stopped."""
+"""The environment of a task on its worker: progress messages, a log file, and a stop signal."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
 
-from apf.cluster.whole_folder import final_names
+from apf.cluster.whole_folder import replace_temporary_names
 from cl import UserError
 
-#: Batches whose tasks are to stop in this process.
+#: Batches whose tasks must stop in this process.
 _stopped: set[str] = set()
-#: Seconds between two messages of a task.
-_APART = 0.5
+#: Least time between two messages of a task, s.
+_MESSAGE_INTERVAL = 0.5
 
 
 class TaskStopped(Exception):
-    """The task was told to stop."""
+    """The task was stopped."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a task is: `done` of `total` frames of a stage; total 0 where that is unknown."""
+    """The progress of a task: `done` of `total` frames of a stage; total 0 if unknown."""
 
     task: str
     stage: str
@@ -43,11 +43,12 @@ class Progress:
 
 
 class TaskProgress:
-    """What a task reports to. It is the line of a take as `apf.cli.takes.take_report.TakeLine` is:
-    called with the name of the stage in work, after every frame of those that go frame by frame.
+    """Receives and sends a task's progress.
 
-    worker: host and process. seconds: that each stage took; core_seconds: of the process's CPU
-    time. Calls raise KeyboardInterrupt in a task that is to stop.
+    It replaces the line of a take, `apf.cli.takes.take_report.TakeLine`: called with the name of
+    the current stage, after every frame of stages that work by frames. worker: host and process.
+    seconds: time of each stage. core_seconds: CPU time of each stage. Calls raise KeyboardInterrupt
+    in a task that must stop.
     """
 
     def __init__(self, task: str = "", batch: str = "") -> None:
@@ -66,22 +67,22 @@ class TaskProgress:
         if stage != self._stage:
             self._enter(stage)
         self._done[stage] += 1
-        if time.monotonic() > self._sent + _APART:
+        if time.monotonic() > self._sent + _MESSAGE_INTERVAL:
             self._send()
 
     def begin(self, stage: str) -> None:
-        """Say that a stage has no frame yet."""
+        """Start a stage without a finished frame."""
         self._done[stage] = 0
         self._enter(stage)
 
     def _enter(self, stage: str) -> None:
-        """Say that a stage goes on."""
+        """Switch to a stage."""
         self.end()
         self._stage = stage
         self._send()
 
     def end(self) -> None:
-        """Count the time since the stage began as its own."""
+        """Add the time since the stage began to its total."""
         now = time.monotonic(), time.process_time()
         if self._stage:
             self.seconds[self._stage] += now[0] - self._begun[0]
@@ -94,13 +95,15 @@ class TaskProgress:
             from distributed import get_worker
 
             done = self._done[self._stage]
-            said = Progress(self._task, self._stage, done, self.n_frames, self.worker)
-            get_worker().log_event(self._batch, asdict(said))
+            message = Progress(self._task, self._stage, done, self.n_frames, self.worker)
+            get_worker().log_event(self._batch, asdict(message))
 
 
-def perform(name: str, batch: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    """Do a task on a worker. Raises what it raises, and TaskStopped instead of KeyboardInterrupt,
-    which would end the worker."""
+def run_task(name: str, batch: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """Run a task on a worker.
+
+    Raises what it raises, but TaskStopped instead of KeyboardInterrupt, which would end the worker.
+    """
     try:
         return work(TaskProgress(name, batch), *arguments)
     except KeyboardInterrupt:
@@ -108,19 +111,19 @@ def perform(name: str, batch: str, work: Callable[..., Any], arguments: tuple[An
 
 
 def stop(batch: str) -> None:
-    """Stop the tasks of a batch in this process after the frame in work."""
+    """Stop the tasks of a batch in this process after the current frame."""
     _stopped.add(batch)
 
 
 class _Log(io.TextIOBase):
-    """A file that gets what was said of temporary folders as said of the final ones."""
+    """A log file in which names of temporary folders are replaced by the final ones."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("a", encoding="utf-8", errors="backslashreplace")
 
     def write(self, text: str) -> int:
-        self._file.write(final_names(text))
-        self._file.flush()  # it stands there also when the process is killed
+        self._file.write(replace_temporary_names(text))
+        self._file.flush()  # so that nothing is lost if the process is killed
         return len(text)
 
     def close(self) -> None:
@@ -128,7 +131,7 @@ class _Log(io.TextIOBase):
 
 
 class _PerThread(io.TextIOBase):
-    """A text stream that goes elsewhere in threads that say so."""
+    """A text stream that threads can redirect for themselves."""
 
     def __init__(self, usual: TextIO) -> None:
         self.usual = usual
@@ -142,12 +145,14 @@ class _PerThread(io.TextIOBase):
 
 
 @contextmanager
-def logged_to(path: Path, title: str) -> Iterator[None]:
-    """Append to `path` what this thread prints and logs meanwhile, and the error that ends it, with
-    its traceback if it is none that a user can mend."""
+def log_to(path: Path, title: str) -> Iterator[None]:
+    """Append to `path` what this thread prints and logs, and the error that ends it.
+
+    An error that is not the user's gets its traceback.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     me = threading.get_ident()
-    streams = _streams()
+    streams = _redirectable_streams()
     with closing(_Log(path)) as file:
         now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
         file.write(f"{now} {title}, on {platform.node()}, process {os.getpid()}\n")
@@ -166,8 +171,8 @@ def logged_to(path: Path, title: str) -> Iterator[None]:
                 del stream.own[me]
 
 
-def _streams() -> tuple[_PerThread, _PerThread]:
-    """This process's output and error streams, which from now on ask for the thread."""
+def _redirectable_streams() -> tuple[_PerThread, _PerThread]:
+    """Return this process's output and error streams, made redirectable per thread."""
     if not isinstance(sys.stdout, _PerThread):
         sys.stdout = _PerThread(sys.stdout)
     if not isinstance(sys.stderr, _PerThread):

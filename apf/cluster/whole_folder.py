@@ -1,4 +1,4 @@
-"""A folder of results that is there whole, or not at all, however many work on it and die."""
+"""Write a folder of results completely or not at all, even if several processes write it or die."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from psfs.common.outputs import MANIFEST, Manifest
 #: .NAME.partial-HOST-PID-ATTEMPT
 _PARTIAL = re.compile(r"\.([^/]+)\.partial-([^/]+)-(\d+)-[0-9a-f]{8}\b")
 
-#: Ends the name of what stood there before, while the new folder gets its name.
+#: Suffix of the replaced folder while the new one is renamed.
 _OLD = ".old"
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """Give a new folder beside `path`, which gets its name on success and else is removed.
+def replace_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder beside `path`; rename it to `path` on success, else remove it.
 
-    What stood at `path` is replaced, but for files that its manifest does not name: those are kept,
-    and refused where they are in the way. Leftovers of processes of this host that were killed are
-    cleared. Raises InputError if the file system refuses.
+    An existing folder is replaced, but files that its manifest does not name are kept; they raise
+    an error if a new file has the same name. Leftovers of killed processes of this host are
+    removed. Raises InputError if the file system refuses.
     """
     attempt = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
     partial = path.with_name(f".{path.name}.partial-{attempt}")
@@ -47,7 +47,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 def _link_foreign(path: Path, partial: Path) -> None:
-    """Give the new folder the files in the old one that no command wrote."""
+    """Link the files of the old folder that no command wrote into the new one."""
     manifest = Manifest.read(path) if path.is_dir() else None
     ours = {MANIFEST, *(manifest.files if manifest is not None else ())}
     for file in path.rglob("*"):
@@ -74,32 +74,34 @@ def _replace(path: Path, partial: Path) -> None:
         partial.rename(path)
     except OSError:
         with suppress(OSError):
-            old.rename(path)  # the older results rather than none
+            old.rename(path)  # keep the old results rather than none
         raise
     shutil.rmtree(old, ignore_errors=True)
 
 
-def final_names(text: str) -> str:
-    """Return a text that names temporary folders with the names that they are to have."""
+def replace_temporary_names(text: str) -> str:
+    """Replace the names of temporary folders in a text by their final names."""
     return _PARTIAL.sub(r"\1", text)
 
 
 def clear_partial(path: Path, of_all: bool = False) -> None:
-    """Remove what killed processes of this host left of `path`; with `of_all` that of others and of
-    this process too, for when nobody works on it any more."""
+    """Remove what killed processes of this host left of `path`.
+
+    of_all: also what processes of other hosts and this one left, when nobody works on it any more.
+    """
     if not path.parent.is_dir():
         return
     for folder in list(path.parent.iterdir()):
         found = _PARTIAL.fullmatch(folder.name.removesuffix(_OLD))
         if found is None or found[1] != path.name:
             continue
-        if of_all or (found[2] == platform.node() and not _lives(int(found[3]))):
-            if folder.suffix == _OLD and not path.exists():  # killed between the two names
+        if of_all or (found[2] == platform.node() and not _is_running(int(found[3]))):
+            if folder.suffix == _OLD and not path.exists():  # killed between the two renames
                 folder.rename(path)
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _lives(process: int) -> bool:
+def _is_running(process: int) -> bool:
     try:
         os.kill(process, 0)
     except ProcessLookupError:

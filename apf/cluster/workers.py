@@ -1,4 +1,4 @@
-"""Workers: which device and which cores each has, and how a worker process is set up."""
+"""The device and cores of each worker, and the setup of a worker process."""
 
 from __future__ import annotations
 
@@ -13,90 +13,100 @@ from cl import Device, NumpyDevice, list_devices, select_device
 from psfs.common.ranges import check_range
 from psfs.footage.memory import FRAME_MEMORY
 
-#: Of one machine.
+#: Most workers of one machine.
 MOST_WORKERS = 1000
-#: Environment of a worker: the device it computes on, as `--device` names it, and its cores, `0,1`.
+#: Environment variables of a worker: its device, as `--device` names it, and its cores, `0,1`.
 DEVICE, CORES = "APF_DEVICE", "APF_CORES"
-#: How many threads OpenCV and its decoder start: one for each core of the machine by themselves,
-#: which cost 22 s of 32 cores where one costs 6, in the same time. Views are decoded side by side.
+#: Environment variables for the number of threads of OpenCV and its decoder. Their default, one per
+#: core of the machine, costs 22 s of 32 cores where one thread costs 6 s and takes as long; views
+#: are decoded in parallel anyway.
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
-#: Of glibc's malloc.h; and more than a take allocates in one piece.
+#: Constants of glibc's malloc.h; and a size above any single allocation of a take.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 2**28
 
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """How many workers an embedded cluster has. A worker is a process that does one take at a
+    """The number of workers of an embedded cluster; a worker is a process that tracks one take at a
     time."""
 
     per_gpu: int = 8
-    """At most: a take leaves a GPU idle while its host decodes and fits; contexts on one GPU take
-    turns. On an H200 with 16 cores 2 did 24 takes per minute, 4 41 and 8 70, see
-    `docs/cluster.md`."""
+    """Most workers per GPU. A take leaves a GPU idle while its host decodes and fits; contexts on
+    one GPU take turns. On an H200 with 16 cores, 2 workers tracked 24 takes per minute, 4 41 and 8
+    70, see `docs/cluster.md`."""
     beside_gpu: float = 2.0
-    """Cores for each worker of a GPU: what its take keeps busy, decoding and waiting."""
+    """Cores per worker of a GPU, which its take keeps busy decoding and waiting."""
     cores: int = 1
-    """Of a worker that computes on the CPU. By hand: a take's decoding and start use one core."""
+    """Cores of a worker that computes on the CPU. Set by hand: decoding and start of a take use one
+    core."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """What one worker of this machine has. device: as `--device` names it. cores: numbers of the
-    CPU cores that it is pinned to; none where a GPU computes, whose host threads mostly wait."""
+    """The share of this machine that one worker gets.
+
+    device: as `--device` names it. cores: CPU cores that it is pinned to; empty if a GPU computes,
+    whose host threads mostly wait.
+    """
 
     device: str
     cores: tuple[int, ...] = ()
 
     @property
     def environment(self) -> dict[str, str]:
-        """What its process is started with."""
+        """Environment variables that its process is started with."""
         own = {DEVICE: self.device, CORES: ",".join(map(str, self.cores))}
         return own | dict.fromkeys(_OPENCV, "1")
 
 
-def shares_of_machine(
+def share_machine(
     device: str = "auto", n_workers: int | None = None, config: WorkerConfig | None = None
 ) -> list[Share]:
-    """Return a share of this machine for each worker; `device` as of `select_device`.
+    """Return a share of this machine for each worker; device: as for `select_device`.
 
-    `auto` and `gpu` deal the GPUs out in turn, the others the cores, in groups that differ by one
-    at most. Raises InputError for a number of workers that makes no sense, DeviceError where there
-    is no such device.
+    `auto` and `gpu` distribute the GPUs in turn; other devices distribute the cores in groups that
+    differ by one at most. Raises InputError for an implausible number of workers, DeviceError if
+    there is no such device.
     """
     config = config or WorkerConfig()
     if n_workers is not None:
         check_range("--workers", n_workers, 1, MOST_WORKERS, ends=True)
-    chosen = select_device(device)  # in a process that starts no worker by forking
+    chosen = select_device(device)  # selected in a process that does not start workers by forking
     if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
         names = [device]
         if device in ("auto", "gpu"):
             n_gpus = sum(info.kind == "gpu" for info in list_devices())
             names = [f"gpu:{number}" for number in range(n_gpus)]
-        room = int(len(own_cores()) / config.beside_gpu / len(names))
+        room = int(len(list_own_cores()) / config.beside_gpu / len(names))
         n_workers = n_workers or min(config.per_gpu, max(1, room)) * len(names)
         return [Share(names[k % len(names)]) for k in range(n_workers)]
-    cores = own_cores()
+    cores = list_own_cores()
     n_workers = n_workers or max(1, len(cores) // config.cores)
     groups = [tuple(cores[k::n_workers]) for k in range(n_workers)]
-    # More workers than cores, which somebody asked for, share them all.
+    # If the user asked for more workers than cores, all share the cores.
     return [Share(device, group or tuple(cores)) for group in groups]
 
 
-def own_cores() -> list[int]:
-    """Return the numbers of the cores that this process may run on."""
+def list_own_cores() -> list[int]:
+    """Return the indices of the cores that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return list(range(os.cpu_count() or 1))
 
 
-def set_up(ignore_interrupts: bool) -> None:
-    """Set up this worker process before its first take: pinned to its cores, with a PoCL thread for
-    each of them. Without cores of its own it keeps those that it was started on."""
+def set_up_worker(ignore_interrupts: bool) -> None:
+    """Set up this worker process before its first take.
+
+    Pins it to its cores, with a PoCL thread for each; without cores of its own it keeps those that
+    it was started on.
+    """
     stated = [int(core) for core in os.environ.get(CORES, "").split(",") if core]
     if stated and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, stated)
-    threads = str(len(stated or own_cores()))  # PoCL counts the machine's cores, not the process's
-    for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before and from PoCL 4 on
+    threads = str(
+        len(stated or list_own_cores())
+    )  # PoCL counts the machine's cores, not the process's
+    for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before PoCL 4, and since
         os.environ.setdefault(name, threads)
     keep_memory()
     if ignore_interrupts:
@@ -104,11 +114,11 @@ def set_up(ignore_interrupts: bool) -> None:
 
 
 def keep_memory() -> None:
-    """Have memory that pictures leave kept for the next ones; small ones' where there is glibc.
+    """Keep freed picture memory for the next pictures; small pieces too, where there is glibc.
 
-    Dask's workers give it back at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel clears the pages
-    of every picture anew: in the look at 120 frames of 8 cameras and 10 tracked ones 1.3 million
-    page faults and 3.2 s of a core, kept 0.06 million and 0.6 s.
+    Dask's workers return it at once (`MALLOC_TRIM_THRESHOLD_`), and the kernel then clears the
+    pages of every picture again. Diagnosing 120 frames of 8 cameras and tracking 10 of them took
+    1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6 s.
     """
     FRAME_MEMORY.keep = True
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
@@ -117,27 +127,32 @@ def keep_memory() -> None:
         mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
-def worker_device(asked: str) -> Device | NumpyDevice:
-    """Return the device of a task, the worker's own where it states one, with a queue for this
-    task; context and programs are kept from task to task."""
-    device = _kept_device(os.environ.get(DEVICE) or asked)
+def select_worker_device(asked: str) -> Device | NumpyDevice:
+    """Return the device of a task: the worker's own, if stated, else `asked`.
+
+    Every task gets a queue of its own; context and programs are kept.
+    """
+    device = _cached_device(os.environ.get(DEVICE) or asked)
     return device.sibling() if isinstance(device, Device) else device
 
 
 @lru_cache
-def _kept_device(choice: str) -> Device | NumpyDevice:
+def _cached_device(choice: str) -> Device | NumpyDevice:
     return select_device(choice)
 
 
-def setup_plugin(embedded: bool) -> Any:
-    """Return the Dask plugin that runs `set_up` in every worker, also in those that join later.
-    embedded: the workers are this command's, to which interrupts at the terminal go too."""
+def make_setup_plugin(embedded: bool) -> Any:
+    """Return the Dask plugin that calls `set_up_worker` in every worker, also in those that join
+    later.
+
+    embedded: whether the workers are this command's and receive the terminal's interrupts, too.
+    """
     from distributed import WorkerPlugin
 
     class TakeWorker(WorkerPlugin):
         name = "apf-take-worker"
 
         def setup(self, worker: Any) -> None:
-            set_up(ignore_interrupts=embedded)
+            set_up_worker(ignore_interrupts=embedded)
 
     return TakeWorker()

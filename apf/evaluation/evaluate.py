@@ -19,7 +19,7 @@ from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
 from cl import InputError
 from psfs.common.files import write_json, written_whole
-from psfs.common.npz import Values, read_npz, scalar
+from psfs.common.npz import Values, get_scalar, read_npz
 
 #: A joint farther than this from the truth counts as lost in that frame, m.
 LOST_JOINT = 0.150
@@ -222,7 +222,7 @@ def load_truth(path: str | Path, convention: str = "y-up") -> JointSeries:
     if fps.size != 1:
         raise InputError(f"{path}: fps has the shape {fps.shape}; expected one number")
     frames = data.get("frames", np.arange(len(joints)))
-    return JointSeries(names, joints, float(scalar(fps)), frames.astype(np.int64))
+    return JointSeries(names, joints, float(get_scalar(fps)), frames.astype(np.int64))
 
 
 def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from apf.body.model import side_of, sideless
+from apf.body.model import find_side, sideless
 from apf.evaluation.evaluate import LOST_JOINT, Evaluation
 from psfs.common.files import written_whole
 
@@ -54,7 +54,7 @@ def _plot_frames(axes: Axes, evaluation: Evaluation) -> None:
     frames, mean = evaluation.frames, 1000 * evaluation.frame_errors
     marker = "o" if len(frames) < 12 else None
     for name, values in zip(evaluation.joint_names, errors.T, strict=True):
-        colour = SIDE_COLOURS[side_of(name)]
+        colour = SIDE_COLOURS[find_side(name)]
         axes.plot(frames, values, color=colour, lw=0.7, alpha=0.45, marker=marker, ms=2)
     axes.plot(frames, mean, color=_INK, lw=2.2, marker=marker, ms=4, zorder=5)
     # The scale follows the joints, but one wild joint must not flatten all the others.
@@ -88,12 +88,12 @@ def _name_lost(axes: Axes, evaluation: Evaluation, top: float) -> None:
                 textcoords="offset points",
                 ha="right" if at_end else "left",
                 fontsize=8,
-                color=SIDE_COLOURS[side_of(name)],
+                color=SIDE_COLOURS[find_side(name)],
             )
 
 
 def _readable(name: str) -> str:
-    prefix = {"left": "L ", "right": "R ", "middle": ""}[side_of(name)]
+    prefix = {"left": "L ", "right": "R ", "middle": ""}[find_side(name)]
     return prefix + sideless(name).replace("_", " ")
 
 
@@ -130,7 +130,7 @@ def _plot_joints(axes: Axes, evaluation: Evaluation) -> None:
     mean = 1000 * np.nanmean(evaluation.errors, axis=0)
     high = 1000 * np.nanpercentile(evaluation.errors, 95, axis=0)
     constant = 1000 * evaluation.constant_and_rest[0]
-    axes.bar(x, mean, width=0.62, color=[SIDE_COLOURS[side_of(n)] for n in names], alpha=0.85)
+    axes.bar(x, mean, width=0.62, color=[SIDE_COLOURS[find_side(n)] for n in names], alpha=0.85)
     axes.vlines(x, mean, high, color=_FAINT, lw=1.1, label="up to the 95th percentile")
     axes.hlines(constant, x - 0.31, x + 0.31, color=_INK, lw=1.6, label="constant part")
     for left, value, tick in zip(x, mean, constant, strict=True):

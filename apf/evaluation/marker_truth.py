@@ -11,7 +11,7 @@ import numpy as np
 from apf.body.kinematics import bone_matrices
 from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
 from apf.formats.trc import JointSeries
-from apf.keypoints.landmarks import Landmark, landmarks_in, points_on
+from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
@@ -48,7 +48,7 @@ def load_markers(source: str | Path) -> MarkerSet:
     # How surely a marker sits there is not asked for: nothing is learnt from it.
     spread = {"spread": 0.01}
     tables = [spread | entry if isinstance(entry, dict) else entry for entry in entries]
-    return MarkerSet(path.stem, landmarks_in(tables, path, "marker"), float(stature))
+    return MarkerSet(path.stem, parse_landmarks(tables, path, "marker"), float(stature))
 
 
 def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Evaluation:
@@ -58,7 +58,7 @@ def evaluate_markers(track: Track, markers: MarkerSet, truth: JointSeries) -> Ev
     body = track.its_body
     labels = [name.split(":")[-1] for name in truth.joint_names]
     try:
-        points = points_on(body, labels, markers.markers, markers.stature)
+        points = locate_points(body, labels, markers.markers, markers.stature)
     except InputError:
         wanted = listed(marker.name for marker in markers.markers)
         raise InputError(

@@ -1,5 +1,4 @@
-"""File formats of motion: writers by the ending of their files, in `WRITERS` those that need points
-alone, in `BODY_WRITERS` those that need the body."""
+"""Motion file formats by file ending: `WRITERS` need points only, `BODY_WRITERS` need the body."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +11,13 @@ from apf.formats.joint_csv import write_csv
 from apf.formats.motion import BodyMotion
 from apf.formats.trc import JointSeries, write_trc
 
-#: What writes named points over time, by file ending.
+#: Writers of named points over time, by file ending.
 WRITERS: dict[str, Callable[[str | Path, JointSeries], None]] = {
     ".trc": write_trc,
     ".csv": write_csv,
     ".c3d": write_c3d,
 }
-#: What writes the motion of a body, by file ending.
+#: Writers of a body's motion, by file ending.
 BODY_WRITERS: dict[str, Callable[[str | Path, BodyMotion], None]] = {
     ".bvh": write_bvh,
     ".glb": write_glb,

@@ -1,4 +1,4 @@
-"""Joint angles over time: CSV with clinical names, and OpenSim's MOT."""
+"""Write joint angles over time: CSV with clinical names, and OpenSim's MOT."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.anatomy import anatomical_frames
-from apf.body.angles import WORLD, relative, zxy
+from apf.body.angles import WORLD, decompose_zxy, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.limbs import limb_angles
 from apf.body.model import BodyModel
@@ -17,7 +17,7 @@ from apf.formats.skeleton import TO_Y_UP
 from apf.formats.trc import JointSeries
 from psfs.common.files import written_whole
 
-#: OpenSim's coordinates about Z, X' and Y'' from one segment to another, and their signs.
+#: OpenSim's coordinates: angles about Z, X' and Y'' from one segment to another, and their sign.
 _COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
     ("pelvis", "thorax", ("lumbar_extension", "lumbar_bending", "lumbar_rotation"), 1),
     ("thorax", "head", ("neck_flexion", "neck_bending", "neck_rotation"), 1),
@@ -32,8 +32,11 @@ _COORDINATES: tuple[tuple[str, str, tuple[str, ...], int], ...] = (
 def write_angle_csv(
     path: str | Path, angles: Mapping[str, np.ndarray], series: JointSeries
 ) -> None:
-    """Write one row per frame of `series`: frame, time_s, then a column <angle>_deg for each of
-    `angles` (F,), degrees, empty where NaN. Raises InputError where the file cannot be written."""
+    """Write angles as CSV, one row per frame of `series`.
+
+    Columns: frame, time_s, then <angle>_deg for each of `angles` (F,), degrees, empty where NaN.
+    Raises InputError if the file cannot be written.
+    """
     table = np.stack(list(angles.values()), -1)
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         file.write(",".join(["frame", "time_s", *(f"{name}_deg" for name in angles)]) + "\n")
@@ -43,10 +46,12 @@ def write_angle_csv(
 
 
 def write_mot(path: str | Path, motion: BodyMotion) -> None:
-    """Write OpenSim's coordinates: degrees, metres, Y up, (X, Y, Z) = world (x, z, -y); the names
-    are those of Rajagopal et al. 2016, whose knees bend to positive angles. Lost frames and
-    limbs are NaN. Raises InputError where the file cannot be written."""
-    table = coordinates(motion.body, motion.poses)
+    """Write OpenSim's coordinates: degrees, metres, Y up, (X, Y, Z) = world (x, z, -y).
+
+    The names are those of Rajagopal et al. 2016, where a bent knee has a positive angle. Lost
+    frames and limbs are NaN. Raises InputError if the file cannot be written.
+    """
+    table = opensim_coordinates(motion.body, motion.poses)
     gone = motion.lost[:, None] | (motion.lost_limbs @ limb_angles(motion.body, table))
     columns = np.where(gone, np.nan, np.stack(list(table.values()), -1))
     header = [
@@ -67,13 +72,15 @@ def write_mot(path: str | Path, motion: BodyMotion) -> None:
         )
 
 
-def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
-    """Return those of OpenSim's coordinates (N,), degrees and metres, that the body has, of poses
-    (N, D), by name."""
+def opensim_coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Compute those of OpenSim's coordinates (N,), degrees and metres, that the body has, by name.
+
+    poses: (N, D).
+    """
     frames = anatomical_frames(body, poses)
     table: dict[str, np.ndarray] = {}
     if "pelvis" in frames:
-        turned = np.degrees(np.unwrap(zxy(WORLD.T @ frames["pelvis"]), axis=0))
+        turned = np.degrees(np.unwrap(decompose_zxy(WORLD.T @ frames["pelvis"]), axis=0))
         table |= dict(zip(("pelvis_tilt", "pelvis_list", "pelvis_rotation"), turned.T, strict=True))
         place = posed_joints(body, poses)[:, body.joint_names.index("pelvis")] @ TO_Y_UP.T
         table |= dict(zip(("pelvis_tx", "pelvis_ty", "pelvis_tz"), place.T, strict=True))
@@ -81,7 +88,9 @@ def coordinates(body: BodyModel, poses: np.ndarray) -> dict[str, np.ndarray]:
         for side in ("",) if far in frames else ("r_", "l_"):
             start = near if near in ("pelvis", "thorax") else side + near
             if {start, side + far} <= set(frames):
-                turned = sign * np.degrees(zxy(relative(frames, start, side + far)))
+                turned = sign * np.degrees(
+                    decompose_zxy(relative_rotations(frames, start, side + far))
+                )
                 ending = f"_{side[0]}" if side else ""
                 table |= {name + ending: turned[:, k] for k, name in enumerate(names)}
     return table

@@ -1,8 +1,8 @@
-"""BVH files, the animation of Blender, MotionBuilder and most others.
+"""Write BVH files, the animation format of Blender, MotionBuilder and most others.
 
-Written: centimetres and degrees, Y up; every joint's rotation as Zrotation Xrotation Yrotation,
-whose matrices are multiplied from left to right. A file has neither times nor gaps: frames that are
-lost or were left out hold the pose before them, lost limbs are bridged.
+Centimetres and degrees, Y up; every joint's rotation as Zrotation Xrotation Yrotation, whose
+matrices are multiplied from left to right. A file has neither times nor gaps: lost or omitted
+frames repeat the pose before them, lost limbs are interpolated.
 """
 
 from __future__ import annotations
@@ -11,33 +11,33 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.body.angles import zxy
+from apf.body.angles import decompose_zxy
 from apf.body.model import BodyModel
 from apf.formats.motion import BodyMotion
-from apf.formats.skeleton import Skeleton, skeleton_of
+from apf.formats.skeleton import Skeleton, build_skeleton
 from psfs.common.files import written_whole
 
 _TURNS = "Zrotation Xrotation Yrotation"
 _SHIFTS = "Xposition Yposition Zposition"
-#: cm, of the end of a joint from which nothing hangs.
+#: Length of the end site of a joint without children, cm.
 _STUB = 5.0
 
 
 def write_bvh(path: str | Path, motion: BodyMotion) -> None:
-    """Write hierarchy and motion. Raises InputError where the file cannot be written."""
-    skeleton = skeleton_of(motion.body)
-    rate, rows = motion.points.on_a_beat()
+    """Write hierarchy and motion. Raises InputError if the file cannot be written."""
+    skeleton = build_skeleton(motion.body)
+    rate, rows = motion.points.to_constant_rate()
     rows = np.maximum.accumulate(rows)
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     lines = ["HIERARCHY"]
     columns: list[np.ndarray] = []
     for index, node in enumerate(skeleton.nodes):
         if node.parent < 0:
-            lines += _described(skeleton, motion.body, index, 0)
+            lines += _format_node(skeleton, motion.body, index, 0)
         if not is_end(skeleton, index):
-            if slides(motion.body, node.bone):
+            if is_translating(motion.body, node.bone):
                 columns.append(100 * positions[:, index])
-            columns.append(np.degrees(continuous(zxy(rotations[:, index]))))
+            columns.append(np.degrees(make_continuous(decompose_zxy(rotations[:, index]))))
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / rate:.8f}"]
     table = np.concatenate(columns, axis=1)[rows]
     with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
@@ -46,40 +46,42 @@ def write_bvh(path: str | Path, motion: BodyMotion) -> None:
 
 
 def is_end(skeleton: Skeleton, index: int) -> bool:
-    """Return whether a node is the end site of its parent: a point, the only one there, from which
-    nothing hangs."""
+    """Return whether a node is its parent's end site: the only point there, without children."""
     node = skeleton.nodes[index]
     alone = node.parent >= 0 and skeleton.children(node.parent) == [index]
     return node.bone is None and alone and not skeleton.children(index)
 
 
-def slides(body: BodyModel, bone: int | None) -> bool:
-    """Return whether a bone's origin moves against its parent's: that of a root does."""
+def is_translating(body: BodyModel, bone: int | None) -> bool:
+    """Return whether a bone's origin moves relative to its parent's, as a root's does."""
     return bone is not None and (
         body.bones[bone].parent < 0 or any(axis.kind[0] == "t" for axis in body.bones[bone].axes)
     )
 
 
-def _described(skeleton: Skeleton, body: BodyModel, index: int, depth: int) -> list[str]:
-    """The lines of a node and of all that hang from it."""
+def _format_node(skeleton: Skeleton, body: BodyModel, index: int, depth: int) -> list[str]:
+    """Return the lines of a node and of all its descendants."""
     node, indent, inner = skeleton.nodes[index], "\t" * depth, "\t" * (depth + 1)
     offset = f"{inner}OFFSET " + " ".join(f"{100 * value:.6f}" for value in node.offset)
     if is_end(skeleton, index):
         return [f"{indent}End Site", f"{indent}{{", offset, f"{indent}}}"]
-    channels = f"6 {_SHIFTS} {_TURNS}" if slides(body, node.bone) else f"3 {_TURNS}"
+    channels = f"6 {_SHIFTS} {_TURNS}" if is_translating(body, node.bone) else f"3 {_TURNS}"
     lines = [f"{indent}{'ROOT' if node.parent < 0 else 'JOINT'} {node.name}", f"{indent}{{"]
     lines += [offset, f"{inner}CHANNELS {channels}"]
     children = skeleton.children(index)
     for child in children:
-        lines += _described(skeleton, body, child, depth + 1)
+        lines += _format_node(skeleton, body, child, depth + 1)
     if not children:
         lines += [f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET 0 {_STUB:g} 0", f"{inner}}}"]
     return [*lines, f"{indent}}}"]
 
 
-def continuous(angles: np.ndarray) -> np.ndarray:
-    """Return the same rotations about Z, X' and Y'' as `angles` (F, 3), rad, by angles that jump as
-    little as they can from frame to frame."""
+def make_continuous(angles: np.ndarray) -> np.ndarray:
+    """Return angles of the same rotations about Z, X' and Y'' with the smallest jumps between
+    frames.
+
+    angles: (F, 3), rad.
+    """
     out = angles.copy()
     for row in range(1, len(out)):
         last = out[row - 1]

@@ -1,9 +1,9 @@
-"""C3D files, the exchange format of motion laboratories (Vicon, Qualisys, Visual3D, Mokka).
+"""Read and write C3D files, the exchange format of motion laboratories (Vicon, Qualisys, Visual3D).
 
-Read: in metres, centimetres or millimetres; Z or Y is up, as POINT:Y_SCREEN says or the caller,
-else Z. Written: millimetres, Z up as the tracker's world; POINT:X_SCREEN and Y_SCREEN say so. The
-residual of a point is how far it may be away, 0 where that is not known; a point that is missing
-has the residual -1, as the format wants it.
+Read: metres, centimetres or millimetres; the up axis is the one that the caller or POINT:Y_SCREEN
+states, else Z. Written: millimetres, Z up as in the tracker's world; POINT:X_SCREEN and Y_SCREEN
+state it. A point's residual is its possible error, 0 if unknown; a missing point has the residual
+-1, as the format requires.
 """
 
 from __future__ import annotations
@@ -21,14 +21,17 @@ from apf.formats.trc import CONVENTIONS, METRES, JointSeries
 from cl import InputError, MissingFileError
 from psfs.common.files import written_whole
 
-#: The format's header counts frames in 16 bits; ezc3d leaves out those that follow.
+#: The format's header counts frames in 16 bits; ezc3d drops those that follow.
 _MOST_FRAMES = 65535
 
 
 @dataclass(frozen=True)
 class C3dEvent:
-    """label: as laboratories write it, Foot Strike or Foot Off. context: Left or Right. time: s
-    since the sequence's first frame."""
+    """An event of gait.
+
+    label: as laboratories write it, Foot Strike or Foot Off. context: Left or Right. time: since
+    the sequence's first frame, s.
+    """
 
     label: str
     context: str
@@ -36,17 +39,19 @@ class C3dEvent:
 
 
 def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
-    """Return the points of a C3D in the world, Z up, missing ones NaN; its own rate and numbers of
-    frames, from 0 on. convention: of its axes, one of `CONVENTIONS`; by default what it says.
-    Raises InputError naming the file."""
-    import ezc3d  # takes a while to load
+    """Read the points of a C3D into the world, Z up, missing ones NaN.
+
+    Rate and frame numbers are the file's, from 0 on. convention: of its axes, one of `CONVENTIONS`;
+    by default what the file states. Raises InputError naming the file.
+    """
+    import ezc3d  # slow to import
 
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file; expected a C3D")
     try:
         with TemporaryDirectory() as folder:
-            plain = Path(folder) / "motion.c3d"  # ezc3d takes no path that is not UTF-8
+            plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
             shutil.copyfile(path, plain)
             file: Any = ezc3d.c3d(str(plain))
         point, points = file["parameters"]["POINT"], file["data"]["points"]
@@ -68,15 +73,15 @@ def read_c3d(path: str | Path, convention: str | None = None) -> JointSeries:
     joints = METRES[unit.strip().lower()] * points[:3].transpose(2, 1, 0)
     missing = (residuals[0].T < 0) | ~np.isfinite(joints).all(-1)
     joints[missing] = np.nan
-    matrix = CONVENTIONS[convention or _convention_of(path, point)]
+    matrix = CONVENTIONS[convention or _read_convention(path, point)]
     frames = first + np.arange(len(joints))
     return JointSeries(names[:n_points], joints @ matrix.T, rate, frames)
 
 
-def _convention_of(path: Path, point: Any) -> str:
-    """Return which axis is up, as the file says. Raises InputError for one that we do not know."""
-    said = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
-    up = str(said[0]).strip().upper() if said else "+Z"
+def _read_convention(path: Path, point: Any) -> str:
+    """Return the up axis that the file states. Raises InputError for an unknown one."""
+    stated = point["Y_SCREEN"]["value"] if "Y_SCREEN" in point else []
+    up = str(stated[0]).strip().upper() if stated else "+Z"
     found = {"+Z": "z-up", "Z": "z-up", "+Y": "y-up", "Y": "y-up"}.get(up)
     if found is None:
         raise InputError(f"{path}: POINT:Y_SCREEN is {up!r}; expected +Z or +Y, or --convention")
@@ -84,13 +89,16 @@ def _convention_of(path: Path, point: Any) -> str:
 
 
 def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] = ()) -> None:
-    """Write points and events. Raises InputError for no frame, more than the format can count, and
-    where the file cannot be written."""
-    import ezc3d  # takes a while to load
+    """Write points and events.
+
+    Raises InputError for no frame, for more than the format can count, and if the file cannot be
+    written.
+    """
+    import ezc3d  # slow to import
 
     if not len(series.frames):
         raise InputError(f"{path}: a C3D of no frame cannot be written; expected at least one")
-    rate, rows = series.on_a_beat()
+    rate, rows = series.to_constant_rate()
     first = int(series.frames[0])
     if first + len(rows) > _MOST_FRAMES:
         raise InputError(
@@ -122,13 +130,13 @@ def write_c3d(path: str | Path, series: JointSeries, events: Sequence[C3dEvent] 
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = residuals
     with written_whole(path) as temporary, TemporaryDirectory() as folder:
-        plain = Path(folder) / "motion.c3d"  # ezc3d takes no path that is not UTF-8
+        plain = Path(folder) / "motion.c3d"  # ezc3d accepts only paths in UTF-8
         file.write(str(plain))
         shutil.copyfile(plain, temporary)
 
 
 def _add_events(file: Any, events: Sequence[C3dEvent]) -> None:
-    """The group EVENT, times as minutes and seconds."""
+    """Add the group EVENT, with times as minutes and seconds."""
     if not events:
         return
     times = np.array([divmod(event.time, 60) for event in events]).T

@@ -1,8 +1,8 @@
-"""GLB, binary glTF 2.0: the body's cones as a skinned mesh that its skeleton moves.
+"""Write GLB, binary glTF 2.0: the body's cones as a skinned mesh that its skeleton moves.
 
-Written: metres, Y up, (X, Y, Z) = world (x, z, -y), as the surfaces of `psfs mesh`; rotations as
-quaternions. Blender and browsers play it. Lost frames hold the pose before them, lost limbs are
-bridged; the animation's `extras` name both.
+Metres, Y up, (X, Y, Z) = world (x, z, -y), as the surfaces of `psfs mesh`; rotations as
+quaternions. Blender and browsers play it. Lost frames repeat the pose before them, lost limbs are
+interpolated; the animation's `extras` list both.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 
 from apf.body.limbs import limb_names
 from apf.body.mesh import BodyMesh, rounded_mesh
-from apf.body.model import side_of
-from apf.formats.bvh import slides
+from apf.body.model import find_side
+from apf.formats.bvh import is_translating
 from apf.formats.motion import BodyMotion
-from apf.formats.skeleton import Skeleton, skeleton_of
+from apf.formats.skeleton import Skeleton, build_skeleton
 from psfs.common.files import written_whole
 
-#: Colours of the left side, the right one and the rest, linear RGBA.
+#: Colours of the left side, the right side and the rest, linear RGBA.
 _COLOURS = {
     "left": (0.10, 0.30, 0.75, 1.0),
     "right": (0.75, 0.20, 0.10, 1.0),
@@ -29,15 +29,18 @@ _COLOURS = {
 
 
 def write_glb(path: str | Path, motion: BodyMotion) -> None:
-    """Write the animated body. Raises InputError where the file cannot be written."""
-    import pygltflib as gltf  # takes a while to load
+    """Write the animated body. Raises InputError if the file cannot be written."""
+    import pygltflib as gltf  # slow to import
 
-    skeleton, mesh = skeleton_of(motion.body), rounded_mesh(motion.body)
+    skeleton, mesh = build_skeleton(motion.body), rounded_mesh(motion.body)
     file = _File(gltf)
     bones = [index for index, node in enumerate(skeleton.nodes) if node.bone is not None]
     _add_nodes(file, skeleton, motion)
     file.model.skins = [
-        gltf.Skin(joints=bones, inverseBindMatrices=file.add(_unbinding(skeleton, bones), "MAT4"))
+        gltf.Skin(
+            joints=bones,
+            inverseBindMatrices=file.add(_inverse_bind_matrices(skeleton, bones), "MAT4"),
+        )
     ]
     _add_mesh(file, skeleton, bones, mesh)
     if len(motion.poses):
@@ -55,7 +58,7 @@ class _File:
         self._bytes = bytearray()
 
     def add(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
-        """Return the accessor of values (N, ...), float32 or unsigned; kind: SCALAR, VEC3, ..."""
+        """Add values (N, ...), float32 or unsigned, return their accessor; kind: such as VEC3."""
         types = {"f4": 5126, "u4": 5125, "u1": 5121}
         data = np.ascontiguousarray(values)
         flat = data.reshape(len(data), -1)
@@ -78,14 +81,14 @@ class _File:
         return len(self.model.accessors) - 1
 
     def content(self) -> bytes:
-        """Return all of it."""
+        """Return the bytes of the whole file."""
         self.model.buffers = [self.gltf.Buffer(byteLength=len(self._bytes))]
         self.model.set_binary_blob(bytes(self._bytes))
         return b"".join(self.model.save_to_bytes())
 
 
 def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
-    """The nodes as they are in the first frame, and after them the one of the mesh."""
+    """Add the nodes in their first frame's pose, and then the node of the mesh."""
     first = motion.poses[:1] if len(motion.poses) else motion.body.rest_pose[None]
     rotations, positions = skeleton.motion(motion.body, first)
     turned = _quaternions(rotations[0])
@@ -106,7 +109,7 @@ def _add_nodes(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
 
 
 def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh) -> None:
-    """The cones in the rest attitude, each vertex with its bone, a primitive for every side."""
+    """Add the cones in the rest attitude, bound to their bones, one primitive per side."""
     gltf = file.gltf
     joint_of = {skeleton.nodes[node].bone: joint for joint, node in enumerate(bones)}
     owner = mesh.bones[:, 0]
@@ -124,7 +127,7 @@ def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh)
     }
     primitives = []
     for side, colour in _COLOURS.items():
-        faces = mesh.faces[[side_of(mesh.names[part]) == side for part in mesh.parts]]
+        faces = mesh.faces[[find_side(mesh.names[part]) == side for part in mesh.parts]]
         if not len(faces):
             continue
         indices = file.add(faces.reshape(-1).astype(np.uint32), "SCALAR", gltf.ELEMENT_ARRAY_BUFFER)
@@ -143,7 +146,8 @@ def _add_mesh(file: _File, skeleton: Skeleton, bones: list[int], mesh: BodyMesh)
 
 
 def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
-    """A channel for the rotation of every bone, and for the place of those that slide."""
+    """Add a channel for the rotation of every bone, and for the position of those that
+    translate."""
     gltf = file.gltf
     rotations, positions = skeleton.motion(motion.body, motion.poses)
     points = motion.points
@@ -160,7 +164,7 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
         if node.bone is None:
             continue
         curves = {"rotation": _quaternions(rotations[:, index])}
-        if slides(motion.body, node.bone):
+        if is_translating(motion.body, node.bone):
             curves["translation"] = positions[:, index]
         for path, curve in curves.items():
             values = file.add(curve.astype(np.float32), f"VEC{curve.shape[1]}")
@@ -175,21 +179,22 @@ def _add_animation(file: _File, skeleton: Skeleton, motion: BodyMotion) -> None:
 
 def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return (V, 3) float32 unit normals of the vertices of a surface."""
-    import trimesh  # takes a while to load
+    import trimesh  # slow to import
 
     surface = trimesh.Trimesh(points, faces, process=False)
     return np.asarray(surface.vertex_normals, np.float32)
 
 
-def _unbinding(skeleton: Skeleton, bones: list[int]) -> np.ndarray:
-    """Return (J, 4, 4) float32, by columns: from the rest attitude to each bone's own frame."""
+def _inverse_bind_matrices(skeleton: Skeleton, bones: list[int]) -> np.ndarray:
+    """Return inverse bind matrices (J, 4, 4) float32, by columns: rest attitude to each bone's
+    frame."""
     matrices = np.tile(np.eye(4, dtype=np.float32), (len(bones), 1, 1))
     matrices[:, 3, :3] = -skeleton.places()[bones]
     return matrices
 
 
 def _quaternions(rotations: np.ndarray) -> np.ndarray:
-    """Return unit quaternions (F, 4), x y z w, of rotations (F, 3, 3), without changes of sign."""
+    """Return unit quaternions (F, 4), x y z w, of rotations (F, 3, 3), without sign changes."""
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(rotations).as_quat()

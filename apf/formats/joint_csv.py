@@ -1,4 +1,4 @@
-"""Joints as comma-separated values, for spreadsheets and data frames."""
+"""Write joints as comma-separated values, for spreadsheets and data frames."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from psfs.common.files import written_whole
 
 
 def write_csv(path: str | Path, series: JointSeries) -> None:
-    """Write one row per frame: frame, time_s, then <joint>_x_m, _y_m, _z_m (world, Z up), empty
-    where missing."""
+    """Write one row per frame: frame, time_s, then <joint>_x_m, _y_m, _z_m (world, Z up).
+
+    Cells of missing points are empty.
+    """
     columns = [f"{name}_{axis}_m" for name in series.joint_names for axis in "xyz"]
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         file.write(",".join(["frame", "time_s", *columns]) + "\n")

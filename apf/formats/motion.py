@@ -1,4 +1,4 @@
-"""What files of motion are written from: a body, its poses, and its points over time."""
+"""The motion that files are written from: a body, its poses, and its points over time."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from apf.formats.trc import JointSeries
 class BodyMotion:
     """The motion of `body`.
 
-    poses: (F, D) rad and m; in lost frames what the tracker held, lost limbs bridged from the poses
-    before to those after. lost: (F,) bool. lost_limbs: (F, L) bool, of `limb_names`. points: joints
-    and virtual markers over the same frames, NaN where lost.
+    poses: (F, D) rad and m; in lost frames the tracker's last estimate, lost limbs interpolated.
+    lost: (F,) bool. lost_limbs: (F, L) bool, of `limb_names`. points: joints and virtual markers
+    over the same frames, NaN where lost.
     """
 
     body: BodyModel
@@ -26,9 +26,11 @@ class BodyMotion:
     points: JointSeries
 
 
-def bridged(values: np.ndarray, times: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """Return values (F, N) at `times` (F,) with those `gone` (F, N) bool on the line from the last
-    before to the first after; as they are in columns that are gone throughout."""
+def interpolate_gaps(values: np.ndarray, times: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """Interpolate values (F, N) at `times` (F,) linearly where `gone` (F, N) bool.
+
+    Columns that are gone throughout stay as they are.
+    """
     out = np.array(values)
     for column in np.flatnonzero(gone.any(0) & ~gone.all(0)):
         lost = gone[:, column]

@@ -1,4 +1,4 @@
-"""A pose as a text file: a value per degree of freedom, rad and m."""
+"""Read and write a pose as a text file: one value per degree of freedom, rad and m."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from apf.body.model import BodyModel
 from cl import InputError
 from psfs.common.files import read_numbers, read_text, written_whole
 
-#: m from the origin that a person may be, and rad of an angle.
+#: Largest distance from the origin, m, and largest angle, rad.
 FARTHEST, _MOST_TURNS = 10_000.0, 1000.0
 
 
 def read_pose(path: Path, body: BodyModel) -> np.ndarray:
-    """The first pose (D,) m, rad of a text file with one value per degree of freedom.
+    """Read the first pose (D,) m, rad from a text file with one value per degree of freedom.
 
     Raises InputError naming the file if it is missing, not numbers, or of another body.
     """
@@ -26,13 +26,13 @@ def read_pose(path: Path, body: BodyModel) -> np.ndarray:
             f"one per degree of freedom of {body.name}"
         )
     _check_names(path, body)
-    pose = values[: body.n_dof]  # of several frames, the first
+    pose = values[: body.n_dof]  # the first of several frames
     check_pose(pose, body, path)
     return pose
 
 
 def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
-    """Raise InputError that names `where` for a `pose` (D,) far from any room."""
+    """Raise InputError that names `where` for a `pose` (D,) with implausibly large values."""
     limits = np.full(body.n_dof, FARTHEST)
     limits[body.angles] = _MOST_TURNS
     wrong = np.flatnonzero(~(np.abs(pose) <= limits))
@@ -44,11 +44,10 @@ def check_pose(pose: np.ndarray, body: BodyModel, where: object) -> None:
 
 
 def _check_names(path: Path, body: BodyModel) -> None:
-    """Raise InputError where the comments of a file name other degrees of freedom than the body
-    has."""
+    """Raise InputError if the comments of a file name other degrees of freedom than the body's."""
     comments = [line.partition("#")[2].strip() for line in read_text(path, "numbers").splitlines()]
     names = [comment for comment in comments if comment]
-    if len(names) != body.n_dof:  # a comment of somebody's own
+    if len(names) != body.n_dof:  # the comments are the user's own
         return
     for number, (name, expected) in enumerate(zip(names, body.dof_names, strict=True), 1):
         if name != expected:
@@ -59,8 +58,10 @@ def _check_names(path: Path, body: BodyModel) -> None:
 
 
 def write_pose(path: Path, pose: np.ndarray, body: BodyModel) -> None:
-    """Write `pose` (D,) of `body` as a text file that `read_pose` reads back: a line for each
-    degree of freedom, with its name as a comment."""
+    """Write `pose` (D,) of `body` as a text file that `read_pose` reads.
+
+    It has one line per degree of freedom, with its name as a comment.
+    """
     lines = [f"{v:.9g}  # {name}\n" for v, name in zip(pose, body.dof_names, strict=True)]
     with written_whole(path) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")

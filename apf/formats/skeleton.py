@@ -1,9 +1,10 @@
-"""A body as a skeleton of named nodes, for files of animation (BVH, GLB).
+"""Convert a body to a skeleton of named nodes, for animation files (BVH, GLB).
 
-World: metres, Y up, (X, Y, Z) = world (x, z, -y), so that Blender, which turns Y up into Z up,
-shows the person where the tracker saw him. In the rest attitude, in which no node is turned, the
-body stands upright with its arms out to the sides and faces along Z, as MotionBuilder wants it.
-Nodes have the names that animation programs know: Hips, Spine, LeftArm, LeftForeArm, LeftHand, ...
+World: metres, Y up, (X, Y, Z) = world (x, z, -y), so that Blender, which converts Y up to Z up,
+shows the person where the tracker saw them. In the rest attitude, where all rotations are the
+identity, the body stands upright with its arms out to the sides and faces along Z, as MotionBuilder
+requires. Nodes have the names that animation programs use: Hips, Spine, LeftArm, LeftForeArm,
+LeftHand, ...
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from apf.body.anatomy import standing_axes
 from apf.body.kinematics import bone_matrices, posed_joints
 from apf.body.markers import virtual_markers
-from apf.body.model import BodyModel, Joint, side_of, sideless
+from apf.body.model import BodyModel, Joint, find_side, sideless
 
 #: From the tracker's world to the files': (x, y, z) -> (x, z, -y).
 TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -25,14 +26,17 @@ _NAMES = {
     "clavicle": "Shoulder", "upper_arm": "Arm", "forearm": "ForeArm", "wrist": "Hand",
     "hand": "HandEnd", "thigh": "UpLeg", "calf": "Leg", "ankle": "Foot", "toe": "ToeBase",
 }  # fmt: skip
-#: Markers that hang from a joint of their bone, and that joint.
+#: Markers whose parent is a joint of their bone, and that joint.
 _HOLDERS = {"hand": "wrist", "toe": "ankle"}
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """parent: index, -1 for a root. offset: (3,) m from the parent in the rest attitude. bone: its
-    index, None for a point that is fixed to its parent."""
+    """A node of the skeleton.
+
+    parent: index, -1 for a root. offset: (3,) m from the parent in the rest attitude. bone: its
+    index, None for a point that is fixed to its parent.
+    """
 
     name: str
     parent: int
@@ -42,27 +46,33 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """nodes: depth first, parents before children. rest: (B, 3, 3) rotations from the bones' frames
-    to the rest attitude. node_of: index of the node at each joint and marker, by its name."""
+    """A tree of nodes with its rest attitude.
+
+    nodes: depth first, parents before children. rest: (B, 3, 3) rotations from the bones' frames to
+    the rest attitude. node_of: index of the node at each joint and marker, by its name.
+    """
 
     nodes: tuple[Node, ...]
     rest: np.ndarray
     node_of: Mapping[str, int]
 
     def children(self, index: int) -> list[int]:
-        """Return the nodes that hang from a node."""
+        """Return the indices of a node's children."""
         return [child for child, node in enumerate(self.nodes) if node.parent == index]
 
     def places(self) -> np.ndarray:
-        """Return (N, 3) m, where the nodes are in the rest attitude."""
+        """Return the positions (N, 3) m of the nodes in the rest attitude."""
         places: list[np.ndarray] = []
         for node in self.nodes:
             places.append(node.offset + (places[node.parent] if node.parent >= 0 else 0))
         return np.array(places)
 
     def motion(self, body: BodyModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotations (F, N, 3, 3) and positions (F, N, 3) m of the nodes against their
-        parents, roots against the world, of poses (F, D)."""
+        """Return rotations (F, N, 3, 3) and positions (F, N, 3) m of the nodes relative to their
+        parents.
+
+        Roots are relative to the world. poses: (F, D).
+        """
         rotations, origins = bone_matrices(body, poses)
         turned = TO_Y_UP @ rotations @ self.rest.transpose(0, 2, 1)
         placed = origins @ TO_Y_UP.T
@@ -82,9 +92,9 @@ class Skeleton:
         return local, shifts
 
 
-def skeleton_of(body: BodyModel) -> Skeleton:
-    """Return the skeleton of `body`: its bones, the joints that are not where a bone begins, toes
-    and hands."""
+def build_skeleton(body: BodyModel) -> Skeleton:
+    """Build the skeleton of `body`: bones, joints that are not at a bone's origin, toes and
+    hands."""
     builder = _Builder(body)
     for index, bone in enumerate(body.bones):
         if bone.parent < 0:
@@ -102,7 +112,7 @@ class _Builder:
         self._markers = [m for m in virtual_markers(body) if sideless(m.name) in _HOLDERS]
 
     def add_bone(self, index: int, parent: int) -> None:
-        """A bone, the points on it, and the bones that hang from it."""
+        """Add a bone, the points on it, and its child bones."""
         bone, own = self.body.bones[index], len(self.nodes)
         offset = np.zeros(3) if bone.parent < 0 else self.rest[bone.parent] @ bone.offset
         self.nodes.append(Node(node_name(bone.name), parent, offset, index))
@@ -114,7 +124,7 @@ class _Builder:
                 self.add_bone(child, own)
 
     def _add_joint(self, joint: Joint, bone_node: int) -> None:
-        """A joint, where its bone does not begin there, and the markers that hang from it."""
+        """Add a joint, unless its bone begins there, and its markers."""
         if np.linalg.norm(joint.position) < 1e-9:
             self.node_of[joint.name] = bone_node
             return
@@ -131,8 +141,10 @@ class _Builder:
 
 
 def _rest_attitude(body: BodyModel) -> np.ndarray:
-    """Return (B, 3, 3) rotations from the bones' frames to the rest attitude: the body with all its
-    angles at 0, its arms turned outwards, facing along Z with Y up."""
+    """Return (B, 3, 3) rotations from the bones' frames to the rest attitude.
+
+    There the body has all its angles at 0 and its arms turned outwards, facing along Z with Y up.
+    """
     upright = np.zeros((1, body.n_dof))
     rotations = bone_matrices(body, upright)[0][0].copy()
     forward, up, right = standing_axes(body).T
@@ -140,18 +152,18 @@ def _rest_attitude(body: BodyModel) -> np.ndarray:
     for side, outwards in (("l", -right), ("r", right)):
         shoulder, elbow = f"{side}_shoulder", f"{side}_elbow"
         if {shoulder, elbow} <= set(places):
-            turn = _between(places[elbow] - places[shoulder], outwards)
+            turn = _rotation_between(places[elbow] - places[shoulder], outwards)
             arm = body.joints[body.joint_names.index(shoulder)].bone
-            for bone in _and_below(body, arm):
+            for bone in _list_descendants(body, arm):
                 rotations[bone] = turn @ rotations[bone]
     return np.stack([-right, up, forward]) @ rotations
 
 
-def _between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the least rotation (3, 3) that turns the direction of `start` to that of `end`."""
+def _rotation_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation (3, 3) from the direction of `start` to that of `end`."""
     a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
     cross, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1 + 1e-9:  # any axis across
+    if cosine < -1 + 1e-9:  # any perpendicular axis will do
         across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
         across /= np.linalg.norm(across)
         return 2 * np.outer(across, across) - np.eye(3)
@@ -159,8 +171,8 @@ def _between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
-def _and_below(body: BodyModel, bone: int) -> list[int]:
-    """Return a bone and all that hang from it."""
+def _list_descendants(body: BodyModel, bone: int) -> list[int]:
+    """Return a bone and all its descendants."""
     found = {bone}
     for index, own in enumerate(body.bones):  # parents come first
         if own.parent in found:
@@ -169,7 +181,7 @@ def _and_below(body: BodyModel, bone: int) -> list[int]:
 
 
 def node_name(name: str) -> str:
-    """Return how files of animation call a bone, joint or marker of a body."""
+    """Return the name of a bone, joint or marker in animation files."""
     plain = sideless(name)
-    side = "" if plain == name else side_of(name).capitalize()
+    side = "" if plain == name else find_side(name).capitalize()
     return side + _NAMES.get(plain, "".join(word.capitalize() for word in plain.split("_")))

@@ -1,7 +1,7 @@
-"""TRC files, the marker trajectories of OpenSim and Pose2Sim.
+"""Read and write TRC files, the marker trajectories of OpenSim and Pose2Sim.
 
-Written in millimetres; read in metres, centimetres or millimetres. The world's axes are after one
-of `CONVENTIONS`, when nothing else is said Y up: TRC (X, Y, Z) = world (x, z, -y).
+Written in millimetres; read in metres, centimetres or millimetres. The axes follow one of
+`CONVENTIONS`, by default Y up: TRC (X, Y, Z) = world (x, z, -y).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ CONVENTIONS: dict[str, np.ndarray] = {
     "pose2sim": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
     "z-up": np.eye(3),  # world = (X, Y, Z)
 }
-#: m from the origin that a marker may be, frames, and bytes of a file.
+#: Largest distance of a marker from the origin, m; most frames; most bytes of a file.
 FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-#: Frames of a file that has no times: nine hours at 30 frames/s.
+#: Most frames of a file without times: nine hours at 30 frames/s.
 _MOST_BEATS = 1_000_000
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
          "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")  # fmt: skip
@@ -33,11 +33,11 @@ _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units",
 
 @dataclass(frozen=True, eq=False)
 class JointSeries:
-    """Named points over time. joints: (F, J, 3) m in the world, Z up, NaN where missing.
+    """Named points over time.
 
-    frames: (F,) int, frame indices of the sequence, counted from 0; fps: of the sequence.
-    deviation: (F, J) m, the root mean square distance that the points may be away, NaN where
-    unknown. note: where they come from, for files that have room for a remark.
+    joints: (F, J, 3) m in the world, Z up, NaN where missing. frames: (F,) int, frame indices of
+    the sequence, counted from 0. fps: of the sequence. deviation: (F, J) m, root mean square error
+    of the points, NaN where unknown. note: their origin, for files that have room for a remark.
     """
 
     joint_names: tuple[str, ...]
@@ -47,10 +47,12 @@ class JointSeries:
     deviation: np.ndarray | None = None
     note: str = ""
 
-    def at_rate(self, fps: float, start: float | None = None) -> JointSeries:
-        """Return the points in the frames of a sequence with `fps`, linear between our own, as far
-        as these reach; NaN beside missing ones. start: the row here that is the sequence's frame 0,
-        by default what the frames' numbers say."""
+    def resample(self, fps: float, start: float | None = None) -> JointSeries:
+        """Resample the points to a sequence with `fps` by linear interpolation.
+
+        NaN next to missing points; the result ends where the points end. start: the row that is the
+        sequence's frame 0, by default as the frame numbers say.
+        """
         ratio = self.fps / fps
         begin = -float(self.frames[0]) if start is None else start
         first, last = (math.ceil(-begin / ratio), (len(self.frames) - 1 - begin) / ratio)
@@ -65,13 +67,16 @@ class JointSeries:
 
     @property
     def times(self) -> np.ndarray:
-        """(F,) s since the sequence's first frame."""
+        """Times since the sequence's first frame (F,), s."""
         return self.frames / self.fps
 
-    def on_a_beat(self) -> tuple[float, np.ndarray]:
-        """Return the rate, frames/s, for files that have no times, and for each of their frames the
-        row here, (N,): -1 where there is none, because a program that ran live left it out. Raises
-        InputError for frames so far apart that such a file would hold hardly anything else."""
+    def to_constant_rate(self) -> tuple[float, np.ndarray]:
+        """Return a constant rate, frames/s, and the row (N,) of each frame, for files without
+        times.
+
+        A row is -1 for a frame that a live program skipped. Raises InputError if the frames are so
+        far apart that such a file would consist almost entirely of gaps.
+        """
         if len(self.frames) < 2:
             return self.fps, np.arange(len(self.frames))
         beats = self.frames - self.frames[0]
@@ -89,8 +94,8 @@ class JointSeries:
 def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -> None:
     """Write a TRC that OpenSim opens, in mm; convention: its axes, one of `CONVENTIONS`.
 
-    Frame# is the sequence's frame index + 1 and Time the index over fps, so that a track of
-    some frames stays in step with the whole video. Missing points are left blank.
+    Frame# is the sequence's frame index + 1 and Time is the index over fps, so that a track of some
+    frames stays in step with the whole video. Missing points are blank.
     """
     path = Path(path)
     n, n_joints = series.joints.shape[:2]
@@ -118,10 +123,10 @@ def write_trc(path: str | Path, series: JointSeries, convention: str = "y-up") -
 
 
 def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
-    """The markers of a TRC, in metres and Z up.
+    """Read the markers of a TRC in metres, Z up.
 
-    convention: one of `CONVENTIONS`; a TRC does not state its axes. Frame numbers count from 1,
-    or from 0 where the first is 0. Raises InputError naming the line that is wrong.
+    convention: one of `CONVENTIONS`, since a TRC does not state its axes. Frame numbers count from
+    1, or from 0 if the first is 0. Raises InputError naming the line that is wrong.
     """
     path = Path(path)
     lines = read_text(path, "a TRC file", _MOST_BYTES).splitlines()
@@ -129,21 +134,21 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
         raise InputError(
             f"{path}: not a TRC file; expected its first line to be PathFileType 4 ..."
         )
-    fps, scale, promised = _header(path, lines)
+    fps, scale, promised = _parse_header(path, lines)
     labels = lines[3].split("\t")
     names = tuple(label.strip() for label in labels[2:] if label.strip())
     if not names:
         raise InputError(f"{path}: line 4 names no marker; expected Frame#, Time and the names")
     rows = [
-        _row(path, number, line, len(names))
+        _parse_row(path, number, line, len(names))
         for number, line in enumerate(lines[5:], 6)
-        if line.strip()  # the blank line after the header, and any at the end
+        if line.strip()  # skips the blank line after the header, and any at the end
     ]
     if not rows:
         raise InputError(f"{path}: holds no frame after the header")
     table = np.array(rows)
     if not (np.abs(table[:, 0]) <= _MOST_FRAMES).all():
-        raise InputError(f"{path}: a Frame# is no number from 0 to {_MOST_FRAMES:g}")
+        raise InputError(f"{path}: a Frame# is not a number from 0 to {_MOST_FRAMES:g}")
     if promised is not None and promised > len(rows):
         raise InputError(
             f"{path}: {len(rows)} frames; its NumFrames promises {promised}; it is cut or damaged"
@@ -161,9 +166,11 @@ def read_trc(path: str | Path, convention: str = "y-up") -> JointSeries:
     return JointSeries(names, points @ CONVENTIONS[convention].T, fps, frames)
 
 
-def _header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
-    """fps, metres per unit and the number of frames, if it is there; keys and values stand
-    below each other on lines 2 and 3."""
+def _parse_header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
+    """Parse fps, metres per unit and the number of frames, if stated, from lines 2 and 3.
+
+    The keys are on line 2, each above its value.
+    """
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = header.get("CameraRate", header.get("DataRate", ""))
     unit = header.get("Units", "")
@@ -179,8 +186,8 @@ def _header(path: Path, lines: list[str]) -> tuple[float, float, int | None]:
     return fps, METRES[unit], int(n_frames) if re.fullmatch(r"\d{1,9}", n_frames) else None
 
 
-def _row(path: Path, number: int, line: str, n_markers: int) -> list[float]:
-    """Frame#, Time and 3 values per marker, NaN where blank (also where a row ends early)."""
+def _parse_row(path: Path, number: int, line: str, n_markers: int) -> list[float]:
+    """Parse Frame#, Time and 3 values per marker; NaN where blank, or where a row ends early."""
     cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
     expected = 2 + 3 * n_markers
     cells = cells[:expected] + [""] * (expected - len(cells)) + [c for c in cells[expected:] if c]

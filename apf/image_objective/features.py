@@ -13,7 +13,7 @@ from cl import Array, Device, InputError, Launch
 from cl.launch import Kernel
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
-from psfs.common.edge_distance import distance_defines, tiles_of
+from psfs.common.edge_distance import count_tiles, distance_defines
 from psfs.sequence import frame_input
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
@@ -162,7 +162,7 @@ def distance_launch(
     group = defines["GROUP"]
     return device.launch(
         device.kernel("image/distance", "edge_proximity", **defines),
-        (tiles_of(defines) * group, views),
+        (count_tiles(defines) * group, views),
         (group, 1),
         evidence=evidence,
         edges=edges,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel, Cone
@@ -209,7 +209,7 @@ def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
     for c, cone in enumerate(cones):
         axis = (cone[4:7] - cone[0:3]) / np.linalg.norm(cone[4:7] - cone[0:3])
         tips = np.stack([cone[0:3] - cone[3] * axis, cone[4:7] + cone[7] * axis])
-        free[c] = (distances(tips, np.delete(cones, c, 0)) > 0).all(1)
+        free[c] = (cone_distances(tips, np.delete(cones, c, 0)) > 0).all(1)
     return np.array([cone.in_images for cone in body.cones]), free
 
 

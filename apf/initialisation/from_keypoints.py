@@ -11,7 +11,7 @@ from apf.body.stature import stature
 from apf.initialisation.point_fit import PointFit, PointFitConfig, PointFitter, PointViews
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import BodyPoints, points_on
+from apf.keypoints.landmarks import BodyPoints, locate_points
 from apf.keypoints.triangulation import TriangulationConfig, triangulate
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
@@ -84,8 +84,8 @@ def start_from_keypoints(
     be triangulated.
     """
     config = config or KeypointStartConfig()
-    keypoints = keypoints.undistorted(rig)
-    points = points_on(template, keypoints.names)
+    keypoints = keypoints.undistort(rig)
+    points = locate_points(template, keypoints.names)
     seen = keypoints.points[:, frames][:, :, points.columns].astype(np.float64)
     pixel = rig.height / 480
     found = triangulate(rig, seen, TriangulationConfig(max_error=config.outlier * pixel)).points

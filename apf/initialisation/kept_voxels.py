@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from apf.initialisation.config import FrameChoice
 from cl import Array, Device, Launch, NumpyDevice
 from cl.staging import Upload
-from psfs.common.regions import bounding_box, connected_parts
+from psfs.common.regions import bounding_box, find_connected_regions
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -197,7 +197,7 @@ def person_points(
     config = config or FrameChoice()
     filled = np.zeros(grid.shape, bool)
     filled.ravel()[indices] = True
-    parts = connected_parts(filled)
+    parts = find_connected_regions(filled)
     if not parts:
         return np.zeros((0, 3))
     large = [part for part in parts if len(part) >= config.min_part * len(parts[0])]

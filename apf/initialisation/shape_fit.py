@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from apf.body.cones import distances, dot, normals
+from apf.body.cones import cone_distances, cone_normals, dot
 from apf.body.jacobian import point_jacobian
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
@@ -86,12 +86,12 @@ def contacts(
     way. reach: m, distance at which a point counts a quarter.
     """
     points = cloud.points
-    every = distances(points, cones)
+    every = cone_distances(points, cones)
     nearest = np.abs(every).argmin(1)
     there = nearest_coordinates(points, cones[nearest])
     cone, coordinates = samples
     own = points_on(cones[cone], coordinates)
-    depth = distances(own, cones)
+    depth = cone_distances(own, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     free = depth.min(1) > 0
     cone, coordinates, own = cone[free], coordinates[free], own[free]
@@ -102,7 +102,7 @@ def contacts(
     surface = np.concatenate([points_on(cones[nearest], there), own])
     share = np.concatenate([np.full(len(points), 1 / len(points)), np.full(len(own), 1 / len(own))])
     gap = dot(targets - surface, targets - surface)
-    normal = normals(surface, cones[all_cones])
+    normal = cone_normals(surface, cones[all_cones])
     normal /= np.maximum(np.sqrt(dot(normal, normal)), 1e-9)[:, None]
     weight = share / (1 + gap / reach**2) ** 2
     return Contacts(all_cones, all_coordinates, targets, normal, weight, share)

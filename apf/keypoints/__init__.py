@@ -1,16 +1,16 @@
-"""2-D keypoints of any pose network: their files, their points on the body, triangulation."""
+"""2-D keypoints of any pose network: files, points on the body, triangulation."""
 
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import BodyPoints, Landmark, load_landmarks, points_on
-from apf.keypoints.triangulation import Triangulated, TriangulationConfig, triangulate
+from apf.keypoints.landmarks import BodyPoints, Landmark, load_landmarks, locate_points
+from apf.keypoints.triangulation import Triangulation, TriangulationConfig, triangulate
 
 __all__ = [
     "BodyPoints",
     "Keypoints",
     "Landmark",
-    "Triangulated",
+    "Triangulation",
     "TriangulationConfig",
     "load_landmarks",
-    "points_on",
+    "locate_points",
     "triangulate",
 ]

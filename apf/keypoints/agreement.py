@@ -1,6 +1,6 @@
-"""Do the cameras' keypoints fit each other? If not: what would make them fit, each guess measured.
+"""Check whether the cameras' keypoints are consistent, and if not, find the likely cause.
 
-A camera is judged by the points that the others triangulate (Hartley & Sturm 1997).
+A camera is compared with the points that the others triangulate (Hartley & Sturm 1997).
 """
 
 from __future__ import annotations
@@ -12,39 +12,43 @@ from itertools import combinations
 import numpy as np
 
 from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import landmarks_of
+from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
 
 
 @dataclass(frozen=True)
 class AgreementConfig:
-    """When keypoints count as wrong. Set between what the sequences at hand show untouched (in
-    brackets) and what they show spoilt."""
+    """Thresholds for wrong keypoints.
+
+    They lie between the values of correct sequences (in brackets) and those of corrupted ones.
+    """
 
     away: float = 0.04
-    """Share of the picture's height by which a camera's keypoints may lie from where the others see
-    them, median (up to 0.025)."""
+    """Largest median distance between a camera's keypoints and where the others place them, as a
+    share of the picture's height (correct sequences: up to 0.025)."""
     n_points: int = 100
-    """Keypoints that are looked at, spread over frames and names."""
+    """Number of keypoints compared, spread over frames and names."""
     confidence: float = 0.3
-    """Of keypoints that count."""
+    """Least confidence of the keypoints compared."""
     known: float = 0.2
-    """Share of a camera's keypoints that the others must see somewhere, to be compared."""
+    """Least share of a camera's keypoints that the others must triangulate for a comparison."""
     resolutions: tuple[float, ...] = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)
-    """Factors by which the pictures of the keypoints may be larger than the sequence's."""
+    """Scale factors to test, in case the keypoints are of pictures of another size."""
 
 
-def disagreements(
+def find_disagreements(
     keypoints: Keypoints, rig: CameraRig, config: AgreementConfig | None = None
 ) -> list[str]:
-    """Return what is wrong between the cameras' keypoints, px of their original pictures, a line
-    each; nothing where they fit, or are too few to tell."""
-    return _Agreement(keypoints, rig, config or AgreementConfig()).said()
+    """List what is wrong between the cameras' keypoints (px of the original pictures), a line each.
+
+    Empty if they are consistent, or too few for a comparison.
+    """
+    return _Agreement(keypoints, rig, config or AgreementConfig()).report()
 
 
 class _Agreement:
-    """Some of the keypoints, and how far they are from each other under a guess."""
+    """A sample of the keypoints, and their distances from each other under a hypothesis."""
 
     def __init__(self, keypoints: Keypoints, rig: CameraRig, config: AgreementConfig) -> None:
         self.rig, self.config, self.names = rig, config, keypoints.names
@@ -53,12 +57,12 @@ class _Agreement:
         frames, columns = np.nonzero(sure.sum(0) >= min(3, len(rig)))
         chosen = np.linspace(0, len(frames) - 1, min(config.n_points, len(frames))).astype(int)
         self.columns = columns[chosen]
-        #: (V, N, K, 3) all keypoints of the frames chosen, and (V, N, 3) those chosen.
+        #: All keypoints of the chosen frames (V, N, K, 3), and the chosen ones (V, N, 3).
         self.of_frames = points[:, frames[chosen]].astype(np.float64)
         self.seen = self.of_frames[:, np.arange(len(chosen)), self.columns]
         self.heights = np.array([camera.size[1] for camera in rig], float)
 
-    def said(self) -> list[str]:
+    def report(self) -> list[str]:
         away = np.array([self.away(self.seen, view) for view in range(len(self.rig))])
         wrong = [int(view) for view in np.flatnonzero(away > self.config.away)]
         if not wrong:
@@ -81,14 +85,16 @@ class _Agreement:
         ]
 
     def away(self, seen: np.ndarray, view: int) -> float:
-        """Return how far the keypoints (V, N, 3) of a camera are from where the others see them,
-        median, as a share of the picture's height; 0 where none can be compared, 1 where the
-        others do not agree in where they are."""
+        """Return the median distance of a camera's keypoints from where the others place them.
+
+        seen: (V, N, 3). The distance is a share of the picture's height; 0 if none can be compared,
+        1 if the others are inconsistent.
+        """
         config = self.config
         straight = seen.copy()
         for row, camera in zip(straight, self.rig, strict=True):
             if camera.lens.any():
-                row[:, :2] = camera.undistorted(row[:, :2])
+                row[:, :2] = camera.undistort(row[:, :2])
         others, most = straight.copy(), 1e8
         if len(self.rig) > 2:
             others[view] = np.nan
@@ -104,18 +110,18 @@ class _Agreement:
         return float(np.median(errors[known]) / self.heights[view]) if known.any() else 0.0
 
     def guesses(self, wrong: list[int]) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield what may be wrong, and the keypoints as they would be without it."""
+        """Yield possible causes, each with the keypoints corrected for it."""
         if len(wrong) == len(self.rig):
-            yield from self._of_all()
+            yield from self._guess_for_all()
         for a, b in combinations(wrong, 2):
             seen = self.seen.copy()
             seen[[a, b]] = seen[[b, a]]
             both = f"{self.rig.names[a]} and {self.rig.names[b]}"
             yield f"the keypoints of {both} look exchanged: each one's fit the other's place", seen
         for view in wrong:
-            yield from self._of_one(view)
+            yield from self._guess_for_one(view)
 
-    def _of_all(self) -> Iterator[tuple[str, np.ndarray]]:
+    def _guess_for_all(self) -> Iterator[tuple[str, np.ndarray]]:
         sizes = np.array([camera.size for camera in self.rig], float)[:, None]
         seen = self.seen
         yield "x and y of the keypoints look exchanged", seen[..., [1, 0, 2]]
@@ -132,7 +138,7 @@ class _Agreement:
                 scaled,
             )
 
-    def _of_one(self, view: int) -> Iterator[tuple[str, np.ndarray]]:
+    def _guess_for_one(self, view: int) -> Iterator[tuple[str, np.ndarray]]:
         whose = f"the keypoints of camera {self.rig.names[view]}"
         last = np.array(self.rig[view].size, float) - 1
         mirrored = self.seen.copy()
@@ -147,8 +153,8 @@ class _Agreement:
         yield f"left and right look exchanged in {whose}", other_side
 
     def _partners(self) -> np.ndarray:
-        """Return of each name (K,) the column of the same point of the other side, or its own."""
-        own = landmarks_of(self.names)
+        """Return for each name (K,) the column of the same point on the other side, or its own."""
+        own = find_landmarks(self.names)
         columns = {landmark.name: column for column, landmark in own.items()}
         partners = np.arange(len(self.names))
         for column, landmark in own.items():

@@ -1,4 +1,5 @@
-"""Keypoints of a sequence by a pose network: a process per camera, OpenPose's JSON per frame."""
+"""Estimate keypoints of a sequence by a pose network: one process per camera, OpenPose's JSON
+files."""
 
 from __future__ import annotations
 
@@ -22,24 +23,24 @@ from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
 from psfs.common.ranges import check_range
-from psfs.common.regions import large_parts
+from psfs.common.regions import keep_large_regions
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
 
 @dataclass(frozen=True)
 class CropConfig:
-    """How pictures are cropped around the silhouette before the network sees them."""
+    """The crop of pictures around the silhouette for the network."""
 
     margin: float = 0.5
-    """Added on every side, as a share of the silhouette's larger side."""
+    """Margin added on every side, as a share of the silhouette's larger side."""
     slack: float = 0.1
-    """The silhouette must stay this far from the crop's border, likewise; else a new crop is made,
-    and the network looks for the person anew."""
+    """Least distance of the silhouette from the crop's border, as the same share; below it a new
+    crop is made, and the network detects the person again."""
     largest: float = 4.0
-    """A crop is too large if it is so many times as large as the silhouette."""
+    """A crop is replaced if it is this many times as large as the silhouette."""
     speckle: float = 0.1
-    """Parts of the silhouette smaller than this share of the largest are left out."""
+    """Regions of the silhouette smaller than this share of the largest are removed."""
 
     def __post_init__(self) -> None:
         check_range("margin", self.margin, self.slack)
@@ -49,40 +50,44 @@ class CropConfig:
 
 
 @dataclass(frozen=True)
-class Estimation:
-    """What is to be done. overrides: of `Sequence.open`. device: name, for the silhouettes that
-    pictures are cropped by; None for whole pictures."""
+class EstimationJob:
+    """A job for the processes.
+
+    overrides: of `Sequence.open`. device: name of the device for the silhouettes that pictures are
+    cropped by; None: whole pictures.
+    """
 
     folder: Path
     overrides: Mapping[str, Any]
     device: str | None
 
 
-#: What a process shares with the one that began it: the pictures done by all, and whether to stop.
+#: Shared between a process and its parent: the number of pictures done by all, and a stop event.
 _shared: dict[str, Any] = {}
 
 
 def estimate_keypoints(
-    job: Estimation, at_once: int | None = None, progress: Callable[[int], object] | None = None
+    job: EstimationJob, at_once: int | None = None, progress: Callable[[int], object] | None = None
 ) -> Generator[tuple[str, np.ndarray], None, None]:
-    """Yield every camera's name and keypoints (F, 33, 3) px, NaN where nobody was found, as they
-    are done, in any order.
+    """Yield every camera's name and keypoints (F, 33, 3) px as they finish, in any order.
 
-    at_once: cameras at a time, by default as many as there are cores. progress: called with the
-    number of pictures done, again and again. Closing the generator, and a KeyboardInterrupt, end
-    all work after the pictures in work. Raises InputError.
+    Keypoints are NaN where nobody was found. at_once: cameras at a time, by default the number of
+    cores. progress: called repeatedly with the number of pictures done. Closing the generator, or a
+    KeyboardInterrupt, ends all work after the current pictures. Raises InputError.
     """
     check_network()
     sequence = Sequence.open(job.folder, **job.overrides)
     if not sequence.has_images:
-        raise InputError(f"{job.folder}: has masks only; expected pictures, which keypoints are in")
+        raise InputError(f"{job.folder}: has masks only; expected pictures to find keypoints in")
     names = sequence.rig.names
     context = get_context("spawn")  # neither OpenCL nor MediaPipe survives a fork
     done, stop = context.Value("l", 0), context.Event()
     processes = min(len(names), at_once or os.cpu_count() or 1)
-    with ProcessPoolExecutor(processes, context, _begin, (done, stop)) as pool:
+    with ProcessPoolExecutor(processes, context, _set_up_process, (done, stop)) as pool:
         try:
-            waiting = {pool.submit(_camera, job, name, len(sequence)): name for name in names}
+            waiting = {
+                pool.submit(_estimate_camera, job, name, len(sequence)): name for name in names
+            }
             while waiting:
                 finished = wait(waiting, 0.2, FIRST_COMPLETED).done
                 if progress is not None:
@@ -92,13 +97,16 @@ def estimate_keypoints(
         except BrokenProcessPool:
             raise DeviceError(f"a process ended; is there memory for {processes}?") from None
         finally:
-            stop.set()  # if not all is done
+            stop.set()  # if work is left
             pool.shutdown(cancel_futures=True)
 
 
-def _begin(done: Any, stop: Any) -> None:
-    """Begin a process. Interrupts are the parent's, which then sets `stop`; what the network's
-    libraries print is of no use to anybody."""
+def _set_up_process(done: Any, stop: Any) -> None:
+    """Set up a process: ignore signals, which the parent handles by setting `stop`, and mute
+    stderr.
+
+    The messages of the network's libraries are useless to users.
+    """
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -106,8 +114,8 @@ def _begin(done: Any, stop: Any) -> None:
     _shared.update(done=done, stop=stop)
 
 
-def _camera(job: Estimation, camera: str, n_frames: int) -> np.ndarray:
-    """Return one camera's keypoints (F, 33, 3); those before the stop, if there was one."""
+def _estimate_camera(job: EstimationJob, camera: str, n_frames: int) -> np.ndarray:
+    """Return one camera's keypoints (F, 33, 3); after a stop, those found before it."""
     sequence = Sequence.open(job.folder, **{**job.overrides, "cameras": [camera]})
     cropped = _Crop(sequence, job.device) if job.device is not None else None
     points = np.full((n_frames, len(MEDIAPIPE), 3), np.nan)
@@ -115,7 +123,7 @@ def _camera(job: Estimation, camera: str, n_frames: int) -> np.ndarray:
         for frame in sequence.frames(slice(n_frames)):
             if _shared["stop"].is_set():
                 break
-            found = seen_points(network, frame, sequence.rig[0].size, cropped)
+            found = find_keypoints(network, frame, sequence.rig[0].size, cropped)
             if found is not None:
                 points[frame.index] = found
             with _shared["done"].get_lock():
@@ -124,8 +132,11 @@ def _camera(job: Estimation, camera: str, n_frames: int) -> np.ndarray:
 
 
 def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
-    """Write one camera's keypoints (F, K, 3) as OpenPose does: `<camera>_<frame:06d>.json`, each
-    with a person, or with none where all are missing. Raises InputError."""
+    """Write one camera's keypoints (F, K, 3) in OpenPose's format.
+
+    Each file, `<camera>_<frame:06d>.json`, has one person, or none if all points are missing.
+    Raises InputError.
+    """
     for frame, person in enumerate(points):
         people = []
         if np.isfinite(person).any():
@@ -136,9 +147,11 @@ def write_openpose(folder: Path, camera: str, points: np.ndarray) -> None:
 
 
 class _Crop:
-    """Where the person is in one camera's pictures: `crop(frame)` returns left, top, right, bottom
-    px, or None for the whole picture; `moved` says whether it differs from that of the frame
-    before."""
+    """The crop around the person in one camera's pictures.
+
+    `crop(frame)` returns left, top, right, bottom px, or None for the whole picture; `moved` says
+    whether it differs from that of the frame before.
+    """
 
     def __init__(self, sequence: Sequence, device: str, config: CropConfig | None = None) -> None:
         self._config, self.moved = config or CropConfig(), False
@@ -152,17 +165,20 @@ class _Crop:
         width, height = self._size
         shown = self._evidence(frame)[0, :height, :width] > 0
         before = self._box
-        self._box = next_crop(shown, before, self._config)
+        self._box = update_crop(shown, before, self._config)
         self.moved = self._box is not before
         return self._box
 
 
-def next_crop(
+def update_crop(
     silhouette: np.ndarray, before: np.ndarray | None, config: CropConfig
 ) -> np.ndarray | None:
-    """Return the crop (4,) int, left, top, right, bottom px, for a silhouette (h, w) bool: the one
-    `before` while the person fits; None, the whole picture, where nobody is seen."""
-    rows, columns = np.nonzero(large_parts(silhouette, config.speckle))
+    """Return the crop (4,) int, left, top, right, bottom px, for a silhouette (h, w) bool.
+
+    before: the last crop, kept while the person fits into it. None, the whole picture, for an empty
+    silhouette.
+    """
+    rows, columns = np.nonzero(keep_large_regions(silhouette, config.speckle))
     if not rows.size:
         return None
     low = np.array([columns.min(), rows.min()])
@@ -171,7 +187,7 @@ def next_crop(
     size = np.array(silhouette.shape[::-1])
     if before is not None:
         slack = config.slack * side
-        # At the picture's border nothing is left to add.
+        # At the picture's border no margin is possible.
         fits = (before[:2] <= np.maximum(low - slack, 0)).all()
         fits &= (before[2:] >= np.minimum(high + slack, size)).all()
         if fits and (before[2:] - before[:2]).max() <= config.largest * side:
@@ -181,11 +197,13 @@ def next_crop(
     return corners.astype(int)
 
 
-def seen_points(
+def find_keypoints(
     network: PoseNetwork, frame: Frame, size: tuple[int, int], cropped: _Crop | None
 ) -> np.ndarray | None:
-    """Return the keypoints (33, 3) of the person in a frame of one camera, px of the whole picture;
-    None if nobody is found, neither in the crop nor in the whole picture."""
+    """Return the keypoints (33, 3) of the person in a frame of one camera, px of the whole picture.
+
+    None if nobody is found, neither in the crop nor in the whole picture.
+    """
     assert frame.images is not None
     picture = frame.images[0, : size[1], : size[0]]
     box = cropped(frame) if cropped is not None else None

@@ -1,4 +1,4 @@
-"""2-D keypoints of a person in every camera and frame, as pose networks give them."""
+"""2-D keypoints of a person in every camera and frame, as pose networks detect them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.opening import Cameras, fitted, read_raw
+from apf.keypoints.opening import Cameras, match_keypoints, read_raw
 from apf.keypoints.readers.raw import check_view
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
@@ -17,11 +17,12 @@ from psfs.cameras.names import listed
 
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """Keypoints of one person. points: (V, F, K, 3) float32 = x, y in pixels of the original
-    (distorted) picture, pixel centres at whole numbers, and confidence 0..1; NaN where missing.
+    """Keypoints of one person.
 
-    names: (K,) as their file or network calls them. camera_names: (V,). notes: what was guessed or
-    left out when reading. Raises InputError where shapes disagree or a number is out of range.
+    points: (V, F, K, 3) float32 = x, y in pixels of the original (distorted) picture, pixel centres
+    at integers, and confidence 0..1; NaN where missing. names: (K,) as their file or network calls
+    them. camera_names: (V,). notes: remarks on what was guessed or left out when reading. Raises
+    InputError if shapes contradict or a number is out of range.
     """
 
     points: np.ndarray
@@ -30,7 +31,7 @@ class Keypoints:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__  # the one way to normalise the fields of a frozen dataclass
+        set_ = object.__setattr__  # required in a frozen dataclass
         set_(self, "names", tuple(map(str, self.names)))
         set_(self, "camera_names", tuple(map(str, self.camera_names)))
         points = np.array(self.points)
@@ -56,18 +57,18 @@ class Keypoints:
 
     @classmethod
     def open(cls, path: str | Path, cameras: Cameras | None = None) -> Keypoints:
-        """Read the keypoints in a file or folder, whose format is recognised.
+        """Read the keypoints in a file or folder of any supported format.
 
-        cameras: a sequence, a rig or names, which the cameras of the keypoints are matched with: by
-        name, else by order; the result has theirs, in their order, and is missing (NaN) where the
-        file has no such camera. With a sequence it has its number of frames, too. Raises
-        InputError, or MissingFileError if there is nothing.
+        cameras: a sequence, a rig or names, to which the keypoints' cameras are matched by name,
+        else by order. The result has these cameras in their order, with NaN for those without
+        keypoints; with a sequence it also has its number of frames. Raises InputError, or
+        MissingFileError if there is nothing.
         """
         raw = read_raw(Path(path))
-        points, names, notes = fitted(raw, cameras)
+        points, names, notes = match_keypoints(raw, cameras)
         return cls(points, raw.names, names, notes)
 
-    def of_cameras(self, names: Sequence[str]) -> Keypoints:
+    def select_cameras(self, names: Sequence[str]) -> Keypoints:
         """Return the keypoints of these cameras, in this order. Raises InputError."""
         unknown = [name for name in names if name not in self.camera_names]
         if unknown:
@@ -78,11 +79,11 @@ class Keypoints:
         rows = [self.camera_names.index(name) for name in names]
         return replace(self, points=self.points[rows], camera_names=tuple(names))
 
-    def undistorted(self, cameras: CameraRig | Sequence[Camera]) -> Keypoints:
+    def undistort(self, cameras: CameraRig | Sequence[Camera]) -> Keypoints:
         """Return the keypoints as the same cameras without distortion would see them.
 
-        cameras: one for each of `camera_names`, in this order. Points where the distortion cannot
-        be undone, outside of what the lens shows, become missing. Raises InputError.
+        cameras: one for each of `camera_names`, in this order. Points that cannot be undistorted
+        become missing. Raises InputError.
         """
         found = tuple(camera.name for camera in cameras)
         if found != self.camera_names:
@@ -93,5 +94,5 @@ class Keypoints:
         points = self.points.copy()
         for view, camera in zip(points, cameras, strict=True):
             if camera.lens.any():
-                view[..., :2] = camera.undistorted(view[..., :2].astype(np.float64))
+                view[..., :2] = camera.undistort(view[..., :2].astype(np.float64))
         return replace(self, points=points)

@@ -1,7 +1,7 @@
-"""Where on the body the keypoints of pose networks lie: `landmarks.toml`, and its points on a body.
+"""Positions on the body of pose networks' keypoints, from the table `landmarks.toml`.
 
-A keypoint is a point on the body, not a joint's centre: it has a prior place in the frame of a bone
-and a spread of that prior, which a tracker learns from.
+A keypoint is a point on the body, not a joint centre: it has a prior position in the frame of a
+bone, and a spread of that prior; a tracker estimates the person's own from them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from psfs.common.toml import read_toml
 
 #: The table that is shipped.
 LANDMARKS = Path(str(resources.files("apf"))) / "keypoints" / "landmarks.toml"
-#: Stature, m, of the body that the table's lengths are of.
+#: Stature of the body that the table's lengths refer to, m.
 _STATURE = 1.75
 _SIDES = {"l": ("left", 1.0), "r": ("right", -1.0)}
 #: Joints and bones that have no side.
@@ -35,10 +35,12 @@ _KEYS = {"name", "sided", "aliases", "joint", "bone", "up", "offset", "spread"}
 
 @dataclass(frozen=True, eq=False)
 class Landmark:
-    """An anatomical point. offset: (3,) m forward, left, up from `joint` of a hanging limb, of a
-    person of 1.75 m; spread: m, standard deviation per axis of that place. bone: what carries it,
-    None for the joint's own. up: joint whose direction counts as up, None for the world's.
-    partner: the same point of the other side, None in the middle. aliases: plain names.
+    """An anatomical point.
+
+    offset: (3,) m forward, left, up from `joint` of a hanging limb, for a stature of 1.75 m.
+    spread: standard deviation of that position per axis, m. bone: that carries it, None for the
+    joint's own. up: joint whose direction is up, None for the world's up. partner: the same point
+    on the other side, None in the middle. aliases: normalised names.
     """
 
     name: str
@@ -53,12 +55,12 @@ class Landmark:
 
 @dataclass(frozen=True, eq=False)
 class BodyPoints:
-    """The keypoints that a body has, P of them.
+    """The P keypoints that a body has.
 
     columns: (P,) int, the keypoint's index among the names asked for. names: of the landmarks.
     bones: (P,) int, index of the bone that carries it. offsets: (P, 3) m in that bone's frame, the
-    prior's mean. spreads: (P,) m, its standard deviation per axis. partners: (P,) int, index here
-    of the same point of the other side; its own where there is none.
+    prior's mean. spreads: (P,) m, its standard deviation per axis. partners: (P,) int, index of the
+    same point on the other side; its own if there is none.
     """
 
     columns: np.ndarray
@@ -72,19 +74,19 @@ class BodyPoints:
         return len(self.names)
 
 
-def plain(name: str) -> str:
-    """Return a name without case and separators: `left_eye` and `LeftEye` are both lefteye."""
+def normalise_name(name: str) -> str:
+    """Normalise a name's case and separators: `left_eye` and `LeftEye` both become lefteye."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 @lru_cache(maxsize=4)
 def load_landmarks(path: Path = LANDMARKS) -> tuple[Landmark, ...]:
-    """Read a table of anatomical points; the shipped one by default. Raises InputError."""
-    return landmarks_in(read_toml(path).get("landmark", []), path, "landmark")
+    """Read a table of anatomical points, by default the shipped one. Raises InputError."""
+    return parse_landmarks(read_toml(path).get("landmark", []), path, "landmark")
 
 
-def landmarks_in(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmark, ...]:
-    """Return the points of the tables [[kind]] of a file. Raises InputError."""
+def parse_landmarks(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmark, ...]:
+    """Parse the points of the tables [[kind]] of a file. Raises InputError."""
     try:
         found = [landmark for entry in entries for landmark in _parse(entry)]
     except KeyError as error:
@@ -103,7 +105,7 @@ def landmarks_in(entries: Sequence[Any], path: Path, kind: str) -> tuple[Landmar
 
 
 def _parse(entry: dict[str, Any]) -> list[Landmark]:
-    """Make landmarks of a table's entry; KeyError, TypeError or ValueError say what is wrong."""
+    """Parse a table's entry into landmarks. KeyError, TypeError or ValueError say what is wrong."""
     name = entry["name"]
     if unknown := sorted(set(entry) - _KEYS):
         raise ValueError(f"landmark {name}: unknown {listed(unknown)}; known: {listed(_KEYS)}")
@@ -113,7 +115,7 @@ def _parse(entry: dict[str, Any]) -> list[Landmark]:
     spread = float(entry["spread"])
     if not 0 < spread < 1:
         raise ValueError(f"landmark {name}: spread is {spread:g}; expected 0 to 1 m")
-    words = [plain(word) for word in (name, *entry.get("aliases", ()))]
+    words = [normalise_name(word) for word in (name, *entry.get("aliases", ()))]
     joint, bone, up = entry["joint"], entry.get("bone"), entry.get("up")
     if not entry.get("sided", False):
         return [Landmark(name, joint, bone, up, offset, spread, None, tuple(words))]
@@ -122,37 +124,39 @@ def _parse(entry: dict[str, Any]) -> list[Landmark]:
         aliases = [alias for w in words for alias in (short + w, long + w, w + short, w + long)]
         landmarks.append(
             Landmark(
-                f"{short}_{name}", _sided(joint, short), bone and _sided(bone, short),
-                up and _sided(up, short), offset * [1, sign, 1], spread, f"{other}_{name}",
+                f"{short}_{name}", _add_side(joint, short), bone and _add_side(bone, short),
+                up and _add_side(up, short), offset * [1, sign, 1], spread, f"{other}_{name}",
                 tuple(aliases),
             )
         )  # fmt: skip
     return landmarks
 
 
-def _sided(name: str, short: str) -> str:
-    """Return the name of a joint or bone of that side, or in the middle."""
+def _add_side(name: str, short: str) -> str:
+    """Add the side to the name of a joint or bone, unless it is in the middle."""
     return name if name in _MIDDLE else f"{short}_{name}"
 
 
-def landmarks_of(
+def find_landmarks(
     names: Sequence[str], landmarks: Sequence[Landmark] | None = None
 ) -> dict[int, Landmark]:
-    """Return the landmark of each of the keypoints `names` that is one, by its index. Of several
-    names of one landmark the first counts."""
+    """Find the landmark of each of the keypoints `names` that is one, by its index.
+
+    If several names mean one landmark, the first counts.
+    """
     by_alias = {
         alias: landmark for landmark in landmarks or load_landmarks() for alias in landmark.aliases
     }
     found: dict[int, Landmark] = {}
     for index, name in enumerate(names):
-        landmark = by_alias.get(plain(name))
+        landmark = by_alias.get(normalise_name(name))
         if landmark is not None and landmark not in found.values():
             found[index] = landmark
     return found
 
 
 def landmark_edges(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Return which of the landmarks `names` to join with lines, as pairs of their indices."""
+    """Return the pairs of indices of landmarks `names` to join by lines."""
     found = []
     for a, b in read_toml(LANDMARKS)["edges"]:
         for side in ("", "l_", "r_"):
@@ -162,18 +166,18 @@ def landmark_edges(names: Sequence[str]) -> list[tuple[int, int]]:
     return list(dict.fromkeys(found))
 
 
-def points_on(
+def locate_points(
     body: BodyModel,
     names: Sequence[str],
     landmarks: Sequence[Landmark] | None = None,
     of_stature: float = _STATURE,
 ) -> BodyPoints:
-    """Return which of the keypoints `names` are points on `body`, and where.
+    """Find which of the keypoints `names` are points on `body`, and where.
 
-    of_stature: m, of the body that the landmarks' lengths are of; they grow with the body's
+    of_stature: stature, m, that the landmarks' lengths refer to; they are scaled to the body's
     stature. Points whose joint the body lacks are left out. Raises InputError if none is left.
     """
-    found = landmarks_of(names, landmarks)
+    found = find_landmarks(names, landmarks)
     columns = [index for index, landmark in found.items() if landmark.joint in body.joint_names]
     if not columns:
         raise InputError(
@@ -182,7 +186,7 @@ def points_on(
         )
     chosen = [found[index] for index in columns]
     scale = stature(body) / of_stature
-    places = [_place(body, landmark, scale) for landmark in chosen]
+    places = [_locate_landmark(body, landmark, scale) for landmark in chosen]
     points = [landmark.name for landmark in chosen]
     return BodyPoints(
         columns=np.array(columns),
@@ -199,8 +203,8 @@ def points_on(
     )
 
 
-def _place(body: BodyModel, landmark: Landmark, scale: float) -> tuple[int, np.ndarray]:
-    """Return the bone that carries a landmark and its place (3,) m in that bone's frame."""
+def _locate_landmark(body: BodyModel, landmark: Landmark, scale: float) -> tuple[int, np.ndarray]:
+    """Return the bone that carries a landmark and its position (3,) m in that bone's frame."""
     rotations, origins = bone_matrices(body, np.zeros((1, body.n_dof)))
 
     def world(name: str) -> np.ndarray:
@@ -213,12 +217,12 @@ def _place(body: BodyModel, landmark: Landmark, scale: float) -> tuple[int, np.n
     bone = bones.index(landmark.bone) if landmark.bone in bones else joint.bone
     offset = scale * landmark.offset
     if landmark.up in body.joint_names:
-        offset = _turned_up(world(landmark.up) - world(landmark.joint)) @ offset
+        offset = _rotation_from_z(world(landmark.up) - world(landmark.joint)) @ offset
     place = world(landmark.joint) + offset - origins[0, bone]
     return bone, rotations[0, bone].T @ place
 
 
-def _turned_up(direction: np.ndarray) -> np.ndarray:
+def _rotation_from_z(direction: np.ndarray) -> np.ndarray:
     """Return the smallest rotation (3, 3) that takes the z axis to `direction` (3,)."""
     x, y, z = direction / np.linalg.norm(direction)
     if z < -1 + 1e-9:

@@ -1,7 +1,7 @@
-"""MediaPipe Pose, the network whose model comes with its package: an extra, `keypoints`.
+"""MediaPipe Pose, a network whose package contains its model: the extra `keypoints`.
 
-MediaPipe's last releases with a model inside are 0.10.x up to 0.10.21 (`mediapipe.solutions.pose`,
-`pose_landmark_full.tflite`); later ones are without, and expect a file of the user's.
+The last releases with a model are 0.10.x up to 0.10.21 (`mediapipe.solutions.pose`,
+`pose_landmark_full.tflite`); later ones expect a model file from the user.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _EXTRA = "pip install 'psfs-apf[keypoints]'"
 
 
 def check_network() -> None:
-    """Raise InputError unless MediaPipe is there with its model."""
+    """Raise InputError unless MediaPipe is installed with its model."""
     if find_spec("mediapipe") is None:
         raise InputError(
             f"keypoints are made by MediaPipe, which is not installed: {_EXTRA}; keypoints of any "
@@ -42,27 +42,29 @@ def _version() -> str:
 
 
 class PoseNetwork:
-    """Finds the keypoints of one person in the pictures of a video, which it follows."""
+    """Detector that follows one person through the pictures of a video."""
 
     def __init__(self) -> None:
         pose = importlib.import_module("mediapipe.python.solutions.pose")
         self._pose: Any = pose.Pose(static_image_mode=False, model_complexity=1)
 
     def __call__(self, picture: np.ndarray) -> np.ndarray | None:
-        """Return the keypoints (33, 3), px and visibility 0..1, in a picture (h, w, 3) uint8 BGR;
-        None if it finds nobody."""
+        """Return the keypoints (33, 3), px and visibility 0..1, in a picture (h, w, 3) uint8 BGR.
+
+        None if it finds nobody.
+        """
         rgb = np.ascontiguousarray(picture[..., ::-1])
         found = self._pose.process(rgb).pose_landmarks
         if found is None:
             return None
         height, width = picture.shape[:2]
         points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
-        points[:, :2] = points[:, :2] * (width, height) - 0.5  # whole numbers are pixels' centres
+        points[:, :2] = points[:, :2] * (width, height) - 0.5  # pixel centres are at integers
         points[:, 2] = points[:, 2].clip(0, 1)
         return points
 
     def forget(self) -> None:
-        """Look for the person anew in the next picture."""
+        """Forget the person, and detect one again in the next picture."""
         self._pose.reset()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""From a file or folder of keypoints to arrays that fit the cameras and frames of a sequence."""
+"""Open files or folders of keypoints and match them to a sequence's cameras and frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.persons import chosen_persons
+from apf.keypoints.persons import choose_person
 from apf.keypoints.readers.arrays import (
     FREEMOCAP,
     read_array,
@@ -22,7 +22,7 @@ from psfs.cameras.camera import CameraRig
 from psfs.cameras.names import contains_name, listed, name_tokens, natural_key
 from psfs.sequence import Sequence as Footage
 
-#: What the keypoints are matched with.
+#: What keypoints can be matched to.
 Cameras = CameraRig | Footage | Sequence[str]
 _EXPECTED = (
     "keypoints.npz, OpenPose's JSON per frame, OpenCap's pickles, FreeMoCap's or other .npy "
@@ -31,8 +31,10 @@ _EXPECTED = (
 
 
 def read_raw(path: Path) -> RawKeypoints:
-    """Read a file or folder of keypoints, whose format is recognised. The path may hold wildcards,
-    which choose among the folders of cameras: `Videos/Cam*/OutputPkl*/jump`. Raises InputError.
+    """Read a file or folder of keypoints of any supported format.
+
+    Wildcards in the path choose among the folders of cameras: `Videos/Cam*/OutputPkl*/jump`. Raises
+    InputError.
     """
     if any(sign in str(path) for sign in "*?["):
         fixed = next(n for n, part in enumerate(path.parts) if any(s in part for s in "*?["))
@@ -54,12 +56,14 @@ def read_raw(path: Path) -> RawKeypoints:
     if ending == ".pkl":
         return read_opencap(path.parent, [path])
     hint = ": name its folder" if ending == ".json" else ""
-    raise InputError(f"{path}: no file of keypoints of all frames{hint}; expected {_EXPECTED}")
+    raise InputError(f"{path}: not a file of keypoints of all frames{hint}; expected {_EXPECTED}")
 
 
 def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
-    """Read what is in the folders `roots`, all in `base`, or below, or is itself among them; of
-    several kinds the first in this order."""
+    """Read the keypoints in the folders or files `roots`, all of them in or equal to `base`.
+
+    If there are several formats, the first in the order of this function is read.
+    """
 
     def found(pattern: str) -> list[Path]:
         inside = {path for root in roots if root.is_dir() for path in root.rglob(pattern)}
@@ -93,14 +97,15 @@ def _read_folder(base: Path, roots: Sequence[Path]) -> RawKeypoints:
     raise InputError(f"{base}: holds no keypoints; expected {_EXPECTED}")
 
 
-def fitted(
+def match_keypoints(
     raw: RawKeypoints, cameras: Cameras | None
 ) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
-    """Return keypoints (V, F, K, 3) px of one person, the cameras' names (V,) and notes.
+    """Match keypoints to cameras and frames, and choose one person.
 
-    See `Keypoints.open` for how cameras and frames are matched. Raises InputError.
+    Returns keypoints (V, F, K, 3) px, the cameras' names (V,) and notes. See `Keypoints.open`.
+    Raises InputError.
     """
-    names = _camera_names(cameras)
+    names = _get_camera_names(cameras)
     notes = list(raw.notes)
     if names is None:
         names, of = list(raw.views), {name: name for name in raw.views}
@@ -108,7 +113,7 @@ def fitted(
         of, note = match_cameras(raw, names)
         notes += [note] if note else []
     views = {camera: raw.views[name] for camera, name in of.items()}
-    length = _length(raw, of, cameras)
+    length = _count_frames(raw, of, cameras)
     n_persons = max(view.shape[1] for view in views.values())
     points = np.full((len(names), length, n_persons, len(raw.names), 3), np.nan)
     for row, camera in enumerate(names):
@@ -116,10 +121,10 @@ def fitted(
             view = views[camera][:length]
             points[row, : len(view), : view.shape[1]] = view
     if raw.shares:
-        points[..., :2] = _in_pixels(raw, points[..., :2], cameras)
-        notes.append(f"{raw.path}: x and y are shares of the picture, made pixels")
+        points[..., :2] = _to_pixels(raw, points[..., :2], cameras)
+        notes.append(f"{raw.path}: x and y are shares of the picture, converted to pixels")
     if n_persons > 1:
-        points = chosen_persons(points, _rig(cameras))
+        points = choose_person(points, _get_rig(cameras))
         notes.append(
             f"{raw.path}: up to {n_persons} persons in a picture: one is followed that is sure, "
             "large and seen alike by all cameras"
@@ -127,24 +132,25 @@ def fitted(
     return points.reshape(len(names), length, -1, 3), tuple(names), tuple(notes)
 
 
-def _rig(cameras: Cameras | None) -> CameraRig | None:
+def _get_rig(cameras: Cameras | None) -> CameraRig | None:
     if isinstance(cameras, Footage):
         return cameras.rig
     return cameras if isinstance(cameras, CameraRig) else None
 
 
-def _camera_names(cameras: Cameras | None) -> list[str] | None:
+def _get_camera_names(cameras: Cameras | None) -> list[str] | None:
     if isinstance(cameras, (Footage, CameraRig)):
-        rig = _rig(cameras)
+        rig = _get_rig(cameras)
         return rig.names if rig is not None else None
     return None if cameras is None else list(cameras)
 
 
 def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, str], str | None]:
-    """Return the view of `raw` that belongs to each camera, and a note if that was guessed.
+    """Match the views of `raw` to cameras; return them with a note if the match was guessed.
 
-    By name, which may stand anywhere in the view's; cameras that are not found by name then have
-    none, if some are. Else by natural order, if there are as many. Raises InputError.
+    A camera's name may occur anywhere in the view's. If only some cameras are found by name, the
+    others have no view. If none is found, and there are as many views as cameras, they are paired
+    in natural order. Raises InputError.
     """
     of: dict[str, str] = {}
     for camera in cameras if raw.named else ():
@@ -174,9 +180,12 @@ def match_cameras(raw: RawKeypoints, cameras: Sequence[str]) -> tuple[dict[str, 
     )
 
 
-def _length(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -> int:
-    """Return the number of frames. Raises InputError where they do not fit each other, or the
-    sequence: a camera may have as many as its own video, or as the whole sequence."""
+def _count_frames(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -> int:
+    """Return the number of frames.
+
+    Raises InputError if the cameras' numbers of frames contradict each other or the sequence: each
+    must be that of the camera's own video or of the whole sequence.
+    """
     counts = {camera: len(raw.views[name]) for camera, name in of.items()}
     if not isinstance(cameras, Footage):
         if len(set(counts.values())) > 1:
@@ -198,13 +207,13 @@ def _length(raw: RawKeypoints, of: Mapping[str, str], cameras: Cameras | None) -
     return len(cameras)
 
 
-def _in_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -> np.ndarray:
-    """Return x, y (V, ..., 2) px of shares of the picture's width and height."""
-    rig = _rig(cameras)
+def _to_pixels(raw: RawKeypoints, shares: np.ndarray, cameras: Cameras | None) -> np.ndarray:
+    """Convert x, y (V, ..., 2) from shares of the picture's width and height to px."""
+    rig = _get_rig(cameras)
     if rig is None:
         raise InputError(
             f"{raw.path}: x and y go from 0 to 1, as shares of the picture; expected pixels, or "
-            "cameras that tell its size"
+            "cameras with known picture sizes"
         )
     sizes = np.array([camera.size for camera in rig], float)
     pixels: np.ndarray = shares * sizes.reshape(-1, *[1] * (shares.ndim - 2), 2) - 0.5

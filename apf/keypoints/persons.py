@@ -1,7 +1,8 @@
-"""Which of the persons in the pictures the keypoints are of.
+"""Choose one of the persons in the pictures.
 
-In every camera the chain of persons over time is found (Viterbi) that is sure, large and moves
-little; then, where cameras are calibrated, the one that is where the others' chains are in space.
+In every camera, Viterbi finds the sequence of detections that is confident, large and moves little.
+With calibrated cameras, it is then repeated in favour of persons that agree in space with the other
+cameras' choices.
 """
 
 from __future__ import annotations
@@ -17,62 +18,62 @@ from psfs.cameras.camera import CameraRig
 
 @dataclass(frozen=True)
 class PersonConfig:
-    """What makes a person the one that is followed, beside confidence and size, which give 0 to 1
-    in every frame."""
+    """Costs that choose a person, relative to confidence and size, which score 0 to 1 per frame."""
 
     motion: float = 2.0
-    """Cost of a step as large as the person himself; larger ones cost no more."""
+    """Cost of a step as long as the person is large; longer steps cost no more."""
     agreement: float = 3.0
-    """Cost of lying as far from where the other cameras see the person as he is large."""
+    """Cost of a distance, as long as the person is large, from where the other cameras see the
+    person."""
     rounds: int = 3
-    """Of comparing cameras, each with the others' choice of the round before."""
+    """Number of comparisons between cameras; each uses the others' choices of the round before."""
     largest_error: float = 0.3
-    """Reprojection error, as a share of the person's size in the picture, up to which cameras
+    """Largest reprojection error, as a share of the person's size in the picture, at which cameras
     agree on a point."""
 
 
-def chosen_persons(
+def choose_person(
     points: np.ndarray, rig: CameraRig | None, config: PersonConfig | None = None
 ) -> np.ndarray:
-    """Return keypoints (V, F, K, 3) of one person out of those of N, (V, F, N, K, 3) px."""
+    """Choose one person from keypoints (V, F, N, K, 3) px of N persons; return (V, F, K, 3)."""
     config = config or PersonConfig()
     if points.shape[2] == 1:
         return points[:, :, 0]
     sizes = _sizes(points)
-    own = _presence(points, sizes)
+    own = _score_persons(points, sizes)
     chosen = np.stack(
         [
-            _chain(view, size, score, config)
+            _choose_over_time(view, size, score, config)
             for view, size, score in zip(points, sizes, own, strict=True)
         ]
     )
     if rig is not None and len(rig) > 2:
         straight = points.copy()
         for view, camera in zip(straight, rig, strict=True):
-            view[..., :2] = camera.undistorted(view[..., :2])
+            view[..., :2] = camera.undistort(view[..., :2])
         for _ in range(config.rounds):
             before = chosen
-            away = _disagreement(straight, sizes, before, rig, config)
+            away = _distance_from_others(straight, sizes, before, rig, config)
             scores = own - config.agreement * away
             chosen = np.stack(
                 [
-                    _chain(view, size, score, config)
+                    _choose_over_time(view, size, score, config)
                     for view, size, score in zip(points, sizes, scores, strict=True)
                 ]
             )
             if (chosen == before).all():
                 break
-    return _picked(points, chosen)
+    return _take_chosen(points, chosen)
 
 
-def _picked(points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+def _take_chosen(points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Return the chosen (V, F) of persons (V, F, N, K, 3)."""
     picked: np.ndarray = np.take_along_axis(points, chosen[:, :, None, None, None], 2)[:, :, 0]
     return picked
 
 
 def _sizes(points: np.ndarray) -> np.ndarray:
-    """Return the diagonals (V, F, N) px of the persons' boxes; 1 where nobody is."""
+    """Return the diagonals (V, F, N) px of the persons' bounding boxes; 1 for missing persons."""
     places = points[..., :2]
     known = np.isfinite(places)
     high = np.where(known, places, -np.inf).max(-2)
@@ -82,20 +83,24 @@ def _sizes(points: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(sizes), np.maximum(sizes, 1.0), 1.0)
 
 
-def _presence(points: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return how sure and large persons are (V, F, N), 0 to 1 of the most in their camera; minus
-    infinity where nobody is."""
+def _score_persons(points: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Score persons (V, F, N) by confidence and size, relative to the best in their camera.
+
+    0 to 1; minus infinity for missing persons.
+    """
     sure = np.nan_to_num(points[..., 2]).sum(-1)
     weight = sure * np.sqrt(sizes)
     most = weight.max((1, 2), keepdims=True)
     return np.where(sure > 0, weight / np.maximum(most, 1e-9), -np.inf)
 
 
-def _chain(
+def _choose_over_time(
     points: np.ndarray, sizes: np.ndarray, scores: np.ndarray, config: PersonConfig
 ) -> np.ndarray:
-    """Return which person (F,) to follow in one camera: the best sum of `scores` (F, N), less what
-    the steps cost (Viterbi). Where nobody is, 0; the steps go on from the last frame with somebody.
+    """Choose a person (F,) per frame of one camera by Viterbi: best sum of `scores` (F, N) less
+    motion.
+
+    Index 0 in frames without persons, which are skipped.
     """
     chosen = np.zeros(len(points), int)
     there = np.flatnonzero(np.isfinite(scores).any(-1))
@@ -103,7 +108,7 @@ def _chain(
         return chosen
     best, back = scores[there[0]], []
     for before, after in pairwise(there):
-        step = _steps(points[before], points[after], sizes[before], sizes[after])
+        step = _person_distances(points[before], points[after], sizes[before], sizes[after])
         total = best[:, None] - config.motion * step
         back.append(total.argmax(0))
         best = total.max(0) + scores[after]
@@ -115,47 +120,52 @@ def _chain(
     return chosen
 
 
-def _steps(
+def _person_distances(
     before: np.ndarray, after: np.ndarray, size_before: np.ndarray, size_after: np.ndarray
 ) -> np.ndarray:
-    """Return how far persons (N, K, 3) are from each other, (N, N), 0 to 1 of their size: medians
-    over the keypoints; 1 where they have none in common."""
+    """Return the distances (N, N) between persons (N, K, 3) of two frames, relative to their size.
+
+    Medians over the keypoints, at most 1; 1 if they have none in common.
+    """
     away = np.hypot(*np.moveaxis(before[:, None, :, :2] - after[None, :, :, :2], -1, 0))
-    steps = _median(away) / np.sqrt(size_before[:, None] * size_after[None])
+    steps = _finite_median(away) / np.sqrt(size_before[:, None] * size_after[None])
     return np.minimum(np.nan_to_num(steps, nan=1.0), 1.0)
 
 
-def _disagreement(
+def _distance_from_others(
     straight: np.ndarray,
     sizes: np.ndarray,
     chosen: np.ndarray,
     rig: CameraRig,
     config: PersonConfig,
 ) -> np.ndarray:
-    """Return how far persons (V, F, N) are, 0 to 1 of their size, from where the other cameras'
-    `chosen` (V, F) are in space; 0 where these agree on nothing. straight: undistorted keypoints
-    (V, F, N, K, 3)."""
-    picked = _picked(straight, chosen)
+    """Measure how far persons (V, F, N) are from where the other cameras' chosen persons are in
+    space.
+
+    Relative to their size, at most 1; 0 if the others agree on no point. straight: undistorted
+    keypoints (V, F, N, K, 3). chosen: (V, F).
+    """
+    picked = _take_chosen(straight, chosen)
     size = float(np.median(sizes[sizes > 1])) if (sizes > 1).any() else 1.0
     limits = TriangulationConfig(max_error=config.largest_error * size)
     away = np.zeros(sizes.shape)
     n_frames, n_persons, n_points = straight.shape[1:4]
     for view, camera in enumerate(rig):
         if not np.isfinite(straight[view, :, 1:]).any():
-            continue  # nobody to choose from
+            continue  # there is nobody to choose from
         others = [row for row in range(len(rig)) if row != view]
         rest = CameraRig(tuple(rig[row] for row in others))
         places = triangulate(rest, picked[others], limits).points
         shown = np.broadcast_to(places[:, None], (n_frames, n_persons, n_points, 3)).reshape(-1, 3)
         seen = straight[view].reshape(1, -1, 3)
         off = reprojection_errors(CameraRig((camera,)), seen, shown)[0]
-        share = _median(off.reshape(n_frames, n_persons, n_points)) / sizes[view]
+        share = _finite_median(off.reshape(n_frames, n_persons, n_points)) / sizes[view]
         away[view] = np.minimum(np.nan_to_num(share, nan=0.0), 1.0)
     return away
 
 
-def _median(values: np.ndarray) -> np.ndarray:
-    """Return the medians over the last axis of what is known; NaN where nothing is."""
+def _finite_median(values: np.ndarray) -> np.ndarray:
+    """Return the lower medians of the finite values over the last axis; NaN without any."""
     ordered = np.sort(values, -1)  # NaN last
     count = np.isfinite(values).sum(-1)
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]

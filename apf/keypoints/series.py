@@ -1,4 +1,4 @@
-"""Points over time: gaps closed, noise taken away."""
+"""Fill gaps in points over time, and smooth them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from scipy.signal import butter, sosfiltfilt
 
 from cl import InputError
 
-#: Poles of the filter, which runs forwards and backwards: twice as many in effect.
+#: Order of the filter; running forwards and backwards doubles it.
 _ORDER = 2
-#: Periods of the cut-off that a stretch is continued by, so that the filter has settled.
+#: Padding at the ends of a stretch, in periods of the cut-off, so that the filter settles.
 _PAD = 2.0
 
 
-def without_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
-    """Return points (F, K, 3) whose gaps (NaN) of at most `longest` frames, or all, are filled: on
-    straight lines, at the ends with the nearest known point. One that is never known stays so."""
+def fill_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
+    """Fill gaps (NaN) of points (F, K, 3) by linear interpolation, at the ends with the nearest
+    point.
+
+    longest: longest gap to fill, frames; None: all. Points that are never known stay NaN.
+    """
     filled = points.copy()
     frames = np.arange(len(points))
     for k in range(points.shape[1]):
@@ -33,12 +36,12 @@ def without_gaps(points: np.ndarray, longest: int | None = None) -> np.ndarray:
     return filled
 
 
-def low_passed(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
-    """Return points (F, K, 3) at `rate` per second without what moves faster than `cutoff` Hz.
+def low_pass(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Smooth points (F, K, 3) at `rate` per second with a low-pass filter at `cutoff` Hz.
 
-    A Butterworth filter of order 2, forwards and backwards (order 4 in effect, no delay; at the
-    cut-off half of the amplitude is left). Stretches between gaps are filtered each by itself;
-    those too short for it stay as they are. Raises InputError.
+    A Butterworth filter of order 2, forwards and backwards (order 4 in effect, no delay; half of
+    the amplitude is left at the cut-off). Stretches between gaps are filtered separately; those too
+    short for the filter are unchanged. Raises InputError.
     """
     if not 0 < cutoff < rate / 2:
         raise InputError(

@@ -1,8 +1,8 @@
-"""Points in space from keypoints in several cameras.
+"""Triangulate keypoints of several cameras.
 
 Confidence-weighted linear triangulation (Hartley & Sturm 1997, "Triangulation", 5.1): minimises
 sum_i w_i^2 |x_i P_i3 X - P_i1 X, y_i P_i3 X - P_i2 X|^2 over the unit vectors X (4,). Cameras whose
-point lies far from the others' are left out one by one.
+keypoint lies far from the others' are excluded one by one.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from psfs.common.ranges import check_range
 
 @dataclass(frozen=True)
 class TriangulationConfig:
-    """When cameras are left out of a point, and when there is no point."""
+    """Thresholds to exclude a camera from a point, and to reject a point."""
 
     max_error: float = 15.0
-    """px. Cameras are left out until the mean reprojection error of the rest is below. What
-    Pose2Sim has by default, for pictures about 1000 px high."""
+    """Largest mean reprojection error, px; cameras are excluded until it is below. Pose2Sim's
+    default, for pictures about 1000 px high."""
     min_confidence: float = 0.3
-    """A keypoint below counts as missing. Pose2Sim's default."""
+    """A keypoint with less confidence counts as missing. Pose2Sim's default."""
     min_cameras: int = 2
-    """Fewer give no point."""
+    """Fewest cameras that give a point."""
 
     def __post_init__(self) -> None:
         check_range("max_error", self.max_error, 0)
@@ -34,9 +34,12 @@ class TriangulationConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Triangulated:
-    """points: (..., 3) m in the world, NaN where there is none. errors: (...) px, mean reprojection
-    error over the cameras used. used: (V, ...) bool, which they are."""
+class Triangulation:
+    """Triangulated points.
+
+    points: (..., 3) m in the world, NaN where rejected. errors: (...) px, mean reprojection error
+    over the cameras used. used: (V, ...) bool, which cameras they are.
+    """
 
     points: np.ndarray
     errors: np.ndarray
@@ -45,17 +48,17 @@ class Triangulated:
 
 def triangulate(
     rig: CameraRig, keypoints: np.ndarray, config: TriangulationConfig | None = None
-) -> Triangulated:
+) -> Triangulation:
     """Triangulate undistorted keypoints (V, ..., 3) px, px, confidence; NaN where missing.
 
-    Starts with all cameras; while the mean reprojection error is at or above `max_error`, leaves
-    out the camera without which it is least.
+    Starts with all cameras; while the mean reprojection error is at or above `max_error`, excludes
+    the camera without which it is smallest.
     """
     config = config or TriangulationConfig()
     shape = keypoints.shape[1:-1]
     seen = np.asarray(keypoints, np.float64).reshape(len(rig), -1, 3)
     used = np.isfinite(seen).all(-1) & (np.nan_to_num(seen[..., 2]) >= config.min_confidence)
-    points, errors = _solved(rig, seen, used)
+    points, errors = _solve(rig, seen, used)
     open_ = np.flatnonzero((errors >= config.max_error) & (used.sum(0) > config.min_cameras))
     while open_.size:
         best = np.full(len(open_), np.inf)
@@ -64,7 +67,7 @@ def triangulate(
             trial = used[:, open_].copy()
             had = trial[view].copy()
             trial[view] = False
-            found, off = _solved(rig, seen[:, open_], trial)
+            found, off = _solve(rig, seen[:, open_], trial)
             better = had & (off < best)
             best[better], best_points[better], leaves[better] = off[better], found[better], view
         left = leaves >= 0
@@ -75,14 +78,16 @@ def triangulate(
         open_ = open_[again]
     good = (errors < config.max_error) & (used.sum(0) >= config.min_cameras)
     points[~good], errors[~good], used[:, ~good] = np.nan, np.nan, False
-    return Triangulated(
+    return Triangulation(
         points.reshape(*shape, 3), errors.reshape(shape), used.reshape(len(rig), *shape)
     )
 
 
 def reprojection_errors(rig: CameraRig, seen: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the distances (V, N) px of points (N, 3) m in every camera, its distortion left out,
-    from undistorted keypoints (V, N, 2 or more); infinite behind a camera, NaN where missing."""
+    """Return the reprojection errors (V, N) px of points (N, 3) m, without lens distortion.
+
+    seen: undistorted keypoints (V, N, 2 or more). Infinite behind a camera, NaN where missing.
+    """
     errors = np.empty(seen.shape[:2])
     for view, camera in enumerate(rig):
         local = points @ camera.R.T + camera.t
@@ -94,18 +99,20 @@ def reprojection_errors(rig: CameraRig, seen: np.ndarray, points: np.ndarray) ->
     return errors
 
 
-def _solved(rig: CameraRig, seen: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (N, 3) m and their mean reprojection errors (N,) px, infinite where fewer than
-    two of the cameras `used` (V, N) see them."""
+def _solve(rig: CameraRig, seen: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solve for points (N, 3) m and their mean reprojection errors (N,) px.
+
+    used: cameras (V, N). The error is infinite if fewer than two of them see the point.
+    """
     n = seen.shape[1]
     rows = np.zeros((n, 2 * len(rig), 4))
     for view, camera in enumerate(rig):
         extrinsic = np.column_stack([camera.R, camera.t])
         inverse = np.linalg.inv(camera.K)
         pixel = np.column_stack([np.nan_to_num(seen[view, :, :2]), np.ones(n)])
-        plane = pixel @ inverse.T  # normalised coordinates, for which the equations are scaled well
+        plane = pixel @ inverse.T  # normalised coordinates condition the equations well
         weight = np.where(used[view], np.nan_to_num(seen[view, :, 2]), 0.0)[:, None]
-        weight = weight * camera.K[0, 0]  # an error counts in pixels
+        weight = weight * camera.K[0, 0]  # so that an error counts in pixels
         rows[:, 2 * view] = weight * (plane[:, :1] * extrinsic[2] - extrinsic[0])
         rows[:, 2 * view + 1] = weight * (plane[:, 1:2] * extrinsic[2] - extrinsic[1])
     homogeneous = np.linalg.svd(rows, full_matrices=False)[2][:, -1]

@@ -14,10 +14,10 @@ from apf.live.sources import Cameras
 from psfs.background.gaussian import Background, background_from_plates
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import turned_rig, z_up_from
-from psfs.footage.layouts.common import assigned, chosen
-from psfs.footage.layouts.native import calibration_of
-from psfs.footage.media import media_in
+from psfs.cameras.units import rotate_rig, rotation_to_z_up
+from psfs.footage.layouts.common import assign_pictures, choose_cameras
+from psfs.footage.layouts.native import find_settings_calibration
+from psfs.footage.media import list_media
 from psfs.footage.settings import Settings
 
 
@@ -32,10 +32,12 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
         calibration, plates = folder, None
     else:
         settings = settings.over(Settings.read(folder / "sequence.toml"))
-        calibration, plates = calibration_of(folder, settings), folder / "background"
+        calibration, plates = find_settings_calibration(folder, settings), folder / "background"
     rig = read_calibration(calibration, settings.unit)
-    turned = turned_rig(rig, z_up_from(settings.up or "z"))
-    return Cameras(chosen(turned, settings), names, _background(turned, plates, settings), empty)
+    turned = rotate_rig(rig, rotation_to_z_up(settings.up or "z"))
+    return Cameras(
+        choose_cameras(turned, settings), names, _background(turned, plates, settings), empty
+    )
 
 
 def box_around(
@@ -51,5 +53,5 @@ def box_around(
 def _background(rig: CameraRig, plates: Path | None, settings: Settings) -> Background | None:
     if plates is None or not plates.is_dir():
         return None
-    media, _ = assigned(rig, media_in(plates), plates, settings, extras=True)
-    return background_from_plates(chosen(rig, settings), media)
+    media, _ = assign_pictures(rig, list_media(plates), plates, settings, extras=True)
+    return background_from_plates(choose_cameras(rig, settings), media)

@@ -1,1 +1,1 @@
-"""A track judged without truth, and its report: one page with a player, the video and curves."""
+"""Judge a track without ground truth, and report it on a page with player, video and curves."""

@@ -1,4 +1,4 @@
-"""How well the poses of a track agree with the silhouettes of their frames."""
+"""Measure the agreement of a track's poses with the silhouettes of their frames."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ from typing import Any
 import cv2
 import numpy as np
 
-from apf.body.cones import distances, outlines
+from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.report.overlay import checked_indices
-from apf.report.parts import Part, parts_of
+from apf.report.parts import Part, find_parts
 from apf.tracking.track import Track
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
 from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
-#: Frames that are looked at, evenly spread over a longer track: enough for curves on a page.
+#: Most frames that are compared, evenly spread over the track: enough for a page's curves.
 MOST_FRAMES = 200
-#: A part that covers fewer pixels of a picture says nothing there.
+#: A cone with fewer pixels in a picture is not scored there.
 _LEAST_PIXELS = 20
-#: m from every cone beyond which a surface voxel is not explained: about a forearm's girth, more
+#: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
+#: and more than the hulls of few cameras exceed the body.
 #: than hulls of few cameras are thicker than flesh.
 _FAR = 0.10
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What was found in S of a track's frames.
+    """Agreement of a track with the silhouettes in S of its frames.
 
     rows: (S,) of the track. cameras: (V,) names. body_iou, voxel_iou: (S, V) IoU of the posed body
-    and of the voxels with the silhouettes, NaN where there is nothing to compare. inside: (S, P)
-    share of each part's worst cone that lies in the silhouettes, the mean over the cameras that
-    show it, NaN where none does. explained: (S,) share of the surface voxels that lie at some cone.
-    clouds: the voxels.
+    and of the voxels with the silhouettes, NaN if there is nothing to compare. inside: (S, P) share
+    of each part's worst cone that lies in the silhouettes, averaged over the cameras that show it,
+    NaN if none does. explained: (S,) share of the surface voxels that lie near a cone. clouds: the
+    voxels.
     """
 
     rows: np.ndarray
@@ -53,8 +54,8 @@ class Agreement:
     clouds: tuple[VoxelCloud, ...]
 
 
-def shown_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
-    """Return the rows, evenly spaced, of a track of `n_frames` that are looked at."""
+def choose_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
+    """Return evenly spaced rows of a track of `n_frames`, at most `most`."""
     return np.arange(0, n_frames, max(1, -(-n_frames // most)))
 
 
@@ -64,11 +65,11 @@ def compare_with_silhouettes(
     track: Track,
     progress: Callable[[], object] | None = None,
 ) -> Agreement:
-    """Compare body and voxels in the `shown_rows` of the track with the silhouettes that the voxels
+    """Compare body and voxels in some frames of the track with the silhouettes that the voxels
     in `grid` were carved from, see `Session.carved`. progress: called after each frame."""
-    rows, rig, body = shown_rows(len(track)), session.rig, track.its_body
-    parts, drawn = parts_of(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
-    region, extents = volume_region(rig, grid), footprints(rig, grid.voxel_size)
+    rows, rig, body = choose_rows(len(track)), session.rig, track.its_body
+    parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
+    region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []
@@ -76,12 +77,12 @@ def compare_with_silhouettes(
     for number, frame in enumerate(session.carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
-            _scores(camera, cones[number], drawn, silhouette)
+            _score_cones(camera, cones[number], drawn, silhouette)
             for camera, silhouette in zip(rig, shown, strict=True)
         ])  # fmt: skip
         found["body_iou"].append(scores[:, 0])
-        found["inside"].append(_worst_of(scores[:, 1:], drawn, parts))
-        found["explained"].append(_explained(cloud.centres, cones[number]))
+        found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
+        found["explained"].append(_explained_share(cloud.centres, cones[number]))
         found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown))
         clouds.append(cloud)
         if progress is not None:
@@ -101,12 +102,15 @@ def _voxel_iou(
     return np.array([iou(one, other) for one, other in zip(ours, shown, strict=True)])
 
 
-def _scores(
+def _score_cones(
     camera: Camera, cones: np.ndarray, drawn: Items[int], silhouette: np.ndarray
 ) -> np.ndarray:
-    """Return the IoU of posed cones (C, 16) with a silhouette (H, W) bool, then the share of each
-    of the `drawn` ones in it, (1 + n,); NaN where too little is seen."""
-    corners = outlines(camera, cones)
+    """Score posed cones (C, 16) in one camera.
+
+    Returns (1 + n,): their IoU with the silhouette (H, W) bool, and for each `drawn` cone its share
+    in the silhouette; NaN if too little of it is visible.
+    """
+    corners = project_outlines(camera, cones)
     whole = np.zeros(silhouette.shape, np.uint8)
     scores = np.full(1 + len(cones), np.nan)
     for number, quad in enumerate(corners):
@@ -123,16 +127,18 @@ def _scores(
     return scores[[0, *(1 + cone for cone in drawn)]]
 
 
-def _worst_of(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]) -> np.ndarray:
-    """Return (P,): of shares (V, n) of the `drawn` cones the mean over the cameras, and of these
-    that of each part's worst cone; NaN where none is seen."""
+def _worst_scores(shares: np.ndarray, drawn: Items[int], parts: tuple[Part, ...]) -> np.ndarray:
+    """Return for each part (P,) the share of its worst cone; NaN if none is visible.
+
+    shares: (V, n) of the `drawn` cones, averaged over the cameras.
+    """
     means = dict(zip(drawn, np.ma.masked_invalid(shares).mean(axis=0), strict=True))
     worst = [np.ma.min([means[cone] for cone in part.cones if cone in means]) for part in parts]
     return np.array([np.nan if np.ma.is_masked(value) else value for value in worst], float)
 
 
-def _explained(points: np.ndarray, cones: np.ndarray) -> float:
-    """Return the share of points (N, 3) m at posed cones (C, 16); NaN without points."""
+def _explained_share(points: np.ndarray, cones: np.ndarray) -> float:
+    """Return the share of points (N, 3) m near posed cones (C, 16); NaN without points."""
     if not len(points):
         return np.nan
-    return float((distances(points, cones).min(axis=1) <= _FAR).mean())
+    return float((cone_distances(points, cones).min(axis=1) <= _FAR).mean())

@@ -1,4 +1,4 @@
-"""The curves of a page, as plain values: angles, confidence, agreement."""
+"""The curves of the page, as plain values: angles, confidence, agreement."""
 
 from __future__ import annotations
 
@@ -7,19 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import side_of, sideless
+from apf.body.model import find_side, sideless
 from apf.report.parts import plain_name
 from apf.report.quality import Quality
 from apf.tracking.track import Track
 
 
 def angle_curves(track: Track) -> list[dict[str, Any]]:
-    """Return the joints' angles, degrees, NaN where lost, in groups: name, curves with a name, a
-    side and values (F,). Clinical ones, see `apf.body.angles`; of a body that has none its own."""
+    """Return the joints' angles, degrees, NaN where lost, in groups of curves (name, side, values
+    (F,)).
+
+    They are clinical angles, see `apf.body.angles`, or the body's own if it has none.
+    """
     groups = defaultdict[str, list[dict[str, Any]]](list)
     for name, values in track.angles.items():
-        side, (joint, *of) = side_of(name), sideless(name).split("_")
-        curve = {"name": " ".join(of), "side": side, "values": rounded(values, 1)}
+        side, (joint, *of) = find_side(name), sideless(name).split("_")
+        curve = {"name": " ".join(of), "side": side, "values": round_for_json(values, 1)}
         groups[joint].append(curve)
     if not groups:
         for bone in track.its_body.bones:
@@ -28,31 +31,33 @@ def angle_curves(track: Track) -> list[dict[str, Any]]:
                     turned = np.degrees(np.unwrap(track.poses[:, axis.dof]))
                     values = np.where(track.lost, np.nan, turned)
                     curve = {"name": f"about {axis.kind[1]}", "side": "middle"}
-                    groups[plain_name(bone.name)].append({**curve, "values": rounded(values, 1)})
+                    groups[plain_name(bone.name)].append(
+                        {**curve, "values": round_for_json(values, 1)}
+                    )
     return [{"name": name, "curves": curves} for name, curves in groups.items()]
 
 
 def confidence_curves(quality: Quality) -> dict[str, Any]:
-    """Return the tracker's confidence in every frame and that in every part in those judged."""
+    """Return the track's confidence per frame, and each part's in the judged frames."""
     return {
-        "frames": rounded(quality.track.confidence, 3),
+        "frames": round_for_json(quality.track.confidence, 3),
         "parts": list(quality.parts),
-        "values": [rounded(values, 3) for values in quality.confidence.T],
+        "values": [round_for_json(values, 3) for values in quality.confidence.T],
     }
 
 
 def agreement_curves(quality: Quality) -> dict[str, Any] | None:
-    """Return the IoU per camera of body and voxels in the frames judged."""
+    """Return the IoU of body and voxels per camera in the judged frames."""
     found = quality.agreement
     if found is None:
         return None
     return {
         "cameras": list(found.cameras),
-        "body": [rounded(values, 3) for values in found.body_iou.T],
-        "voxels": [rounded(values, 3) for values in found.voxel_iou.T],
+        "body": [round_for_json(values, 3) for values in found.body_iou.T],
+        "voxels": [round_for_json(values, 3) for values in found.voxel_iou.T],
     }
 
 
-def rounded(values: np.ndarray, digits: int) -> list[float | None]:
-    """Return values (n,) as JSON has them: None for NaN."""
+def round_for_json(values: np.ndarray, digits: int) -> list[float | None]:
+    """Round values (n,) for JSON: None for NaN."""
     return [None if np.isnan(v) else round(float(v), digits) for v in np.asarray(values, float)]

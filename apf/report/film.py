@@ -1,4 +1,4 @@
-"""The overlay's video as a page holds it: H.264, and no larger than a page should be."""
+"""Encode the overlay video for the page: H.264 of limited size."""
 
 from __future__ import annotations
 
@@ -9,23 +9,26 @@ from typing import TYPE_CHECKING
 import cv2
 
 from cl import InputError
-from psfs.output.video import written_video
+from psfs.output.video import write_video
 
 if TYPE_CHECKING:
     import av
 
-#: Bytes of a video of up to `_SHORT` s; of a longer one in proportion.
+#: Most bytes of a video of up to `_SHORT` s; proportionally more for longer ones.
 _BYTES, _SHORT = 4_000_000, 60.0
-#: px, width of one that is made smaller.
+#: Width of a reduced video, px.
 _WIDTH = 1280
-#: bits/s below which nothing can be made out.
+#: Least bit rate at which the picture is recognisable, bits/s.
 _LEAST_RATE = 1e5
 
 
-def page_video(path: Path) -> bytes:
-    """Return the video at `path` as MP4 with H.264, encoded anew where it is not or is too large.
-    Raises InputError if it cannot be read."""
-    import av  # takes a while to load
+def encode_page_video(path: Path) -> bytes:
+    """Return the video at `path` as MP4 with H.264; it is encoded again if it is not, or is too
+    large.
+
+    Raises InputError if it cannot be read.
+    """
+    import av  # slow to import
 
     try:
         with av.open(str(path)) as container:
@@ -47,7 +50,7 @@ def _encode(source: av.container.InputContainer, path: Path, bits_per_second: fl
     factor = min(1.0, _WIDTH / stream.width)
     size = (round(stream.width * factor), round(stream.height * factor))
     rate = float(stream.average_rate or 25)
-    with written_video(path, rate, most=max(bits_per_second, _LEAST_RATE)) as video:
+    with write_video(path, rate, most=max(bits_per_second, _LEAST_RATE)) as video:
         for frame in source.decode(stream):
             picture = frame.to_ndarray(format="bgr24")
             video.write(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))

@@ -1,4 +1,4 @@
-"""The stages `judge` and `write`: a track judged, its summary and page written beside it."""
+"""The stages `judge_track` and `write`: a track judged, its summary and page written beside it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from apf.report.agreement import Agreement, compare_with_silhouettes, shown_rows
+from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
 from apf.report.page import PAGE, write_page
 from apf.report.quality import Quality
-from apf.report.summary import SUMMARY, body_facts, tracked_grid
+from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
@@ -18,16 +18,18 @@ from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session
 
 OVERLAY = "overlay.mp4"
-#: Files of a track beside summary and page, as the summary lists them.
+#: Files of a track besides summary and page, as the summary lists them.
 FILES = (
     "track.npz", "joints.trc", "joints.csv", "body.toml", "start.txt", "settings.toml", OVERLAY,
 )  # fmt: skip
 
 
-def judge(session: Session, track: Track, progress: Callable[[], object] | None = None) -> Quality:
+def judge_track(
+    session: Session, track: Track, progress: Callable[[], object] | None = None
+) -> Quality:
     """Return the quality of a track; measured against the silhouettes, unless it is of no frame or
     of no voxels. progress: called after each frame that is compared."""
-    grid = tracked_grid(track)
+    grid = read_tracked_grid(track)
     found: Agreement | None = None
     if grid is not None and len(track):
         found = compare_with_silhouettes(session, grid, track, progress)
@@ -36,18 +38,18 @@ def judge(session: Session, track: Track, progress: Callable[[], object] | None 
 
 def keep_judged_frames(session: Session) -> None:
     """Have the session keep those frames, as they are carved while the person is tracked, that
-    `judge` needs of the whole track."""
+    `judge_track` needs of the whole track."""
     frames = session.frames
-    session.keep_carved([frames[int(row)] for row in shown_rows(len(frames))])
+    session.keep_carved([frames[int(row)] for row in choose_rows(len(frames))])
 
 
-def write_judged(
+def write_report(
     folder: Path, name: str, quality: Quality, facts: Mapping[str, Any], page: bool = True
 ) -> list[str]:
-    """Write summary.json, and the `page`, into the `folder` of a track; return the names of all
-    files there that belong to it.
+    """Write summary.json, and the `page`, into the `folder` of a track.
 
-    facts: what made it, see `run_facts`; name: of the take, the page's title.
+    Returns the names of all files there that belong to the track. facts: how it was made, see
+    `run_facts`. name: of the take, the page's title.
     """
     written = [file for file in FILES if (folder / file).exists()]
     written += [SUMMARY, *([PAGE] if page else [])]
@@ -74,8 +76,10 @@ def run_facts(
     warnings: list[str],
     seconds: float,
 ) -> dict[str, Any]:
-    """Return what made a track: `sequence` as of `sequence_facts`; n_frames: that
-    there are, and that were wanted; seconds: that it took."""
+    """Describe how a track was made.
+
+    sequence: from `sequence_facts`. n_frames: tracked and requested frames. seconds: run time.
+    """
     return {
         "complete": n_frames[0] == n_frames[1],
         "frames": n_frames[0],

@@ -10,14 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from apf.body.kinematics import CONE_FLOATS, posed_cones
-from apf.body.model import BodyModel, side_of
+from apf.body.model import BodyModel, find_side
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.output.preview import picture_of
-from psfs.output.video import written_video
+from psfs.output.preview import crop_view
+from psfs.output.video import write_video
 from psfs.sequence import Frame, Sequence
 
 #: BGR by side, bright enough for dark pictures and grey ones; the plots' hues.
@@ -42,12 +42,12 @@ def draw_overlay(
     cones: (C, 16) posed cones, outlined, one colour per side of the body. joints: (J, 3) m,
     joined along edges (E, 2). What lies behind the camera is left out.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     drawn = np.ascontiguousarray(image).copy()
     thickness = max(1, round(min(camera.size) / 320))
     distance = np.linalg.norm((cones[:, 0:3] + cones[:, 4:7]) / 2 - camera.centre, axis=-1)
     visible = [
-        (_fixed(corners[i]), COLOURS[side_of(cone_names[i])])
+        (_fixed(corners[i]), COLOURS[find_side(cone_names[i])])
         for i in np.argsort(-distance)  # near ones are drawn over far ones
         if np.isfinite(corners[i]).all()
     ]
@@ -105,7 +105,7 @@ def overlay_picture(
     for tile, view in enumerate(chosen):
         camera = rig[view].scaled(scale)
         size = (min(camera.size[0], width), min(camera.size[1], height))
-        picture = cv2.resize(picture_of(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(crop_view(frame, view, rig[view]), size, interpolation=cv2.INTER_AREA)
         picture = draw_overlay(picture, camera, cones, cone_names, joints, edges)
         _label(picture, f"{camera.name}   frame {frame.index}{note}")
         y, x = height * (tile // columns), width * (tile % columns)
@@ -158,7 +158,7 @@ def write_overlay(
         raise InputError(f"no camera {', '.join(unknown)}; the rig has {', '.join(names)}")
     views = [names.index(name) for name in cameras or names]
     cones, cone_names = _shown_cones(body, track)
-    with written_video(path, frame_rate(track)) as video:
+    with write_video(path, frame_rate(track)) as video:
         indices = checked_indices(sequence, track.frames)
         for row, frame in enumerate(sequence.frames_at(indices)):
             picture = overlay_picture(

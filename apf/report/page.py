@@ -1,4 +1,4 @@
-"""The report as one HTML page that holds all it needs: scripts, data and video."""
+"""Write the report as one self-contained HTML page with scripts, data and video."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from apf.report.curves import agreement_curves, angle_curves, confidence_curves
-from apf.report.film import page_video
+from apf.report.film import encode_page_video
 from apf.report.player import player_scene
 from apf.report.quality import DOUBTFUL, Quality
 from psfs.common.files import written_whole
@@ -23,10 +23,10 @@ def write_page(
 ) -> None:
     """Write the page of a track.
 
-    summary: of `summary.json`. settings: the text of settings.toml. video: the overlay's, left out
-    where there is none. Raises InputError if it cannot be written.
+    summary: of `summary.json`. settings: the text of settings.toml. video: the overlay, omitted if
+    it does not exist. Raises InputError if the page cannot be written.
     """
-    from plotly.offline import get_plotlyjs  # takes a while to load
+    from plotly.offline import get_plotlyjs  # slow to import
 
     track = quality.track
     content = {
@@ -45,14 +45,14 @@ def write_page(
         "angles": angle_curves(track),
         "summary": summary,
         "settings": settings,
-        "video": base64.b64encode(page_video(video)).decode() if video.exists() else None,
+        "video": base64.b64encode(encode_page_video(video)).decode() if video.exists() else None,
     }
     parts = {
         "title": html.escape(name),
         "style": _text("page.css"),
         "plotly": get_plotlyjs(),
         "script": _text("page.js"),
-        "content": _in_script(content),
+        "content": _escape_for_script(content),
     }
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         for number, piece in enumerate(_text("page.html").split("@@")):
@@ -63,7 +63,7 @@ def _text(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
-def _in_script(content: dict[str, Any]) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+def _escape_for_script(content: dict[str, Any]) -> str:
+    """Return JSON that cannot end the script element that contains it."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -1,25 +1,24 @@
-"""The parts of a body that a report speaks of: head, trunk and limbs."""
+"""The parts of a body in a report: head, trunk and limbs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from apf.body.limbs import LIMB_ENDS, limb_chains
-from apf.body.model import BodyModel, side_of, sideless
+from apf.body.model import BodyModel, find_side, sideless
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part by the name that people give it; cones: numbers of the body's; end: its last joint, by
-    number."""
+    """A part of a body with its usual name; cones: indices; end: index of its last joint."""
 
     name: str
     cones: tuple[int, ...]
     end: int
 
 
-def parts_of(body: BodyModel) -> tuple[Part, ...]:
-    """Return trunk, limbs and head of `body`, those that it has."""
+def find_parts(body: BodyModel) -> tuple[Part, ...]:
+    """Return trunk, limbs and head of `body`, as far as it has them."""
     numbers = {name: number for number, name in enumerate(body.joint_names)}
     ends = {numbers[joint]: name for name, joint in LIMB_ENDS.items() if joint in numbers}
     heads = [{body.joints[end].bone} for end, name in ends.items() if name == "head"]
@@ -40,6 +39,6 @@ def _part(body: BodyModel, bones: set[int], name: str) -> Part:
 
 
 def plain_name(name: str) -> str:
-    """Return a bone's or joint's name as people say it: `l_upper_arm` as left upper arm."""
-    side, words = side_of(name), sideless(name).replace("_", " ")
+    """Return a bone's or joint's usual name: left upper arm for `l_upper_arm`."""
+    side, words = find_side(name), sideless(name).replace("_", " ")
     return words if side == "middle" else f"{side} {words}"

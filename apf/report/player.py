@@ -1,4 +1,4 @@
-"""What the page's player shows: joints and voxels of every frame, packed."""
+"""The contents of the page's player: joints and voxels of every frame, packed."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from apf.body.model import side_of
+from apf.body.model import find_side
 from apf.report.overlay import COLOURS
 from apf.report.quality import Quality
 
-#: Voxels of all frames together, and of one: 12 MB and 60 kB of page for the positions of more
-#: would show no more at the size of a player.
+#: Most voxels of all frames together, and of one frame: 12 MB and 60 kB of page; more would not be
+#: visible at the size of the player.
 _MOST_VOXELS, _MOST_OF_A_FRAME = 400_000, 4_000
 _GREY = 150
 
 
 def player_scene(quality: Quality) -> dict[str, Any]:
-    """Return the skeleton in all frames and, where there are, the voxels in those judged.
+    """Return the skeleton in all frames and, if there are any, the voxels in the judged ones.
 
-    Arrays are base64 of little-endian numbers: joints float32 (F, J, 3) m;
-    voxels' cells uint8 or uint16 (N, 3) of a grid, `origin` and `size` m, frame after frame by
-    `counts`, and RGB uint8 (N, 3).
+    Arrays are base64 of little-endian numbers: joints float32 (F, J, 3) m; voxel cells uint8 or
+    uint16 (N, 3) of a grid with `origin` and `size` m, frame after frame by `counts`, and RGB uint8
+    (N, 3).
     """
     track = quality.track
     joints = track.joints.reshape(-1, 3)
@@ -31,18 +31,18 @@ def player_scene(quality: Quality) -> dict[str, Any]:
     scene: dict[str, Any] = {
         "joint_names": list(track.joint_names),
         "edges": track.edges.tolist(),
-        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[side_of(n)][::-1]) for n in names],
-        "joints": _packed(track.joints, "<f4"),
+        "edge_colours": ["rgb({}, {}, {})".format(*COLOURS[find_side(n)][::-1]) for n in names],
+        "joints": _encode(track.joints, "<f4"),
         "low": (low - 0.2).round(3).tolist(),
         "high": (high + 0.2).round(3).tolist(),
         "voxels": None,
     }
     if quality.agreement is not None:
-        scene["voxels"] = _voxels(quality)
+        scene["voxels"] = _pack_voxels(quality)
     return scene
 
 
-def _voxels(quality: Quality) -> dict[str, Any]:
+def _pack_voxels(quality: Quality) -> dict[str, Any]:
     assert quality.agreement is not None
     clouds = quality.agreement.clouds
     most = min(_MOST_OF_A_FRAME, _MOST_VOXELS // max(1, len(clouds)))
@@ -59,12 +59,12 @@ def _voxels(quality: Quality) -> dict[str, Any]:
     return {
         "counts": [len(cell) for cell in cells],
         "bytes": 1 if kind == "u1" else 2,
-        "cells": _packed(np.concatenate(cells), kind),
-        "colours": _packed(np.concatenate(colours), "u1"),
+        "cells": _encode(np.concatenate(cells), kind),
+        "colours": _encode(np.concatenate(colours), "u1"),
         "origin": (grid.origin + grid.voxel_size / 2).round(5).tolist(),
         "size": grid.voxel_size,
     }
 
 
-def _packed(values: np.ndarray, kind: str) -> str:
+def _encode(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()

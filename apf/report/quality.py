@@ -1,9 +1,9 @@
-"""How good a track is, judged without truth: of the whole, and which frames and limbs to look at.
+"""Judge a track without ground truth: a verdict, and the frames and limbs to check.
 
-A limb is believed as the track says, see `apf.tracking.limb_confidence`. Trunk and head, and limbs
-of tracks that say nothing of them, as far as their worst cone lies in the silhouettes, and as their
-end is known: a wrong upper arm or thigh of the synthetic walks lies in them by 0.2 to 0.5, a wrong
-forearm by 0.65, right ones by 0.87 and more.
+A limb has the confidence that the track states, see `apf.tracking.limb_confidence`. Trunk and head,
+and limbs of tracks without limb confidence, are judged by the share of their worst cone inside the
+silhouettes and by the uncertainty of their end joint. In synthetic walks a wrong upper arm or thigh
+lies inside by 0.2 to 0.5, a wrong forearm by 0.65, correct ones by 0.87 and more.
 """
 
 from __future__ import annotations
@@ -16,25 +16,28 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import limb_names
-from apf.report.agreement import Agreement, shown_rows
-from apf.report.parts import parts_of, plain_name
+from apf.report.agreement import Agreement, choose_rows
+from apf.report.parts import find_parts, plain_name
 from apf.tracking.limb_confidence import LOST
 from apf.tracking.track import Track, spans
 
 #: Share inside the silhouettes at which a part is as likely right as wrong.
 _INSIDE = 0.7
 _POWER = np.log(0.5) / np.log(_INSIDE)
-#: m, deviation of a limb's end at which its confidence is halved: two of them are what `apf
+#: Deviation of a limb's end, m, that halves its confidence; `apf evaluate` counts a limb as lost at
+#: twice this.
 #: evaluate` calls a lost limb.
 _HALVED, _STEEPNESS = 0.1, 4
-#: A part is to be looked at where its confidence is below this: where a limb counts as lost.
+#: A part with less confidence should be checked; a limb counts as lost below it, too.
 DOUBTFUL = LOST
-#: Share of the surface voxels at the body below which a frame is to be looked at: something as
+#: A frame with a smaller share of surface voxels near the body should be checked: something as
+#: large as an arm is unexplained. Hulls of few cameras leave up to 0.06 unexplained without a
+#: fault.
 #: large as an arm is not explained. Hulls of few cameras leave up to 0.06 by themselves.
 _EXPLAINED = 0.9
-#: A track is good if at most this share of its frames is doubtful in any way, bad from that on.
+#: A track is good up to the first share of doubtful frames, bad from the second on.
 _GOOD, _BAD = 0.02, 0.25
-#: Ranges of frames that a line names; the page shows all.
+#: Most frame ranges that a line lists; the page shows all.
 _NAMED = 4
 
 
@@ -47,39 +50,40 @@ class Quality:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """(S,) rows of the track that are judged."""
-        return shown_rows(len(self.track)) if self.agreement is None else self.agreement.rows
+        """Rows (S,) of the track that are judged."""
+        return choose_rows(len(self.track)) if self.agreement is None else self.agreement.rows
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """(P,) names of the parts."""
-        return tuple(part.name for part in parts_of(self.track.its_body))
+        """Names (P,) of the parts."""
+        return tuple(part.name for part in find_parts(self.track.its_body))
 
     @cached_property
     def confidence(self) -> np.ndarray:
-        """(S, P) in [0, 1] of each part; 0 where the person was lost."""
-        ends = [part.end for part in parts_of(self.track.its_body)]
+        """Confidence (S, P) in [0, 1] of each part; 0 where the person was lost."""
+        ends = [part.end for part in find_parts(self.track.its_body)]
         certain = 1 / (1 + (self.deviations[self.rows][:, ends] / _HALVED) ** _STEEPNESS)
         inside = 1.0 if self.agreement is None else self.agreement.inside
         confidence: np.ndarray = np.nan_to_num(certain * inside**_POWER, nan=0.0)
         names = limb_names(self.track.its_body)
-        for limb, said in enumerate(self.track.limb_confidence[self.rows].T):
-            if names[limb] in self.parts and np.isfinite(said).all():
-                confidence[:, self.parts.index(names[limb])] = said
+        for limb, stated in enumerate(self.track.limb_confidence[self.rows].T):
+            if names[limb] in self.parts and np.isfinite(stated).all():
+                confidence[:, self.parts.index(names[limb])] = stated
         confidence[self.track.lost[self.rows]] = 0.0
         return confidence
 
     @cached_property
     def deviations(self) -> np.ndarray:
-        """(F, J) m, of each joint along the direction in which it is known least; 0 where the track
-        states none."""
+        """Standard deviation (F, J) m of each joint along its least certain direction; 0 if
+        unknown."""
         known = np.nan_to_num(self.track.covariance)
         deviations: np.ndarray = np.sqrt(np.maximum(np.linalg.eigvalsh(known)[..., -1], 0.0))
         return deviations
 
     @cached_property
     def doubtful(self) -> dict[str, np.ndarray]:
-        """Rows (n,) to look at by what is doubtful there: the person, parts, voxels unexplained."""
+        """Rows (n,) to check, by what is doubtful there: the person, a part, or unexplained
+        voxels."""
         found = {"the person, lost": np.flatnonzero(self.track.lost)}
         held = ~self.track.lost[self.rows]
         for number, part in enumerate(self.parts):
@@ -91,8 +95,11 @@ class Quality:
 
     @property
     def verdict(self) -> str:
-        """good, doubtful or bad; unknown where nothing speaks against a track that was compared
-        neither with the silhouettes nor with limbs elsewhere."""
+        """The verdict: good, doubtful, bad or unknown.
+
+        It is unknown if nothing is doubtful, but the track was compared neither with the
+        silhouettes nor with limbs elsewhere.
+        """
         if not len(self.track):
             return "bad"
         rows = {row for rows in self.doubtful.values() for row in rows.tolist()}
@@ -104,7 +111,7 @@ class Quality:
         return "good" if compared else "unknown"
 
     def lines(self) -> list[str]:
-        """Return what to tell: how good it is, then what to look at."""
+        """Return lines for the user: the verdict, then what to check."""
         track, lost = self.track, int(self.track.lost.sum())
         facts = [f"{lost} of {len(track)} frames lost" if lost else "no frame lost"]
         if self.agreement is not None:
@@ -133,14 +140,15 @@ class Quality:
         return lines
 
     def _ranges(self, rows: np.ndarray) -> list[tuple[int, int]]:
-        """Return first and last frame of every run of rows, as far as those judged go."""
+        """Return the first and last frame of every run of rows, with gaps up to the judged rows'
+        spacing."""
         step = int(self.rows[1] - self.rows[0]) if len(self.rows) > 1 else 1
         runs = np.split(rows, np.flatnonzero(np.diff(rows) > step) + 1)
         frames = self.track.frames
         return [(int(frames[run[0]]), int(frames[run[-1]])) for run in runs]
 
     def facts(self) -> dict[str, Any]:
-        """Return all figures as JSON has them."""
+        """Return all figures in JSON types."""
         track, found = self.track, self.agreement
         return {
             "verdict": self.verdict,
@@ -172,7 +180,7 @@ class Quality:
 
 
 def camera_means(scores: np.ndarray) -> np.ndarray:
-    """Return the means (V,) of scores (S, V), NaN where a camera has none."""
+    """Return the means (V,) of scores (S, V), NaN for a camera without scores."""
     means: np.ndarray = np.ma.filled(np.ma.masked_invalid(scores).mean(axis=0), np.nan)
     return means
 

@@ -1,4 +1,4 @@
-"""`summary.json` beside a track: what made it, how good it is, which files hold it."""
+"""The `summary.json` of a track: how it was made, its quality, its files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Positive, Table, Vector, checked
-from psfs.output.reconstruction_folder import SequenceFacts, reopened
+from psfs.output.reconstruction_folder import SequenceFacts, reopen_sequence
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.voxels.grid import VoxelGrid, check_size
@@ -26,8 +26,11 @@ SUMMARY = "summary.json"
 
 
 def body_facts(body: BodyModel) -> dict[str, Any]:
-    """Return the body's name, the person's height (None for a part of one) and the lengths between
-    joined joints, m; left and right, which are alike, as one."""
+    """Return the body's name, the person's height and the lengths between connected joints, m.
+
+    The height is None if only a part of the person is modelled. Left and right, which are equal,
+    are listed once.
+    """
     joints = posed_joints(body, body.rest_pose[None])[0]
     lengths = {}
     for a, b in body.edges:
@@ -41,7 +44,7 @@ def body_facts(body: BodyModel) -> dict[str, Any]:
 
 
 class _Summary(Table):
-    """What is read of a summary."""
+    """The entries of a summary that are read."""
 
     sequence: SequenceFacts
     config: dict[str, Any]
@@ -50,7 +53,8 @@ class _Summary(Table):
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Return what `apf track` wrote into `folder`. Raises InputError, or MissingFileError."""
+    """Read the summary that `apf track` wrote into `folder`. Raises InputError, or
+    MissingFileError."""
     path, what = folder / SUMMARY, "the summary of an `apf track`"
     summary: dict[str, Any] = read_json(path, what)
     try:
@@ -60,14 +64,14 @@ def read_summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def tracked_sequence(folder: Path, summary: Mapping[str, Any], last: int) -> Sequence:
-    """Open the sequence that the track in `folder` was made of; `last` is a frame that there must
-    be. Raises InputError."""
-    return reopened(summary["sequence"], folder / SUMMARY, last)
+def open_tracked_sequence(folder: Path, summary: Mapping[str, Any], last: int) -> Sequence:
+    """Open the sequence of the track in `folder`; last: a frame that must exist. Raises
+    InputError."""
+    return reopen_sequence(summary["sequence"], folder / SUMMARY, last)
 
 
-def tracked_with(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConfig:
-    """Return the settings of the track's reconstruction. Raises InputError."""
+def read_tracked_config(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConfig:
+    """Return the reconstruction settings of the track. Raises InputError."""
     try:
         return ReconstructionConfig.from_dict(summary["config"])
     except InputError as error:
@@ -75,16 +79,18 @@ def tracked_with(folder: Path, summary: Mapping[str, Any]) -> ReconstructionConf
 
 
 class _Grid(Table):
-    """What a track's provenance says of its grid."""
+    """The grid in a track's provenance."""
 
     origin: Vector
     voxel_size: Positive
     shape: Annotated[list[Annotated[int, Field(ge=1, le=2**20)]], Field(min_length=3, max_length=3)]
 
 
-def tracked_grid(track: Track) -> VoxelGrid | None:
-    """Return the grid whose voxels a track was found in, None where it had none. Raises
-    InputError."""
+def read_tracked_grid(track: Track) -> VoxelGrid | None:
+    """Return the grid of the voxels that a track was estimated from; None without voxels.
+
+    Raises InputError.
+    """
     stated = json.loads(track.provenance).get("grid")
     if stated is None:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from apf.body.mesh import cone_mesh
-from apf.body.model import BodyModel, side_of
+from apf.body.model import BodyModel, find_side
 from apf.report.overlay import COLOURS
 from apf.tracking.track import Track
 from psfs.mesh.drawing import Layer, Lines, Surface
@@ -43,7 +43,7 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     colours of the overlay: one per side of the body."""
     rows = {int(frame): row for row, frame in enumerate(track.frames)}
     mesh = cone_mesh(body, _VERTICES_PER_CONE)
-    of_cone = np.array([COLOURS[side_of(name)][::-1] for name in mesh.names], np.uint8)
+    of_cone = np.array([COLOURS[find_side(name)][::-1] for name in mesh.names], np.uint8)
     # Every triangle has corners of its own: with shared ones Open3D 0.20 presented no frame of
     # these cones on Mesa's software Vulkan.
     corners = mesh.faces.ravel()

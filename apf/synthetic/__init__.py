@@ -1,1 +1,1 @@
-"""A synthetic person walking in a room, with exact truth: test data and benchmark scene."""
+"""A synthetic person walking in a room, with exact ground truth, for tests and benchmarks."""

@@ -1,10 +1,9 @@
-"""The synthetic person's flesh and clothes: smooth-blended round cones and ellipsoids on bones.
+"""The surface of the synthetic person: smoothly blended round cones and ellipsoids on bones.
 
-A primitive is a sphere of changing radius swept along a segment, squashed across it; with a
-segment of length zero it is an ellipsoid. Primitives of one group melt into each other (smooth
-minimum, see `cl/kernels/synthetic/scene_person.h`); groups meet sharply, so that a hand that swings
-past the thigh does not stick to it. Numbers are metres on a person of 1.76 m, in the frame of the
-bone.
+A primitive is a sphere of changing radius swept along a segment and scaled across it; a segment of
+length zero gives an ellipsoid. Primitives of one group blend (smooth minimum, see
+`cl/kernels/synthetic/scene_person.h`); groups do not, so that a hand that swings past the thigh
+does not stick to it. Numbers are metres on a person of 1.76 m, in the frame of the bone.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from apf.synthetic.skeleton import Motion, Skeleton
 
-#: Floats per packed primitive; this number stands in `scene_person.h`, as does the largest blend.
+#: Floats per packed primitive; `scene_person.h` states this number and the largest blend, too.
 PRIMITIVE_FLOATS = 32
 TABLE_HEIGHT = 1.76
 
@@ -27,9 +26,11 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Primitive:
-    """A round cone from `a` (radius `ra`) to `b` (`rb`) on a bone, squashed by `squash` = (along
-    the bone's forward axis, across it); `blend` m is how far it melts into its group. Beyond the
-    share `split` of its length it shows the region `beyond`."""
+    """A round cone from `a` (radius `ra`) to `b` (`rb`) on a bone, m.
+
+    squash: scale (along the bone's forward axis, across it). blend: distance over which it blends
+    into its group, m. split: share of its length beyond which it shows the region `beyond`.
+    """
 
     bone: str
     a: Point
@@ -43,8 +44,8 @@ class Primitive:
     split: float = 2.0
     beyond: int = SKIN
 
-    def mirrored(self) -> Primitive:
-        """The right side's counterpart of a primitive of the left side."""
+    def mirror(self) -> Primitive:
+        """Return the right side's counterpart of a primitive of the left side."""
         swap = {LEFT_ARM: RIGHT_ARM, LEFT_LEG: RIGHT_LEG}
         return replace(
             self,
@@ -59,8 +60,8 @@ def _ball(bone: str, centre: Point, radius: float, region: int, **more: object) 
     return Primitive(bone, centre, centre, radius, radius, region, **more)  # type: ignore[arg-type]
 
 
-def _centre() -> list[Primitive]:
-    """Trunk and head."""
+def _make_centre() -> list[Primitive]:
+    """Make the trunk and head."""
     return [
         _ball("pelvis", (-0.005, 0, 0.035), 0.118, TROUSERS, squash=(0.90, 1.34), blend=0.04),
         Primitive("spine", (0.012, 0, -0.03), (0.006, 0, 0.10), 0.124, 0.122, SHIRT,
@@ -77,8 +78,8 @@ def _centre() -> list[Primitive]:
     ]  # fmt: skip
 
 
-def _left() -> list[Primitive]:
-    """The left side: chest, shoulder, arm, buttock, leg."""
+def _make_left_side() -> list[Primitive]:
+    """Make the left side: chest, shoulder, arm, buttock, leg."""
     sleeve = Primitive("l_upper_arm", (0, 0, 0.0), (0, 0, -0.285), 0.056, 0.041, SHIRT,
                        blend=0.035, split=0.60)  # fmt: skip
     thigh = Primitive("l_thigh", (0, 0.004, -0.01), (0, 0, -0.40), 0.088, 0.061, TROUSERS,
@@ -119,22 +120,22 @@ def _left() -> list[Primitive]:
         Primitive("l_toes", (-0.012, 0, 0.0), (0.044, -0.004, -0.003), 0.0262, 0.0225, SHOE,
                   squash=(1.0, 1.50), blend=0.03),
     ]  # fmt: skip
-    # Sleeve and thigh are in two groups, for they melt into the trunk and into the limb.
+    # Sleeve and thigh are in two groups, since they blend into both the trunk and the limb.
     arm = [replace(p, group=LEFT_ARM) for p in arm]
     return trunk + arm + [replace(p, group=LEFT_LEG) for p in leg]
 
 
-def person() -> list[Primitive]:
-    """All primitives, group by group."""
-    left = _left()
-    return sorted(_centre() + left + [p.mirrored() for p in left], key=lambda p: p.group)
+def make_person() -> list[Primitive]:
+    """Make all primitives of a person, group by group."""
+    left = _make_left_side()
+    return sorted(_make_centre() + left + [p.mirror() for p in left], key=lambda p: p.group)
 
 
-class Flesh:
-    """A person's primitives, ready to be posed by a skeleton's motion."""
+class PersonSurface:
+    """A person's primitives, to be posed by a skeleton's motion."""
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.primitives = person()
+        self.primitives = make_person()
         self._bones = np.array([skeleton.index(p.bone) for p in self.primitives])
         scale = skeleton.height / TABLE_HEIGHT
         self._a = scale * np.array([p.a for p in self.primitives], np.float64)
@@ -143,7 +144,7 @@ class Flesh:
         self._radii = scale * np.array([(p.ra, p.rb) for p in self.primitives])
         self._squash = np.array([p.squash for p in self.primitives])
         self._axes = np.stack(
-            [_axes(d) for d in b - self._a]
+            [_primitive_axes(d) for d in b - self._a]
         )  # rows: across forward, across side, along
         self._static = self._constant_columns(skeleton, scale)
 
@@ -151,7 +152,7 @@ class Flesh:
         return len(self.primitives)
 
     def _constant_columns(self, skeleton: Skeleton, scale: float) -> np.ndarray:
-        """Columns 12-31 of the packed primitives (those that no pose changes)."""
+        """Return columns 12-31 of the packed primitives, which do not depend on the pose."""
         rest = skeleton.forward(np.zeros((1, 3)), {}).positions[0, self._bones, 2]
         out = np.zeros((len(self), PRIMITIVE_FLOATS), np.float64)
         length = np.maximum(self._length, 1e-9)
@@ -176,7 +177,8 @@ class Flesh:
         return out
 
     def packed(self, motion: Motion, frame: int) -> np.ndarray:
-        """(P, PRIMITIVE_FLOATS) float32 of one frame; the order is written in `scene_person.h`."""
+        """Pack the primitives of a frame, (P, PRIMITIVE_FLOATS) float32, in the order of
+        `scene_person.h`."""
         rotation = motion.rotations[frame, self._bones]
         origin = motion.positions[frame, self._bones] + np.einsum("pab,pb->pa", rotation, self._a)
         axes = np.einsum("pka,pba->pkb", self._axes, rotation)  # rows in the world
@@ -189,8 +191,11 @@ class Flesh:
         return out.astype(np.float32)
 
     def balls(self, packed: np.ndarray) -> np.ndarray:
-        """(S, 4) float32 centre and radius, m: spheres along the primitives, the body's coarse
-        stand-in for soft shadows. Parts smaller than a hand and repeated ones are left out."""
+        """Return spheres (S, 4) float32, centre and radius, m, along the primitives, for soft
+        shadows.
+
+        Parts smaller than a hand and primitives in two groups are left out.
+        """
         width = np.sqrt(np.prod(self._squash, axis=1))
         balls = []
         for i, (row, p) in enumerate(zip(packed, self.primitives, strict=True)):
@@ -205,9 +210,11 @@ class Flesh:
         return np.array(balls, np.float32)
 
 
-def _axes(direction: np.ndarray) -> np.ndarray:
-    """Rows: two unit vectors across `direction` (the first towards the bone's forward axis, or up
-    where the primitive itself points forward) and one along it."""
+def _primitive_axes(direction: np.ndarray) -> np.ndarray:
+    """Return unit vectors (3, 3) by rows: two across `direction` and one along it.
+
+    The first points to the bone's forward axis, or up if the primitive itself points forward.
+    """
     length = np.linalg.norm(direction)
     along = direction / length if length > 0 else np.array([0.0, 0.0, 1.0])
     reference = np.array([0.0, 0.0, 1.0]) if abs(along[0]) > 0.8 else np.array([1.0, 0.0, 0.0])

@@ -1,8 +1,8 @@
-"""A procedural walk along a closed curve: footprints first, then the body above them.
+"""A procedural walk along a closed curve, planned from the footprints.
 
-The feet are planned in the world (they stand still while they bear weight and roll over heel and
-ball), the legs follow by inverse kinematics, and the trunk, head and arms swing with the phase of
-the stride. Amplitudes are those of textbook gait analysis (Perry & Burnfield 2010), rounded.
+The feet are planned in the world: they stand still while they bear weight and roll over heel and
+ball. The legs follow by inverse kinematics; trunk, head and arms swing with the phase of the
+stride. Amplitudes are those of textbook gait analysis (Perry & Burnfield 2010), rounded.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from apf.synthetic.skeleton import (
 )
 from apf.synthetic.walk import Path, Walk
 
-#: Share of the stride that a foot is on the floor, and the phase at which its ankle is below
+#: Share of the stride that a foot is on the floor, and the phase at which its ankle is below the
+#: hip (phase 0 is the foot's heel strike).
 #: the hip (phase 0 is the foot's heel strike).
 STANCE, MIDSTANCE = 0.62, 0.245
 #: Pitch of the sole over one stride: (phase, degrees); positive = toes up.
@@ -34,12 +35,12 @@ _PITCH = (
 )  # fmt: skip
 #: Forward speed of the foot just before it lands, as a share of the walking speed.
 _LANDING = 0.7
-#: The leg never stretches fully: a straight knee would snap from frame to frame.
+#: Largest extension of the leg: a straight knee would snap from frame to frame.
 _REACH = 0.995
 
 
 class Gait:
-    """`motion(times)`: the walker's bones at any times (s)."""
+    """A walker whose `motion(times)` returns the bones at any times (s)."""
 
     def __init__(self, walk: Walk) -> None:
         self.walk = walk
@@ -50,7 +51,7 @@ class Gait:
         self._hip_height = self._highest_pelvis(laps)
 
     def motion(self, times: np.ndarray) -> Motion:
-        """World placement of all bones at `times` (F,) s."""
+        """Return the world placement of all bones at `times` (F,) s."""
         times = np.asarray(times, np.float64)
         phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
         root, local = self._trunk(times, phase)
@@ -67,9 +68,11 @@ class Gait:
     def _trunk(
         self, times: np.ndarray, phase: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Pelvis positions (F, 3), height relative to `_hip_height`, and the trunk's rotations.
+        """Return pelvis positions (F, 3), height relative to `_hip_height`, and the trunk's
+        rotations.
 
-        Phase 0 is the left heel strike."""
+        Phase 0 is the left heel strike.
+        """
         walk, deg, turn = self.walk, np.pi / 180, 2 * np.pi * phase
         surge = 0.008 * walk.height / 1.76 * np.sin(2 * turn + 0.5)
         xy, heading = self.path(walk.stride * (phase - walk.start_phase) + surge)
@@ -101,7 +104,7 @@ class Gait:
         return root, local
 
     def _swing_arm(self, local: dict[str, np.ndarray], side: str, phase: np.ndarray) -> None:
-        """Arm angles; phase 0 is the heel strike of the other foot, when the arm is foremost."""
+        """Set the arm angles; phase 0 is the other foot's heel strike, when the arm is foremost."""
         walk, deg = self.walk, np.pi / 180
         out = 1.0 if side == "l" else -1.0
         swing = np.cos(2 * np.pi * (phase - 0.02))
@@ -128,13 +131,13 @@ class Gait:
         phase: np.ndarray,
         offset: float,
     ) -> None:
-        """Bend hip, knee and ankle so that the foot stands where `_foot` wants it."""
+        """Rotate hip, knee and ankle so that the foot stands where `_foot` says."""
         skeleton, height = self.skeleton, self.walk.height
         ankle, pitch, toe_pitch, heading = self._foot(side, phase, offset)
         hip = upper.positions[:, skeleton.index(f"{side}_thigh")]
         pelvis = upper.rotations[:, skeleton.index("pelvis")]
-        ahead = _ahead(heading) + pelvis[:, :, 0]
-        thigh, shin = _two_bones(hip, ankle, ahead, THIGH * height, SHIN * height)
+        ahead = _forward_vector(heading) + pelvis[:, :, 0]
+        thigh, shin = _solve_two_bones(hip, ankle, ahead, THIGH * height, SHIN * height)
         facing = rotation("z", heading)
         foot = facing @ rotation("y", -pitch)
         local[f"{side}_thigh"] = pelvis.transpose(0, 2, 1) @ thigh
@@ -145,7 +148,8 @@ class Gait:
     def _foot(
         self, side: str, phase: np.ndarray, offset: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Ankle (F, 3) m, pitch of sole and toes (F,) rad, and heading (F,) rad of a foot."""
+        """Return ankle (F, 3) m, pitch of sole and toes (F,) rad, and heading (F,) rad of a
+        foot."""
         step, f = np.divmod(phase, 1.0)
         pitch = self._pitch(f)
         here, next_ = (self._footprint(side, step + k, offset) for k in (0.0, 1.0))
@@ -158,8 +162,10 @@ class Gait:
         before, start = (self._stand(here, np.full_like(f, p)) for p in pitches[:2])
         end, after = (self._stand(next_, np.full_like(f, p)) for p in pitches[2:])
         landing = rate * (after - end)
-        landing[:, :2] += _LANDING * (1 - STANCE) * self.walk.stride * _ahead(next_[1])[:, :2]
-        flying = _hermite(start, rate * (start - before), end, landing, u[:, None])
+        landing[:, :2] += (
+            _LANDING * (1 - STANCE) * self.walk.stride * _forward_vector(next_[1])[:, :2]
+        )
+        flying = _evaluate_hermite(start, rate * (start - before), end, landing, u[:, None])
         flying[:, 2] += 0.022 * self.walk.height * np.sin(np.pi * u) ** 2
 
         swings = f > STANCE
@@ -174,7 +180,7 @@ class Gait:
     def _footprint(
         self, side: str, step: np.ndarray, offset: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where the ankle stands above the floor (F, 2) m and the foot's heading (F,) rad."""
+        """Return the ankle's position above the floor (F, 2) m and the foot's heading (F,) rad."""
         walk = self.walk
         out = 1.0 if side == "l" else -1.0
         s = walk.stride * (step + MIDSTANCE - offset - walk.start_phase)
@@ -183,7 +189,8 @@ class Gait:
         return xy + 0.5 * out * walk.step_width * left, heading + out * np.radians(walk.toe_out)
 
     def _stand(self, footprint: tuple[np.ndarray, np.ndarray], pitch: np.ndarray) -> np.ndarray:
-        """Ankle (F, 3) of a foot on the floor that has rolled to `pitch` over heel or ball."""
+        """Return the ankle (F, 3) of a foot on the floor that has rolled to `pitch` over heel or
+        ball."""
         height = self.walk.height
         heel = height * np.array([-HEEL_BACK, 0.0, HEEL_RADIUS])
         ball = height * np.array([BALL_FORWARD, 0.0, BALL_HEIGHT])
@@ -196,7 +203,7 @@ class Gait:
         return placed
 
     def _highest_pelvis(self, times: np.ndarray) -> float:
-        """The largest height at which both legs reach their feet all along the path."""
+        """Return the largest height at which both legs reach their feet all along the path."""
         phase = times * self.walk.speed / self.walk.stride + self.walk.start_phase
         root, local = self._trunk(times, phase)
         upper = self.skeleton.forward(root, local)
@@ -211,14 +218,14 @@ class Gait:
         return highest
 
 
-def _ahead(heading: np.ndarray) -> np.ndarray:
+def _forward_vector(heading: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], -1)
 
 
-def _hermite(
+def _evaluate_hermite(
     p0: np.ndarray, v0: np.ndarray, p1: np.ndarray, v1: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
-    """Cubic with values p0, p1 and slopes v0, v1 at u = 0, 1."""
+    """Evaluate the cubic with values p0, p1 and slopes v0, v1 at u = 0, 1."""
     u2, u3 = u * u, u * u * u
     return (
         (2 * u3 - 3 * u2 + 1) * p0
@@ -228,10 +235,11 @@ def _hermite(
     )
 
 
-def _two_bones(
+def _solve_two_bones(
     hip: np.ndarray, ankle: np.ndarray, ahead: np.ndarray, thigh: float, shin: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World rotations (F, 3, 3) of thigh and shin from hip to ankle, knee bent towards `ahead`."""
+    """Return world rotations (F, 3, 3) of thigh and shin from hip to ankle; the knee points
+    `ahead`."""
     reach = ankle - hip
     length = np.linalg.norm(reach, axis=1, keepdims=True)
     along = reach / length

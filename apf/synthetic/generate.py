@@ -1,4 +1,4 @@
-"""Writes a synthetic sequence as a native folder: calibration, videos, background, truth."""
+"""Write a synthetic sequence as a native folder: calibration, videos, background, truth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from psfs.common.outputs import claim, clear_leftovers, output_folder, temporary
 from psfs.common.toml import write_toml
 
 BACKGROUND_FRAMES = 30
-#: The true silhouettes of every so many frames are kept.
+#: Every n-th frame's true silhouettes are written.
 MASK_STEP = 10
 #: A folder with this file was written by us and may be replaced.
 MARK = "synthetic.toml"
@@ -41,20 +41,20 @@ def generate(
     device: Device | NumpyDevice,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write the sequence that `config` describes to `folder`, whole or not at all.
+    """Write the sequence that `config` describes to `folder`, completely or not at all.
 
-    `progress(done, frames)` is called after every frame. Raises InputError when `folder` holds
+    `progress(done, frames)` is called after every frame. Raises InputError if `folder` holds
     something that this function did not write, or a video cannot be written.
     """
     folder = Path(folder)
-    with output_folder(folder, "apf synth", (), _RESULTS), _moved_whole(folder) as temporary:
+    with output_folder(folder, "apf synth", (), _RESULTS), _stage_folder(folder) as temporary:
         scene = SyntheticScene(config, device)
         write_toml_tables(temporary / "calibration.toml", scene.rig)
-        with _videos(temporary / "background", scene) as write:
+        with _open_videos(temporary / "background", scene) as write:
             for i in range(BACKGROUND_FRAMES):
                 write(scene.background_frame(i))
         (temporary / "truth_masks").mkdir()
-        with _videos(temporary / "videos", scene) as write:
+        with _open_videos(temporary / "videos", scene) as write:
             for i in range(config.frames):
                 images, masks, _ = scene.frame(i)
                 write(images)
@@ -69,15 +69,16 @@ def generate(
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:
-    """truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`)."""
+    """Write truth.npz (metres, Z up) and truth.trc (see `apf.formats.trc`)."""
     fps, names, joints = scene.config.fps, scene.joint_names, scene.joints
     np.savez(folder / "truth.npz", joint_names=np.array(names), joints=joints, fps=np.float64(fps))
     write_trc(folder / "truth.trc", JointSeries(tuple(names), joints, fps, np.arange(len(joints))))
 
 
 @contextmanager
-def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarray], None]]:
-    """One video per camera; yields a function that takes images (V, H, W, 3) uint8 BGR."""
+def _open_videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarray], None]]:
+    """Open one video per camera; yield a function that writes images (V, H, W, 3) uint8 BGR to
+    them."""
     folder.mkdir()
     with ExitStack() as stack:
         writers = []
@@ -102,9 +103,11 @@ def _videos(folder: Path, scene: SyntheticScene) -> Iterator[Callable[[np.ndarra
 
 
 @contextmanager
-def _moved_whole(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder beside `folder`, whose files move into it on success; else it is
-    removed."""
+def _stage_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder beside `folder`; on success move its files into `folder`.
+
+    The temporary folder is removed in any case.
+    """
     temporary = temporary_name(Path(os.path.realpath(folder)))
     try:
         temporary.mkdir(parents=True)

@@ -1,11 +1,11 @@
-"""Renders the synthetic scene on an OpenCL device, and adds what a sensor adds."""
+"""Render the synthetic scene on an OpenCL device, and simulate the camera's sensor."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from apf.synthetic.body import PRIMITIVE_FLOATS, Flesh
+from apf.synthetic.body import PRIMITIVE_FLOATS, PersonSurface
 from apf.synthetic.gait import Gait
 from apf.synthetic.scene import ROOM, Furniture, SceneConfig, make_furniture, make_rig
 from apf.synthetic.skeleton import Motion
@@ -16,21 +16,22 @@ from psfs.cameras.camera import CameraRig
 SHADOW_SIZE, SHADOW_STEP = 128, 0.04
 #: Side of the square tiles that primitives are sorted into, px.
 TILE = 16
-#: Sphere tracing: a surface is nearer than HIT, m, and found within MARCH_STEPS; FAR, m, is beyond
+#: Sphere tracing: a ray has hit a surface nearer than HIT, m, and takes at most MARCH_STEPS; FAR,
+#: m, is larger than any distance.
 #: anything.
 HIT, MARCH_STEPS, FAR = 5e-4, 64, 1e6
-#: Rows and columns of noise kept to draw each frame's from.
+#: Margin of the stored noise field, px, within which each frame's offset is drawn.
 _NOISE_MARGIN = 64
 
 _STAGE = "synthetic/scene"
-#: Work-items of a group, over the pixels.
+#: Work group size over the pixels.
 _GROUP = (16, 4, 1)
 
 
 class Renderer:
-    """Pictures of a posed body in a room by every camera of a rig (all of one size).
+    """Renders a posed body in a room for every camera of a rig (all of one picture size).
 
-    Calls enqueue only; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
+    Calls only enqueue; `picture` (V, H, W, 3) float32 grey levels BGR, `mask` (V, H, W) uint8 and
     `depth` (V, H, W) float32 m are on the device.
     """
 
@@ -113,8 +114,11 @@ class Renderer:
         )()
 
     def __call__(self, primitives: np.ndarray, balls: np.ndarray, centre: np.ndarray) -> None:
-        """Enqueue the pictures of primitives (P, PRIMITIVE_FLOATS) and balls (S, 4), float32 as
-        packed by `Flesh`; centre (2,) m of the floor's shadow map."""
+        """Enqueue the pictures of a posed body.
+
+        primitives (P, PRIMITIVE_FLOATS) and balls (S, 4): float32 as packed by `PersonSurface`.
+        centre: (2,) m of the floor's shadow map.
+        """
         self._primitives.set(primitives)
         self._balls.set(balls)
         self._bin()
@@ -126,7 +130,7 @@ class Renderer:
 def _defines(
     rig: CameraRig, furniture: Furniture, primitives: int, balls: int
 ) -> dict[str, int | float]:
-    """The defines of scene.cl."""
+    """Return the compile-time definitions of scene.cl."""
     width, height = rig.width, rig.height
     return {
         **{"PRIMITIVES": primitives, "BALLS": balls, "PRIMITIVE_FLOATS": PRIMITIVE_FLOATS},
@@ -139,16 +143,19 @@ def _defines(
     }
 
 
-def _centred(motion: Motion) -> Motion:
-    """The same motion with the walked piece of the path around the origin."""
+def _centre_motion(motion: Motion) -> Motion:
+    """Shift the motion so that the walked part of the path is centred on the origin."""
     trail = motion.positions[:, 0, :2]
     shift = np.append(-0.5 * (trail.min(0) + trail.max(0)), 0.0)
     return Motion(motion.rotations, motion.positions + shift)
 
 
 class Sensor:
-    """Noise of the camera's chip: Gaussian, correlated over about a pixel, and a gain that
-    flickers from frame to frame. Any frame can be drawn in any order."""
+    """Noise of the camera's sensor.
+
+    Gaussian, correlated over about a pixel, with a gain that flickers from frame to frame. Frames
+    can be drawn in any order.
+    """
 
     def __init__(self, config: SceneConfig) -> None:
         self.config = config
@@ -161,14 +168,15 @@ class Sensor:
         self._field = blurred * np.float32(config.noise / blurred.std())
 
     def expose(self, picture: np.ndarray, stream: int, index: int) -> np.ndarray:
-        """picture (V, H, W, 3) float32 -> (V, H, W, 3) uint8. `stream` tells recordings apart."""
+        """Add noise to a picture (V, H, W, 3) float32; return uint8. stream: number of the
+        recording."""
         rng = np.random.default_rng([self.config.seed, 5, stream, index])
         out = np.empty(picture.shape, np.uint8)
         height, width = picture.shape[1:3]
         for view, image in enumerate(picture):
             gain = np.float32(1 + self.config.flicker * rng.standard_normal())
             noisy = gain * image
-            # Two shifted fields added are fresh noise for the price of an addition.
+            # The sum of two shifted fields is new noise for the price of an addition.
             for layer in (0, 1):
                 y, x = rng.integers(0, _NOISE_MARGIN, 2)
                 field = self._field[y : y + height, x : x + width, 3 * layer : 3 * layer + 3]
@@ -179,10 +187,11 @@ class Sensor:
 
 
 class SyntheticScene:
-    """A person walking in a room, frame by frame, in memory; the same for the same seed.
+    """A person walking in a room, rendered frame by frame; deterministic for a given seed.
 
-    `rig`; `joint_names`; `joints` (F, J, 3) m; `background_images` (V, H, W, 3) uint8 BGR without
-    noise; `background_frame(i)` with it. Raises InputError for the NumPy device.
+    rig: the cameras. joint_names: of the truth. joints: (F, J, 3) m. background_images: (V, H, W,
+    3) uint8 BGR without noise; `background_frame(i)` adds it. Raises InputError for the NumPy
+    device.
     """
 
     def __init__(self, config: SceneConfig, device: Device | NumpyDevice) -> None:
@@ -195,10 +204,10 @@ class SyntheticScene:
         self.rig = make_rig(config)
         gait = Gait(config.walk)
         motion = gait.motion(np.arange(config.frames) / config.fps)
-        self._motion = _centred(motion)
+        self._motion = _centre_motion(motion)
         self.joints = gait.skeleton.joints(self._motion)
         self.joint_names = gait.skeleton.joint_names
-        self._flesh = Flesh(gait.skeleton)
+        self._flesh = PersonSurface(gait.skeleton)
         self._sensor = Sensor(config)
         primitives, balls, _ = self.posed(0)
         self.renderer = Renderer(
@@ -211,16 +220,17 @@ class SyntheticScene:
         return self.config.frames
 
     def posed(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The renderer's arguments for frame `index`: primitives, balls, middle of the shadow."""
+        """Return the renderer's arguments for a frame: primitives, balls, centre of the shadow
+        map."""
         primitives = self._flesh.packed(self._motion, index)
         return primitives, self._flesh.balls(primitives), self.joints[index, 0, :2]
 
     def frame(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255, joints (J, 3) m."""
+        """Return images (V, H, W, 3) uint8 BGR, masks (V, H, W) uint8 0/255, joints (J, 3) m."""
         self.renderer(*self.posed(index))
         images = self._sensor.expose(self.renderer.picture.get(), 0, index)
         return images, self.renderer.mask.get(), self.joints[index]
 
     def background_frame(self, index: int) -> np.ndarray:
-        """(V, H, W, 3) uint8 BGR of the empty room, noise included."""
+        """Return pictures (V, H, W, 3) uint8 BGR of the empty room with noise."""
         return self._sensor.expose(self._empty, 1, index)

@@ -1,4 +1,4 @@
-"""What the synthetic scene consists of: cameras around a furnished room, colours, a walk."""
+"""The synthetic scene: cameras around a furnished room, colours, a walk."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from psfs.common.ranges import check_range
 
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
-#: Styles that `box_colour` in scene_room.h knows.
+#: Styles that `box_colour` in scene_room.h implements.
 WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
 
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """A synthetic sequence. Raises InputError if a value makes no sense."""
+    """A synthetic sequence. Raises InputError if a value is implausible."""
 
     cameras: int = 4
-    """On a ring around the person."""
+    """Number of cameras on a ring around the person."""
     frames: int = 60
-    """Per camera."""
+    """Frames per camera."""
     fps: float = 30.0
-    """frames/s."""
+    """Frame rate, frames/s."""
     size: tuple[int, int] = (640, 480)
-    """(width, height) px."""
+    """Picture size (width, height), px."""
     seed: int = 1
-    """Of person, walk, room, cameras and noise."""
+    """Random seed of person, walk, room, cameras and noise."""
     noise: float = 2.5
-    """Grey levels, sigma of the sensor."""
+    """Standard deviation of the sensor's noise, grey levels."""
     flicker: float = 0.01
     """Relative standard deviation of each frame's gain."""
     height: float = 1.76
-    """m, stature."""
+    """Stature, m."""
 
     def __post_init__(self) -> None:
         width, height = self.size
@@ -62,11 +62,11 @@ class SceneConfig:
 
 @dataclass(frozen=True, eq=False)
 class Furniture:
-    """What stands and hangs in the room, packed for scene.cl.
+    """The objects in the room and on its walls, packed for scene.cl.
 
     boxes: (B, 8) float32 low xyz, high xyz (m), style, hue. posters: (N, 8) float32 wall 0-3,
-    middle along the wall, middle height, half width, half height (m), style, hue, 0.
-    palette: (9, 3) float32 linear BGR per region of the body, then the shirt's second colour.
+    centre along the wall, centre height, half width, half height (m), style, hue, 0. palette: (9,
+    3) float32 linear BGR per region of the body, then the shirt's second colour.
     """
 
     boxes: np.ndarray
@@ -75,7 +75,7 @@ class Furniture:
 
 
 def make_rig(config: SceneConfig) -> CameraRig:
-    """Cameras on a ring of about 4 m, 1.7-2.6 m high, looking at the middle at about 1 m."""
+    """Place cameras on a ring of about 4 m, 1.7-2.6 m high, looking at the centre at about 1 m."""
     rng = np.random.default_rng([config.seed, 2])
     start = rng.uniform(0.0, 2 * np.pi)
     spacing = 2 * np.pi / config.cameras
@@ -92,11 +92,11 @@ def make_rig(config: SceneConfig) -> CameraRig:
             ]
         )
         target = np.array([0.0, 0.0, 0.95]) + rng.uniform(-0.08, 0.08, 3)
-        cameras.append(_camera(f"cam{i + 1:02d}", centre, target, config.size, rng))
+        cameras.append(_make_camera(f"cam{i + 1:02d}", centre, target, config.size, rng))
     return CameraRig(tuple(cameras))
 
 
-def _camera(
+def _make_camera(
     name: str,
     centre: np.ndarray,
     target: np.ndarray,
@@ -113,7 +113,8 @@ def _camera(
         math.cos(roll) * down - math.sin(roll) * right,
     )
     R = np.stack([right, down, forward])
-    # Through the Rodrigues vector and back: what the calibration file says is what we render.
+    # Convert to a Rodrigues vector and back, so that the rendered rotation is exactly the written
+    # one.
     R = cv2.Rodrigues(np.round(cv2.Rodrigues(R)[0].ravel(), 10))[0]
     focal = 600.0 / 640.0 * max(size[0], size[1] * 4 / 3) * rng.uniform(0.98, 1.02)
     offset = rng.uniform(-0.01, 0.01, 2) * size
@@ -131,17 +132,17 @@ def _camera(
 
 
 def make_furniture(seed: int) -> Furniture:
-    """A room furnished and a person dressed by the seed."""
+    """Furnish a room and dress a person at random."""
     rng = np.random.default_rng([seed, 3])
     boxes = []
     for wall in range(4):
-        boxes += _along_wall(wall, rng)
-    posters = [row for wall in range(4) for row in _posters(wall, rng)]
-    return Furniture(np.array(boxes, np.float32), np.array(posters, np.float32), _palette(rng))
+        boxes += _furnish_wall(wall, rng)
+    posters = [row for wall in range(4) for row in _make_posters(wall, rng)]
+    return Furniture(np.array(boxes, np.float32), np.array(posters, np.float32), _make_palette(rng))
 
 
-def _along_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
-    """Furniture at one wall, low enough for the cameras to look over it."""
+def _furnish_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
+    """Place furniture at one wall, low enough for the cameras to look over it."""
     reach, side = (ROOM[0], ROOM[1]) if wall % 2 == 0 else (ROOM[1], ROOM[0])
     out = []
 
@@ -179,7 +180,7 @@ def _along_wall(wall: int, rng: np.random.Generator) -> list[list[float]]:
     return out
 
 
-def _posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
+def _make_posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
     side = ROOM[1] if wall % 2 == 0 else ROOM[0]
     rows = []
     for slot in np.linspace(-0.68, 0.68, 4):
@@ -192,8 +193,8 @@ def _posters(wall: int, rng: np.random.Generator) -> list[list[float]]:
     return rows
 
 
-def _palette(rng: np.random.Generator) -> np.ndarray:
-    """Linear BGR per region (the order of body.py), then the shirt's stripes."""
+def _make_palette(rng: np.random.Generator) -> np.ndarray:
+    """Choose linear BGR per region (the order of body.py), then the shirt's stripes."""
     shirts = (
         ((0.060, 0.085, 0.32), (0.62, 0.64, 0.66)),
         ((0.34, 0.17, 0.06), (0.55, 0.58, 0.60)),

@@ -65,8 +65,8 @@ class Motion:
 class Skeleton:
     """Bones of a person of the given stature (m), parents before children.
 
-    `bones`: names; `parents`: (B,) int, -1 for the root; `offsets`: (B, 3) m;
-    `joint_names`: names of the truth joints.
+    bones: names. parents: (B,) int, -1 for the root. offsets: (B, 3) m. joint_names: names of the
+    truth joints.
     """
 
     def __init__(self, height: float) -> None:
@@ -90,8 +90,11 @@ class Skeleton:
         return self.bones.index(bone)
 
     def forward(self, root: np.ndarray, local: dict[str, np.ndarray]) -> Motion:
-        """Forward kinematics. root: (F, 3) pelvis position, m. local: bone -> (F, 3, 3) rotation
-        relative to its parent; bones not named keep their parent's."""
+        """Compute forward kinematics.
+
+        root: (F, 3) pelvis position, m. local: bone -> (F, 3, 3) rotation relative to its parent;
+        identity for bones that are not named.
+        """
         count = len(root)
         rotations = np.empty((count, len(self.bones), 3, 3))
         positions = np.empty((count, len(self.bones), 3))
@@ -106,7 +109,7 @@ class Skeleton:
         return Motion(rotations, positions)
 
     def joints(self, motion: Motion) -> np.ndarray:
-        """(F, J, 3) m truth joints, in the order of `joint_names`."""
+        """Return the truth joints (F, J, 3) m, in the order of `joint_names`."""
         turned = np.einsum(
             "fjab,jb->fja", motion.rotations[:, self._joint_bones], self._joint_points
         )
@@ -114,7 +117,7 @@ class Skeleton:
 
 
 def rotation(axis: str, angle: np.ndarray | float, count: int | None = None) -> np.ndarray:
-    """(..., 3, 3) rotation about the body axis x (forward), y (left) or z (up), radians."""
+    """Return rotations (..., 3, 3) about the body axis x (forward), y (left) or z (up), radians."""
     angle = np.asarray(angle, np.float64)
     if count is not None:
         angle = np.broadcast_to(angle, (count,))

@@ -1,4 +1,4 @@
-"""How the synthetic person walks, and along which curve."""
+"""The synthetic person's walk, and the curve that it follows."""
 
 from __future__ import annotations
 
@@ -12,48 +12,50 @@ class Course:
     """The closed curve on the floor that a person walks along; the defaults stay in the room."""
 
     radius: float = 1.2
-    """m, mean distance from the origin."""
+    """Mean distance from the origin, m."""
     wobble: float = 0.15
-    """Share of the radius by which it is an oval."""
+    """Deviation from a circle, as a share of the radius."""
     turn: float = 0.0
-    """rad, by which it is turned about the origin."""
+    """Rotation about the origin, rad."""
     clockwise: bool = False
-    """Seen from above."""
+    """Whether the person walks clockwise, seen from above."""
 
 
 @dataclass(frozen=True)
 class Walk:
-    """How a person walks; amplitudes from textbook gait analysis (Perry & Burnfield 2010),
-    rounded."""
+    """The parameters of a person's walk.
+
+    Amplitudes from textbook gait analysis (Perry & Burnfield 2010), rounded.
+    """
 
     height: float = 1.76
-    """m, stature."""
+    """Stature, m."""
     speed: float = 1.2
-    """m/s."""
+    """Walking speed, m/s."""
     stride: float = 1.25
-    """m, two steps."""
+    """Length of a stride (two steps), m."""
     step_width: float = 0.10
-    """m between the feet's lines."""
+    """Distance between the lines of the left and right feet, m."""
     course: Course = field(default_factory=Course)
-    """Where to."""
+    """The curve to walk along."""
     start_phase: float = 0.0
     """Share of a stride already walked at time 0; 0 is the left heel strike."""
     arm_swing: float = 22.0
-    """Degrees, amplitude of the upper arms."""
+    """Amplitude of the upper arms, degrees."""
     elbow_bend: float = 20.0
-    """Degrees, mean."""
+    """Mean flexion of the elbows, degrees."""
     trunk_twist: float = 7.0
-    """Degrees, amplitude of the shoulders against the walking direction."""
+    """Amplitude of the shoulders' rotation relative to the walking direction, degrees."""
     pelvis_twist: float = 5.0
-    """Degrees, amplitude of the pelvis."""
+    """Amplitude of the pelvis's rotation, degrees."""
     toe_out: float = 6.0
-    """Degrees, of the feet from the walking direction."""
+    """Angle of the feet from the walking direction, degrees."""
     head_turn: float = 16.0
-    """Degrees, amplitude of looking around."""
+    """Amplitude of the head's rotation, degrees."""
 
     @classmethod
     def varied(cls, seed: int, height: float) -> Walk:
-        """Return a person of the given stature who walks in a way of his own."""
+        """Return a person of the given stature with a random walk."""
         rng = np.random.default_rng([seed, 1])
         pace = (height / 1.76) ** 0.5 * rng.uniform(0.95, 1.05)
         return cls(
@@ -76,7 +78,7 @@ class Walk:
 
 
 class Path:
-    """A closed smooth curve on the floor around the origin, by arc length."""
+    """A closed smooth curve on the floor around the origin, parametrised by arc length."""
 
     def __init__(self, walk: Walk) -> None:
         course = walk.course
@@ -92,7 +94,7 @@ class Path:
         middle = 0.5 * (self._s[1:] + self._s[:-1])
         heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         lap = direction * 2 * np.pi
-        # The heading goes on over the seam of the closed curve.
+        # The heading continues across the seam of the closed curve.
         before, after = middle[-1] - self.length, middle[0] + self.length
         self._heading_s = np.concatenate([[before], middle, [after]])
         self._heading = np.concatenate([[heading[-1] - lap], heading, [heading[0] + lap]])
@@ -103,7 +105,7 @@ class Path:
         return float(self._s[-1])
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (..., 2) m and unwrapped headings (...) rad at arc lengths s (...) m."""
+        """Return positions (..., 2) m and unwrapped headings (...) rad at arc lengths s (...) m."""
         laps, rest = np.divmod(s, self.length)
         xy = np.stack([np.interp(rest, self._s, self._xy[:, k]) for k in (0, 1)], -1)
         return xy, np.interp(rest, self._heading_s, self._heading) + laps * self._lap

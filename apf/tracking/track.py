@@ -15,16 +15,16 @@ from apf.body.angles import joint_angles, standing_ankles
 from apf.body.kinematics import posed_points
 from apf.body.limbs import limb_angles, limb_bones, limb_ends, limb_joints, limb_masks
 from apf.body.markers import virtual_markers
-from apf.body.toml import body_from_text, body_text
+from apf.body.toml import format_body, parse_body
 from apf.formats import BODY_WRITERS, WRITERS, BodyMotion, JointSeries
-from apf.formats.motion import bridged
+from apf.formats.motion import interpolate_gaps
 from apf.formats.trc import CONVENTIONS, write_trc
 from apf.tracking.foot_contact import feet, flat
 from apf.tracking.limb_confidence import LOST, limb_confidence
 from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
-from psfs.common.npz import Values, read_npz, scalar
+from psfs.common.npz import Values, get_scalar, read_npz
 from psfs.common.ranges import check_range
 
 #: Of a track that is being written, in the order of their names; see `part_name`.
@@ -274,7 +274,7 @@ class Track:
         """What files of a moving body are written from. Raises InputError where the track does not
         hold its body."""
         limbs = self.lost_limbs
-        poses = bridged(self.poses, self.times, limbs @ limb_masks(self.its_body))
+        poses = interpolate_gaps(self.poses, self.times, limbs @ limb_masks(self.its_body))
         return BodyMotion(self.its_body, poses, self.lost, limbs, self.points)
 
     def save(self, path: str | Path, axes: str = "y-up") -> None:
@@ -316,7 +316,7 @@ class Track:
             "provenance": self.provenance,
         }
         if self.body is not None:
-            arrays["body"] = body_text(self.body)
+            arrays["body"] = format_body(self.body)
         arrays |= {_DIAGNOSTIC + name: values for name, values in self.diagnostics.items()}
         with written_whole(path) as temporary:
             np.savez_compressed(temporary, **arrays)
@@ -344,10 +344,10 @@ class Track:
             if name.startswith(_DIAGNOSTIC)
         }
         fields = {key: data[key] for key in _FIELDS if key != "body"}
-        fields |= {key: scalar(data[key]) for key in ("body_name", "provenance", "fps")}
+        fields |= {key: get_scalar(data[key]) for key in ("body_name", "provenance", "fps")}
         beside = path.with_name("body.toml")
         if "body" in data:
-            fields["body"] = body_from_text(scalar(data["body"]), path)
+            fields["body"] = parse_body(get_scalar(data["body"]), path)
         elif beside.is_file():
             fields["body"] = load_body(beside)
         try:

@@ -13,8 +13,8 @@ from importlib.metadata import version
 import numpy as np
 
 from apf.keypoints import Keypoints, TriangulationConfig, triangulate
-from apf.keypoints.landmarks import landmark_edges, landmarks_of
-from apf.keypoints.series import low_passed, without_gaps
+from apf.keypoints.landmarks import find_landmarks, landmark_edges
+from apf.keypoints.series import fill_gaps, low_pass
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
@@ -56,13 +56,13 @@ def triangulated_track(
     """
     config = config or TriangulatedConfig()
     frames = np.arange(keypoints.n_frames)[selection or slice(None)]
-    landmarks = landmarks_of(keypoints.names)
+    landmarks = find_landmarks(keypoints.names)
     if not landmarks:
         raise InputError(
             f"none of the keypoints {listed(keypoints.names)} is a point on the body; expected "
             "names such as left_shoulder or LShoulder"
         )
-    straight = keypoints.undistorted(sequence.rig).points[:, frames][:, :, list(landmarks)]
+    straight = keypoints.undistort(sequence.rig).points[:, frames][:, :, list(landmarks)]
     found = triangulate(sequence.rig, straight, config.triangulation)
     if not np.isfinite(found.points).any():
         limits = config.triangulation
@@ -77,9 +77,9 @@ def triangulated_track(
         progress()
     rate = sequence.fps / (abs(selection.step or 1) if selection else 1)
     longest = config.longest_gap
-    points = without_gaps(found.points, None if longest is None else round(longest * rate))
+    points = fill_gaps(found.points, None if longest is None else round(longest * rate))
     if config.low_pass:
-        points = low_passed(points, rate, config.low_pass)
+        points = low_pass(points, rate, config.low_pass)
     names = tuple(landmark.name for landmark in landmarks.values())
     return Track(
         body_name=BODY_NAME,

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from apf.body.kinematics import posed_joints
-from apf.body.limbs import limb_ends, limb_joints, limb_masks, reaching
+from apf.body.limbs import limb_ends, limb_joints, limb_masks, solve_inverse_kinematics
 from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
@@ -201,7 +201,7 @@ def exchanged(body: BodyModel, poses: np.ndarray, config: TwoWayConfig | None = 
     far = np.any(joints & (apart[:, None] > near / 2), axis=2)
     pair, limb = np.nonzero(far)
     there = places[other[pair]]
-    mixed[far] = reaching(body, mixed[far], limbs[limb], joints[limb], there)
+    mixed[far] = solve_inverse_kinematics(body, mixed[far], limbs[limb], joints[limb], there)
     return np.concatenate([poses, mixed.reshape(-1, body.n_dof)])
 
 
@@ -230,7 +230,9 @@ def combined(
 
     def reached(angles: np.ndarray, places: np.ndarray, limb: int) -> np.ndarray:
         dofs = limbs[limb]
-        return reaching(body, np.where(dofs, angles, pose), dofs, of_limb[limb], places)
+        return solve_inverse_kinematics(
+            body, np.where(dofs, angles, pose), dofs, of_limb[limb], places
+        )
 
     for limb, (joints, dofs) in enumerate(zip(of_limb, limbs, strict=True)):
         # It jumps, too, where the trunk's way changes.
@@ -282,7 +284,9 @@ def steadied(
         moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
             near = moved[:, joints].max(1, initial=0) < most
-            reached = reaching(body, poses[part], dofs, joints, places, _STEADY_WITHIN)
+            reached = solve_inverse_kinematics(
+                body, poses[part], dofs, joints, places, _STEADY_WITHIN
+            )
             poses[part] = np.where(near[:, None], reached, poses[part])
     return poses
 

@@ -1,4 +1,4 @@
-"""Bundle adjustment: cameras and poses of the target that fit all sightings best."""
+"""Bundle adjustment of cameras and target poses."""
 
 from __future__ import annotations
 
@@ -13,98 +13,103 @@ from scipy.sparse import block_diag, coo_matrix, csr_matrix
 from threadpoolctl import threadpool_limits
 
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.scene import Scene, rigid
-from psfs.calibration.targets.target import Sighting, Target, by_view
+from psfs.calibration.scene import CalibrationScene, rigid_transform
+from psfs.calibration.targets.target import Sighting, Target, group_by_view
 from psfs.cameras.camera import Camera
 
-#: Parameters of a pose (Rodrigues vector, translation), and of a lens (log fx, log fy, cx, cy, k1,
+#: Parameters of a pose (Rodrigues vector, translation) and of a lens (log fx, log fy, cx, cy, k1,
 #: k2, p1, p2).
 _POSE, _LENS = 6, 8
-#: Where the derivatives by the pose and the lens stand in those of cv2.projectPoints.
-_OF_POSE, _OF_LENS = slice(0, _POSE), slice(_POSE, _POSE + _LENS)
-#: Of the steps' linear systems, and the steps.
-_EXACT, _MOST_STEPS = 1e-6, 25
-#: Times that the parameters are decorrelated anew, unless so few steps were needed.
-_ROUNDS, _NEAR = 12, 8
+#: Columns of cv2.projectPoints's Jacobian that belong to the pose and to the lens.
+_POSE_COLUMNS, _LENS_COLUMNS = slice(0, _POSE), slice(_POSE, _POSE + _LENS)
+#: Tolerance of each step's linear system (LSMR), and the most steps of a round.
+_TOLERANCE, _MOST_STEPS = 1e-6, 25
+#: Rounds, each of which decorrelates the parameters again; a round of so few steps is the last.
+_ROUNDS, _FEW_STEPS = 12, 8
 
 
 @dataclass(frozen=True)
-class Freedom:
-    """What is estimated. lenses: cameras whose intrinsics are, too. held: cameras that stay where
-    they are. poses: whether those of the target are."""
+class FreeParameters:
+    """Parameters that the bundle adjustment estimates.
+
+    lenses: cameras whose intrinsics are free. held: cameras whose pose is fixed. poses: whether the
+    target's poses are free.
+    """
 
     lenses: tuple[int, ...] = ()
     held: tuple[int, ...] = ()
     poses: bool = True
 
 
-def adjusted(
-    scene: Scene,
+def adjust_bundle(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
-    freedom: Freedom,
+    freedom: FreeParameters,
     config: CalibrationConfig,
-) -> Scene:
-    """Return the scene that minimises the robust sum of squared reprojection errors, px, with weak
-    priors on the lenses. Poses that are free are of the sightings' frames only.
+) -> CalibrationScene:
+    """Minimise the robust sum of squared reprojection errors, px, with weak priors on the lenses.
 
-    scipy.optimize.least_squares, soft L1, with the sparse Jacobian that cv2.projectPoints gives.
+    Returns the adjusted scene; free poses are those of the sightings' frames only. Uses
+    scipy.optimize.least_squares with soft L1 and the sparse Jacobian of cv2.projectPoints.
     """
     problem = _Problem(scene, target, sightings, freedom, config)
     if not problem.size:
         return scene
-    # The robust loss reaches its noise level in a second run: from afar, the plain size of the
-    # errors would make outliers of good points.
+    # The robust loss gets its final noise level in a second run: far from the solution, all errors
+    # are large and good points would be treated as outliers.
     x = problem.start
-    with threadpool_limits(1, "blas"):  # the vectors are too short for more
+    with threadpool_limits(1, "blas"):  # the vectors are too short for more threads
         for noise in problem.noises():
             for _ in range(_ROUNDS):
                 apart = problem.decorrelation(x)
-                solution = _solved(problem, x, apart, noise)
+                solution = _solve_round(problem, x, apart, noise)
                 x = x + apart @ solution.x
-                if solution.status > 0 and solution.nfev <= _NEAR:
+                if solution.status > 0 and solution.nfev <= _FEW_STEPS:
                     break
     return problem.scene(x)
 
 
-def _solved(problem: _Problem, x: np.ndarray, apart: csr_matrix, noise: float) -> Any:
-    """Return the solution y whose x + apart y fits best, or that is on the way there."""
+def _solve_round(problem: _Problem, x: np.ndarray, apart: csr_matrix, noise: float) -> Any:
+    """Run one round of steps; its solution y moves the parameters to x + apart y."""
     return least_squares(
         lambda y: problem.residuals(x + apart @ y),
         np.zeros(problem.size),
         lambda y: problem.jacobian(x + apart @ y) @ apart,
         loss="soft_l1", f_scale=noise, ftol=1e-6, xtol=1e-8, gtol=1e-8, max_nfev=_MOST_STEPS,
-        tr_solver="lsmr", tr_options={"atol": _EXACT, "btol": _EXACT, "maxiter": 1000},
+        tr_solver="lsmr", tr_options={"atol": _TOLERANCE, "btol": _TOLERANCE, "maxiter": 1000},
     )  # fmt: skip
 
 
 class _Problem:
-    """The residuals of a vector of parameters, and their derivatives."""
+    """The residuals of a parameter vector and their derivatives."""
 
     def __init__(
         self,
-        scene: Scene,
+        scene: CalibrationScene,
         target: Target,
         sightings: Sequence[Sighting],
-        freedom: Freedom,
+        freedom: FreeParameters,
         config: CalibrationConfig,
     ) -> None:
         self.target, self.freedom, self.config = target, freedom, config
         frames = sorted({sighting.frame for sighting in sightings})
         self.all_poses = scene.poses
-        self.first = Scene(scene.cameras, {frame: scene.poses[frame] for frame in frames})
-        # The turn of a wand about itself, its X axis, is seen by nobody.
+        self.first = CalibrationScene(
+            scene.cameras, {frame: scene.poses[frame] for frame in frames}
+        )
+        # A wand's rotation about itself, its X axis, cannot be observed.
         self.axes = [0, 1, 2] if target.planar else [1, 2]
         self.of_pose = len(self.axes) + 3
         self.frames = {frame: row for row, frame in enumerate(frames)}
         views = len(scene.cameras)
-        self._columns(len(frames))
-        self.views = [self._view(of) for of in by_view(sightings, views)]
-        self.start = self._packed(self.first)
+        self._assign_columns(len(frames))
+        self.views = [self._view(of) for of in group_by_view(sightings, views)]
+        self.start = self._pack_scene(self.first)
         self._known: tuple[bytes, np.ndarray, list] | None = None
 
-    def _columns(self, frames: int) -> None:
-        """Say where each camera's place and lens, and each pose, stand in the parameters."""
+    def _assign_columns(self, frames: int) -> None:
+        """Compute the columns of each camera's pose and lens and of each target pose."""
         self.places: dict[int, int] = {}
         self.lenses: dict[int, int] = {}
         self.blocks: list[int] = []
@@ -124,9 +129,11 @@ class _Problem:
         self.size = sum(self.blocks)
 
     def decorrelation(self, x: np.ndarray) -> csr_matrix:
-        """Return the matrix A, square, of a block for each camera and each pose, with which the
-        Jacobian J A has orthonormal columns inside every block: iterative solvers then need few
-        iterations (block Jacobi)."""
+        """Return the block diagonal matrix A for which J A has orthonormal columns in every block.
+
+        J is the Jacobian; a block belongs to a camera or a target pose. Iterative solvers then need
+        few iterations (block Jacobi).
+        """
         normal = self.jacobian(x)
         normal = (normal.T @ normal).tocsr()
         found, at = [], 0
@@ -139,21 +146,22 @@ class _Problem:
         return block_diag(found, format="csr")
 
     def _view(self, sightings: Sequence[Sighting]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return rows of the frames (N,), the target's points (N, 3), and pixels (N, 2)."""
+        """Return frame rows (N,), target points (N, 3) and pixels (N, 2) of a camera's
+        sightings."""
         if not sightings:
             return np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 2))
         rows = [np.full(len(s.ids), self.frames[s.frame]) for s in sightings]
-        points = [self.target.at(s.frame)[s.ids] for s in sightings]
+        points = [self.target.frame_points(s.frame)[s.ids] for s in sightings]
         pixels = [s.pixels for s in sightings]
         return np.concatenate(rows), np.concatenate(points), np.concatenate(pixels)
 
     def noises(self) -> list[float]:
-        """Return the robust loss's noise levels, px, of the runs: first what the start has."""
+        """Return the robust loss's noise level of each run, px: the start's own level first."""
         sizes = np.abs(self.residuals(self.start))
         level = float(np.median(sizes)) if sizes.size else 0.0
         return [level, self.config.noise] if level > 2 * self.config.noise else [self.config.noise]
 
-    def _packed(self, scene: Scene) -> np.ndarray:
+    def _pack_scene(self, scene: CalibrationScene) -> np.ndarray:
         x = np.zeros(self.size)
         for view, camera in enumerate(scene.cameras):
             if view in self.places:
@@ -168,20 +176,22 @@ class _Problem:
             x[self.poses :].reshape(-1, self.of_pose)[:, -3:] = shifts
         return x
 
-    def scene(self, x: np.ndarray) -> Scene:
-        """Return the scene of the parameters `x`."""
+    def scene(self, x: np.ndarray) -> CalibrationScene:
+        """Build the scene from the parameters `x`."""
         cameras = tuple(self._camera(x, view) for view in range(len(self.first.cameras)))
         if not self.freedom.poses:
-            return Scene(cameras, self.all_poses)
+            return CalibrationScene(cameras, self.all_poses)
         poses: dict[int, np.ndarray] = {}
         for (frame, first), turn in zip(self.first.poses.items(), self._vectors(x), strict=True):
             R = first[:3, :3] @ cv2.Rodrigues(turn)[0]
-            poses[frame] = rigid(R, x[self.poses :].reshape(-1, self.of_pose)[len(poses), -3:])
-        return Scene(cameras, poses)
+            poses[frame] = rigid_transform(
+                R, x[self.poses :].reshape(-1, self.of_pose)[len(poses), -3:]
+            )
+        return CalibrationScene(cameras, poses)
 
     def _vectors(self, x: np.ndarray) -> np.ndarray:
-        """Return by how much the poses are turned from where they started, Rodrigues vectors (F, 3)
-        in the target's axes."""
+        """Return the rotations of the poses since the start, Rodrigues vectors (F, 3) in the
+        target's axes."""
         vectors = np.zeros((len(self.frames), 3))
         vectors[:, self.axes] = x[self.poses :].reshape(-1, self.of_pose)[:, :-3]
         return vectors
@@ -199,51 +209,58 @@ class _Problem:
         return camera
 
     def _vector(self, x: np.ndarray, view: int) -> np.ndarray:
-        """Return a camera's rotation as a Rodrigues vector (3,): that of the parameters, of those
-        that mean the same."""
+        """Return a camera's rotation as a Rodrigues vector (3,).
+
+        Several vectors mean the same rotation; if the pose is free, returns the one in `x`.
+        """
         if view in self.places:
             return x[self.places[view] :][:3]
         vector: np.ndarray = cv2.Rodrigues(self.first.cameras[view].R)[0]
         return vector.ravel()
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return the errors in x and y of all points, px, then the priors' in their sigmas."""
-        return self._evaluated(x)[0].copy()  # least_squares scales it in place
+        """Return the errors in x and y of all points, px, then the priors' residuals in sigmas."""
+        return self._evaluate(x)[0].copy()  # least_squares scales it in place
 
     def jacobian(self, x: np.ndarray) -> csr_matrix:
-        """Return their derivatives, sparse."""
-        residuals, entries = self._evaluated(x)
+        """Return the derivatives of the residuals, sparse."""
+        residuals, entries = self._evaluate(x)
         rows, columns, values = (np.concatenate(of) for of in zip(*entries, strict=True))
         height = len(residuals)
         return coo_matrix((values, (rows, columns)), shape=(height, self.size)).tocsr()
 
-    def _evaluated(self, x: np.ndarray) -> tuple[np.ndarray, list]:
+    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, list]:
         key = x.tobytes()
         if self._known is None or self._known[0] != key:
             scene = self.scene(x)
-            turns = self._turns(x, scene)
+            turns = self._pose_derivatives(x, scene)
             errors: list[np.ndarray] = []
             entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
             height = 0
             for view, camera in enumerate(scene.cameras):
                 if len(self.views[view][0]):
-                    residuals, found = self._of_view(
+                    residuals, found = self._evaluate_view(
                         view, camera, self._vector(x, view), turns, height
                     )
                     errors.append(residuals)
                     entries += found
                     height += len(residuals)
             for view in self.lenses:
-                residuals, found = self._priors(view, scene.cameras[view], height)
+                residuals, found = self._evaluate_priors(view, scene.cameras[view], height)
                 errors.append(residuals)
                 entries += found
                 height += len(residuals)
             self._known = key, np.concatenate(errors), entries
         return self._known[1:]
 
-    def _turns(self, x: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return rotations (F, 3, 3) and translations (F, 3) of the poses, and the derivatives
-        (F, T, 3, 3) of the rotations by the turns."""
+    def _pose_derivatives(
+        self, x: np.ndarray, scene: CalibrationScene
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the target poses and their derivatives.
+
+        Rotations (F, 3, 3), translations (F, 3), and the derivatives (F, T, 3, 3) of the rotations
+        with respect to the T free angles.
+        """
         poses = np.stack([scene.poses[frame] for frame in self.frames])
         slopes = np.zeros((len(poses), 3, 3, 3))
         if self.freedom.poses:
@@ -252,34 +269,37 @@ class _Problem:
             slopes = (first @ np.stack(by_vector))[:, self.axes]
         return poses[:, :3, :3], poses[:, :3, 3], slopes
 
-    def _of_view(
+    def _evaluate_view(
         self, view: int, camera: Camera, vector: np.ndarray, turns: tuple, height: int
     ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-        """Return a camera's residuals (2 N,), and entries of the Jacobian: rows from `height` on,
-        columns, values."""
+        """Return a camera's residuals (2 N,) and its entries of the Jacobian.
+
+        The entries are rows (from `height` on), columns and values.
+        """
         frames, points, pixels = self.views[view]
         R, t, slopes = turns
         world = np.einsum("nij,nj->ni", R[frames], points) + t[frames]
         seen, slope = cv2.projectPoints(world, vector, camera.t, camera.K, camera.distortion)
         rows = height + np.arange(2 * len(points))
         entries = []
-        slope[:, _OF_LENS][:, :2] *= camera.K[0, 0], camera.K[1, 1]  # by the logarithms
-        for columns, part in ((self.places, _OF_POSE), (self.lenses, _OF_LENS)):
+        # derivatives with respect to the logarithms
+        slope[:, _LENS_COLUMNS][:, :2] *= camera.K[0, 0], camera.K[1, 1]
+        for columns, part in ((self.places, _POSE_COLUMNS), (self.lenses, _LENS_COLUMNS)):
             if view in columns:
-                entries.append(_entries(rows, columns[view], slope[:, part]))
+                entries.append(_block_entries(rows, columns[view], slope[:, part]))
         if self.freedom.poses:
-            # x_cam = R x + t: the derivative by t is that by x_cam.
+            # x_cam = R x + t: the derivative with respect to t is that with respect to x_cam.
             by_point = slope[:, 3:6].reshape(-1, 2, 3) @ camera.R
             by_turn = np.einsum("nwij,nj->niw", slopes[frames], points)
             by_pose = np.concatenate([by_point @ by_turn, by_point], -1).reshape(-1, self.of_pose)
             first = np.repeat(self.poses + self.of_pose * frames, 2)
-            entries.append(_entries(rows, first, by_pose))
+            entries.append(_block_entries(rows, first, by_pose))
         return (seen.reshape(-1, 2) - pixels).ravel(), entries
 
-    def _priors(
+    def _evaluate_priors(
         self, view: int, camera: Camera, height: int
     ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-        """Return the residuals (7,) of a lens: aspect, principal point, distortion."""
+        """Return the prior residuals (7,) of a lens: aspect, principal point, distortion."""
         config, (width, tall), K = self.config, camera.size, camera.K
         centre = config.centre_sigma * width
         scales = np.r_[centre, centre, [config.lens_sigma] * 2, [config.tangential_sigma] * 2]
@@ -288,10 +308,10 @@ class _Problem:
         slope = np.zeros((7, _LENS))
         slope[0, :2] = 1 / config.aspect_sigma, -1 / config.aspect_sigma
         slope[1:, 2:] = np.diag(1 / scales)
-        return residuals, [_entries(height + np.arange(7), self.lenses[view], slope)]
+        return residuals, [_block_entries(height + np.arange(7), self.lenses[view], slope)]
 
 
-def _entries(
+def _block_entries(
     rows: np.ndarray, first: int | np.ndarray, block: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return rows, columns and values of a block (N, K) whose row k begins at column first[k]."""

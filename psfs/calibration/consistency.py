@@ -1,4 +1,4 @@
-"""Which camera does not agree with the others, and why: each is left out in turn."""
+"""Find the cameras that disagree with the others, and why, by leaving each out in turn."""
 
 from __future__ import annotations
 
@@ -8,62 +8,64 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from psfs.calibration.bundle import Freedom, adjusted
+from psfs.calibration.bundle import FreeParameters, adjust_bundle
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.scene import Scene, all_errors, rms
-from psfs.calibration.targets.target import Sighting, Target, by_frame
+from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
+from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 
-#: Cameras among which one can be told from the others, and frames in which it is tested.
+#: Fewest cameras among which an outlier can be found, and most frames to compare them in.
 _FEWEST, _MOST_FRAMES = 3, 80
-#: Sightings of a camera by which reasons are tried.
+#: Most sightings of a camera that are used to test possible reasons.
 _MOST_OWN = 50
-#: Intrinsics of a camera, and the F of theirs beyond which given ones do not fit.
-_PARAMETERS, _CERTAIN = 8, 6.0
-#: Share of its errors that a reason must leave at most; frames by which a camera may be late.
-_MENDED, _LATEST = 0.5, 5
+#: Number of intrinsics of a camera, and the F value above which given intrinsics do not fit.
+_PARAMETERS, _MAX_F = 8, 6.0
+#: Largest share of its errors that may remain if a reason is right; largest delay tried, frames.
+_MAX_REMAINING_SHARE, _MAX_DELAY = 0.5, 5
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A camera against the others. view: its number. scene: as the others alone have it, with the
-    camera placed where it fits that best. sightings: its own, of what the others see. own, others:
-    px root mean square of the errors in these and in the others' sightings."""
+class CameraComparison:
+    """Comparison of a camera with the others.
+
+    view: its index. scene: estimated from the other cameras alone, with this one placed where it
+    fits best. sightings: its own, in frames that the others see. own, others: root mean square
+    error of its own and of the others' sightings, px.
+    """
 
     view: int
-    scene: Scene
+    scene: CalibrationScene
     sightings: list[Sighting]
     own: float
     others: float
 
 
-def trials(
-    scene: Scene,
+def compare_cameras(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
     views: Sequence[int],
     config: CalibrationConfig,
-) -> list[Trial]:
-    """Return each of these cameras against the others of them, where there is anything to
-    compare."""
+) -> list[CameraComparison]:
+    """Compare each of the cameras `views` with the others, where they share enough frames."""
     frames = sorted({sighting.frame for sighting in sightings})
     picked = {frames[k] for k in np.linspace(0, len(frames) - 1, _MOST_FRAMES).round().astype(int)}
     used = [s for s in sightings if s.frame in picked and s.view in views]
-    found = [_trial(scene, target, used, view, views, config) for view in views]
+    found = [_compare_camera(scene, target, used, view, views, config) for view in views]
     return [trial for trial in found if trial is not None]
 
 
-def _trial(
-    scene: Scene,
+def _compare_camera(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
     view: int,
     views: Sequence[int],
     config: CalibrationConfig,
-) -> Trial | None:
+) -> CameraComparison | None:
     rest = [s for s in sightings if s.view != view]
     needed = 1 if target.known is not None else 2
-    enough = {frame for frame, here in by_frame(rest).items() if len(here) >= needed}
+    enough = {frame for frame, here in group_by_frame(rest).items() if len(here) >= needed}
     rest = [s for s in rest if s.frame in enough]
     own = [s for s in sightings if s.view == view and s.frame in enough]
     if len(own) < 4:
@@ -72,64 +74,74 @@ def _trial(
     if target.known is None:
         anchor = next(other for other in views if other != view)
         away = tuple(v for v in range(count) if v not in views)
-        scene = adjusted(scene, target, rest, Freedom(held=(anchor, view, *away)), config)
+        scene = adjust_bundle(
+            scene, target, rest, FreeParameters(held=(anchor, view, *away)), config
+        )
     held = tuple(other for other in range(count) if other != view)
-    scene = adjusted(scene, target, own, Freedom(held=held, poses=False), config)
-    left = all_errors(scene, target, own), all_errors(scene, target, rest)
-    return Trial(view, scene, own, *map(rms, left))
+    scene = adjust_bundle(scene, target, own, FreeParameters(held=held, poses=False), config)
+    left = all_reprojection_errors(scene, target, own), all_reprojection_errors(scene, target, rest)
+    return CameraComparison(view, scene, own, *map(rms, left))
 
 
-def odd_one(found: Sequence[Trial], config: CalibrationConfig) -> Trial | None:
-    """Return the camera that agrees with the others so much worse than they with each other as
-    `config.inconsistent` says, None if all do as well."""
+def find_outlier_camera(
+    found: Sequence[CameraComparison], config: CalibrationConfig
+) -> CameraComparison | None:
+    """Find the camera that fits the others much worse than they fit each other.
+
+    `config.inconsistent` says how many times worse; None if no camera does.
+    """
     if len(found) < _FEWEST:
         return None
     scores = np.array([trial.own / max(trial.others, 1e-9) for trial in found])
     worst = int(scores.argmax())
     usual = float(np.median(np.delete(scores, worst)))
-    # A bad camera raises what the others alone are left with, too, but not what is left of itself.
+    # An outlier also raises the errors of the others, but not by as much as its own.
     limit = config.inconsistent * max(1.0, min(usual, 1.5))
     return found[worst] if scores[worst] > limit and found[worst].own > config.noise else None
 
 
-def reason(
-    trial: Trial, target: Target, every: Sequence[Sighting], config: CalibrationConfig
+def explain_disagreement(
+    trial: CameraComparison, target: Target, every: Sequence[Sighting], config: CalibrationConfig
 ) -> str:
-    """Return why a camera disagrees: it was moved, it is late, its intrinsics are wrong; whatever
-    would mend most of it. every: its sightings in all frames."""
+    """Explain why a camera disagrees: it was moved, is late, or its intrinsics are wrong.
+
+    Returns the reason that removes most of the error. every: its sightings in all frames.
+    """
     view, scene = trial.view, trial.scene
     every = [s for s in every if s.view == view and s.frame in scene.poses]
     picked = np.unique(np.linspace(0, len(every) - 1, _MOST_OWN).round().astype(int))
     every = [every[k] for k in picked]
     guesses = [
-        _moved(scene, target, every, config),
-        _late(scene, target, every, config),
-        _other_lens(trial, target, config),
+        _test_moved(scene, target, every, config),
+        _test_late(scene, target, every, config),
+        _test_lens(trial, target, config),
     ]
     left, text = min(guesses)
-    if left > _MENDED * trial.own:
+    if left > _MAX_REMAINING_SHARE * trial.own:
         return "it was moved, filmed something else, or its lens or focus changed"
     return f"{text} ({left:.1f} px then)"
 
 
-def _fit(
-    scene: Scene,
+def _fit_camera(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
     config: CalibrationConfig,
     lens: bool = False,
-) -> tuple[np.ndarray, Scene]:
-    """Return errors (N,) px of one camera's sightings, and the scene, once it stands, with `lens`
-    also looks, as they want it."""
+) -> tuple[np.ndarray, CalibrationScene]:
+    """Fit one camera to its sightings; return its errors (N,) px and the scene.
+
+    lens: fit its intrinsics too.
+    """
     view = sightings[0].view
     held = tuple(other for other in range(len(scene.cameras)) if other != view)
-    freedom = Freedom((view,) if lens else (), held, poses=False)
-    scene = adjusted(scene, target, sightings, freedom, config)
-    return all_errors(scene, target, sightings), scene
+    freedom = FreeParameters((view,) if lens else (), held, poses=False)
+    scene = adjust_bundle(scene, target, sightings, freedom, config)
+    return all_reprojection_errors(scene, target, sightings), scene
 
 
-def _moved(
-    scene: Scene, target: Target, sightings: list[Sighting], config: CalibrationConfig
+def _test_moved(
+    scene: CalibrationScene, target: Target, sightings: list[Sighting], config: CalibrationConfig
 ) -> tuple[float, str]:
     best = np.inf, ""
     for share in np.linspace(0.1, 0.9, 9):
@@ -137,7 +149,7 @@ def _moved(
         parts = sightings[:at], sightings[at:]
         if min(len(part) for part in parts) < 3:
             continue
-        (one, before), (two, after) = (_fit(scene, target, part, config) for part in parts)
+        (one, before), (two, after) = (_fit_camera(scene, target, part, config) for part in parts)
         left = rms(np.concatenate([one, two]))
         if left < best[0]:
             view = sightings[0].view
@@ -149,29 +161,31 @@ def _moved(
     return best
 
 
-def _late(
-    scene: Scene, target: Target, sightings: list[Sighting], config: CalibrationConfig
+def _test_late(
+    scene: CalibrationScene, target: Target, sightings: list[Sighting], config: CalibrationConfig
 ) -> tuple[float, str]:
     best = np.inf, ""
-    for late in (*range(-_LATEST, 0), *range(1, _LATEST + 1)):
+    for late in (*range(-_MAX_DELAY, 0), *range(1, _MAX_DELAY + 1)):
         shifted = [replace(s, frame=s.frame - late) for s in sightings]
         shifted = [s for s in shifted if s.frame in scene.poses]
         if len(shifted) >= max(4, len(sightings) // 2):
-            left = rms(_fit(scene, target, shifted, config)[0])
+            left = rms(_fit_camera(scene, target, shifted, config)[0])
             if left < best[0]:
                 word = "late" if late > 0 else "early"
                 best = left, f"it comes {abs(late)} frames {word}: state --sync CAMERA={late}"
     return best
 
 
-def _other_lens(trial: Trial, target: Target, config: CalibrationConfig) -> tuple[float, str]:
-    errors, fitted = _fit(trial.scene, target, trial.sightings, config, lens=True)
+def _test_lens(
+    trial: CameraComparison, target: Target, config: CalibrationConfig
+) -> tuple[float, str]:
+    errors, fitted = _fit_camera(trial.scene, target, trial.sightings, config, lens=True)
     wanted, given = (of.cameras[trial.view] for of in (fitted, trial.scene))
-    return rms(errors), lens_change(given, wanted)
+    return rms(errors), describe_lens_change(given, wanted)
 
 
-def lens_change(given: Camera, wanted: Camera) -> str:
-    """Return in words what intrinsics a camera's pictures want instead of those given."""
+def describe_lens_change(given: Camera, wanted: Camera) -> str:
+    """Describe how a camera's pictures contradict its given intrinsics."""
     focal = wanted.K[0, 0] / given.K[0, 0] - 1
     x, y = wanted.K[:2, 2] - given.K[:2, 2]
     return (
@@ -180,49 +194,51 @@ def lens_change(given: Camera, wanted: Camera) -> str:
     )
 
 
-def lens_misfits(
-    scene: Scene,
+def find_wrong_intrinsics(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
     views: Sequence[int],
     config: CalibrationConfig,
 ) -> dict[int, Camera]:
-    """Return those of `views` whose given intrinsics do not fit their pictures, as they should be.
+    """Find the cameras among `views` whose given intrinsics do not fit, with the fitted ones.
 
-    The intrinsics of one camera after the other are set free. F, the fall of all cameras' sum of
-    squares per parameter over the variance that is left, is near 1 where those given are right;
-    where lenses or boards are not quite what the model says, it is above that for all.
+    The intrinsics of one camera after the other are freed. F is the decrease of all cameras' sum of
+    squares per parameter, divided by the remaining variance. It is near 1 if the given ones are
+    right; if the model describes all lenses or boards only roughly, it is higher for all cameras.
     """
     found: dict[int, Camera] = {}
     while len(found) < len(views) // 2:
-        ratios, fitted = _freed(scene, target, sightings, views, tuple(found), config)
+        ratios, fitted = _free_intrinsics(scene, target, sightings, views, tuple(found), config)
         worst = max(ratios, key=lambda view: ratios[view])
         usual = float(np.median([ratios[view] for view in ratios if view != worst] or [1.0]))
-        if ratios[worst] < _CERTAIN * max(1.0, usual):
+        if ratios[worst] < _MAX_F * max(1.0, usual):
             break
         found[worst] = fitted[worst]
     return found
 
 
-def _freed(
-    scene: Scene,
+def _free_intrinsics(
+    scene: CalibrationScene,
     target: Target,
     sightings: Sequence[Sighting],
     views: Sequence[int],
     before: tuple[int, ...],
     config: CalibrationConfig,
 ) -> tuple[dict[int, float], dict[int, Camera]]:
-    """Return F of every camera, and the camera with its intrinsics set free; those of the cameras
-    `before` are free already."""
+    """Return F of every camera and its fitted intrinsics; those of cameras `before` are free
+    already."""
     held = () if target.known is not None else (views[0],)
     if before:
-        scene = adjusted(scene, target, sightings, Freedom(before, held), config)
-    given = all_errors(scene, target, sightings)
+        scene = adjust_bundle(scene, target, sightings, FreeParameters(before, held), config)
+    given = all_reprojection_errors(scene, target, sightings)
     ratios: dict[int, float] = {}
     fitted: dict[int, Camera] = {}
     for view in (view for view in views if view not in before):
-        free = adjusted(scene, target, sightings, Freedom((*before, view), held), config)
-        left = all_errors(free, target, sightings)
+        free = adjust_bundle(
+            scene, target, sightings, FreeParameters((*before, view), held), config
+        )
+        left = all_reprojection_errors(free, target, sightings)
         near = np.maximum(given, left) < config.outlier
         fall = (given[near] ** 2).sum() - (left[near] ** 2).sum()
         ratios[view] = fall / _PARAMETERS / ((left[near] ** 2).mean() / 2)

@@ -1,4 +1,5 @@
-"""Intrinsics that are given: a calibration file, or pictures of the board for each camera alone."""
+"""Read intrinsics from a calibration file, or estimate them from each camera's pictures of the
+board."""
 
 from __future__ import annotations
 
@@ -9,37 +10,39 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.calibration.start.lenses import camera_from_boards
+from psfs.calibration.start.lenses import estimate_camera_from_boards
 from psfs.calibration.targets.detection import Finder
 from psfs.calibration.targets.target import Sighting
 from psfs.cameras.calibration import find_calibration, read_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.names import contains_name, matched
-from psfs.footage.media import media_in, open_media
+from psfs.cameras.names import contains_name, match_files_to_cameras
+from psfs.footage.media import list_media, open_media
 
-#: Pictures of a camera that are looked at, and of which the board must be in.
+#: Most pictures of a camera that are searched, and fewest that must show the board.
 _MOST, _FEWEST = 120, 4
 
 
-def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:
-    """Return the cameras of the `rig` with the intrinsics that `path` holds: a calibration in any
-    format that is read, or a folder with a video or pictures of the board per camera. Raises
-    InputError naming the camera that it does not fit."""
+def read_intrinsics(path: Path, rig: CameraRig, finder: Finder | None) -> list[Camera]:
+    """Read the intrinsics of the rig's cameras from `path`.
+
+    path: a calibration in any supported format, or a folder with one video or folder of pictures of
+    the board per camera. Raises InputError naming the camera that it does not fit.
+    """
     if not path.exists():
         raise MissingFileError(f"{path}: no such file or folder; expected intrinsics")
     if path.is_dir() and find_calibration(path) is None:
-        return [_from_pictures(path, camera, finder) for camera in rig]
+        return [_estimate_from_pictures(path, camera, finder) for camera in rig]
     found = path if path.is_file() else find_calibration(path)
     assert found is not None
     sizes = {camera.name: camera.size for camera in rig}
 
-    def sizes_of(names: Sequence[str]) -> list[tuple[int, int]]:
-        pairs, _ = matched(rig.names, list(names), str(path), rig.names)
+    def find_sizes(names: Sequence[str]) -> list[tuple[int, int]]:
+        pairs, _ = match_files_to_cameras(rig.names, list(names), str(path), rig.names)
         by_file = {of: sizes[name] for name, of in pairs.items()}
         return [by_file.get(name, rig[0].size) for name in names]
 
-    read = read_calibration(found, sizes=sizes_of)
-    pairs, _ = matched(rig.names, read.names, str(path), rig.names)
+    read = read_calibration(found, sizes=find_sizes)
+    pairs, _ = match_files_to_cameras(rig.names, read.names, str(path), rig.names)
     cameras = []
     for name in rig.names:
         camera = read[read.names.index(pairs[name])]
@@ -52,14 +55,14 @@ def given_cameras(path: Path, rig: CameraRig, finder: Finder | None) -> list[Cam
     return cameras
 
 
-def _from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:
-    """Return the camera by the pictures of the board that the folder has of it."""
+def _estimate_from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camera:
+    """Estimate a camera's intrinsics from its pictures of the board in the folder."""
     if finder is None or not finder.target.planar:
         raise InputError(
-            f"{folder}: holds no calibration; expected one, since pictures of a board are of use "
+            f"{folder}: holds no calibration; expected one, since pictures of a board can be used "
             "with --board only"
         )
-    media = media_in(folder)
+    media = list_media(folder)
     names = [name for name in media if contains_name(name, camera.name)]
     if len(names) != 1:
         raise InputError(
@@ -82,4 +85,4 @@ def _from_pictures(folder: Path, camera: Camera, finder: Finder | None) -> Camer
             f"{pictures.where}: the {finder.target.name} is found in {len(sightings)} pictures; "
             f"expected {_FEWEST} or more"
         )
-    return camera_from_boards(camera.name, camera.size, finder.target, sightings)
+    return estimate_camera_from_boards(camera.name, camera.size, finder.target, sightings)

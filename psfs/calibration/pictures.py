@@ -1,4 +1,4 @@
-"""Pictures of a calibration: where a camera saw the target and how well, and the rig from above."""
+"""Draw a calibration: each camera's points and errors, and the rig from above and from the side."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from psfs.calibration.calibrator import Calibrated
-from psfs.calibration.report import CELLS, View
+from psfs.calibration.calibrator import CalibrationResult
+from psfs.calibration.report import CELLS, ViewReport
 from psfs.common.files import written_whole
 
 if TYPE_CHECKING:
@@ -25,30 +25,33 @@ _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
-#: Of a figure, in shares of its size.
+#: Margins of a figure, in shares of its size.
 _MARGINS: Any = {
     "left": 0.05, "right": 0.98, "bottom": 0.1, "top": 0.9, "wspace": 0.15, "hspace": 0.3
 }  # fmt: skip
-#: px beyond which errors are drawn in the last colour, at least.
-_TOP = 1.0
+#: The colour scale of errors ends here or higher, px.
+_LEAST_SCALE_PX = 1.0
 _WRAP = 62  # characters of a line of text
 
 
-def write_view(path: Path, view: View, picture: np.ndarray | None) -> None:
-    """Write a camera's page as a picture: its points coloured by error over `picture`, BGR, cells
-    without any hatched; the errors' histogram; the figures, and what is wrong in red."""
+def write_view(path: Path, view: ViewReport, picture: np.ndarray | None) -> None:
+    """Write a camera's page as a picture.
+
+    It shows the points over `picture` (BGR), coloured by error, with cells without points hatched;
+    the histogram of the errors; and the figures, with faults in red.
+    """
 
     def draw(figure: Figure) -> None:
         grid = figure.add_gridspec(2, 2, width_ratios=[1.5, 1], height_ratios=[1, 1.25], **_MARGINS)
-        _coverage(figure, figure.add_subplot(grid[:, 0]), view, picture)
-        _histogram(figure.add_subplot(grid[0, 1]), view)
-        _text(figure.add_subplot(grid[1, 1]), view)
+        _draw_coverage(figure, figure.add_subplot(grid[:, 0]), view, picture)
+        _draw_histogram(figure.add_subplot(grid[0, 1]), view)
+        _draw_text(figure.add_subplot(grid[1, 1]), view)
 
     _write(path, (12, 5.2), draw)
 
 
-def write_rig(path: Path, result: Calibrated, views: list[View]) -> None:
-    """Write the cameras and the target's places from above and from the side, m."""
+def write_rig(path: Path, result: CalibrationResult, views: list[ViewReport]) -> None:
+    """Write the cameras and the target's positions from above and from the side, m."""
 
     def draw(figure: Figure) -> None:
         points = [result.scene.points(result.target, frame) for frame in result.scene.poses]
@@ -85,14 +88,16 @@ def _write(path: Path, size: tuple[float, float], draw: Any) -> None:
     from matplotlib.figure import Figure
 
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size)  # a layout engine would draw everything thrice
+        figure = Figure(figsize=size)  # a layout engine would draw everything three times
         FigureCanvasAgg(figure)
         draw(figure)
         with written_whole(path) as temporary:
             figure.savefig(temporary, dpi=100)
 
 
-def _coverage(figure: Figure, axes: Axes, view: View, picture: np.ndarray | None) -> None:
+def _draw_coverage(
+    figure: Figure, axes: Axes, view: ViewReport, picture: np.ndarray | None
+) -> None:
     from matplotlib.patches import Rectangle
 
     width, height = view.camera.size
@@ -106,7 +111,7 @@ def _coverage(figure: Figure, axes: Axes, view: View, picture: np.ndarray | None
     order = np.argsort(view.errors)
     drawn = axes.scatter(
         view.pixels[order, 0], view.pixels[order, 1], c=view.errors[order], s=7, cmap="viridis_r",
-        vmin=0, vmax=max(_TOP, float(np.percentile(view.errors, 95))),
+        vmin=0, vmax=max(_LEAST_SCALE_PX, float(np.percentile(view.errors, 95))),
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="reprojection error, px", shrink=0.8)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
@@ -114,9 +119,9 @@ def _coverage(figure: Figure, axes: Axes, view: View, picture: np.ndarray | None
     axes.set_title(f"{view.camera.name}: {covered}", loc="left", fontweight="bold")
 
 
-def _histogram(axes: Axes, view: View) -> None:
+def _draw_histogram(axes: Axes, view: ViewReport) -> None:
     figures = view.figures()
-    top = max(_TOP, 1.5 * figures["p95"])
+    top = max(_LEAST_SCALE_PX, 1.5 * figures["p95"])
     axes.hist(view.errors.clip(0, top), bins=40, range=(0, top), color="#6A8CB5")
     for name, style in (("median", "-"), ("p95", "--")):
         axes.axvline(figures[name], color=_INK, ls=style, lw=1)
@@ -124,7 +129,7 @@ def _histogram(axes: Axes, view: View) -> None:
     axes.set_title("median (line) and 95 % (dashes)", fontsize=9.5, loc="left")
 
 
-def _text(axes: Axes, view: View) -> None:
+def _draw_text(axes: Axes, view: ViewReport) -> None:
     import textwrap
 
     figures, camera = view.figures(), view.camera

@@ -1,4 +1,4 @@
-"""How good a calibration is, camera by camera, and what to do where it is not."""
+"""Judge a calibration camera by camera, and advise what to do where it is not good."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from psfs.calibration.calibrator import Calibrated
+from psfs.calibration.calibrator import CalibrationResult
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.scene import all_errors, rms
-from psfs.calibration.targets.target import by_view
+from psfs.calibration.scene import all_reprojection_errors, rms
+from psfs.calibration.targets.target import group_by_view
 from psfs.cameras.camera import Camera
 
-#: Cells of a picture, across and down, for the coverage.
+#: Cells of a picture, across and down, for measuring coverage.
 CELLS = (8, 6)
-#: px, reprojection errors that are good, and that are not to be used.
+#: Reprojection errors, px: up to the first good, above the second unusable.
 _GOOD, _BAD = 1.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """What a camera saw. frames: with the target; shared: the most with another camera. pixels:
-    (N, 2) of its points, errors (N,) px of them. cells: (6, 8) bool, where they lie; coverage:
-    share of these. dropped: sightings taken for false. faults: what is wrong and what to do."""
+class ViewReport:
+    """The sightings of one camera.
+
+    frames: number of frames with the target. shared: most frames shared with one other camera.
+    pixels: (N, 2) of its points. errors: (N,) px. cells: (6, 8) bool, which cells hold points.
+    dropped: sightings rejected as false. faults: what is wrong and what to do.
+    """
 
     camera: Camera
     frames: int
@@ -40,7 +43,7 @@ class View:
         return float(self.cells.mean())
 
     def figures(self) -> dict[str, float]:
-        """Return mean, median, 95 % and root mean square of the errors, px."""
+        """Return mean, median, 95th percentile and root mean square of the errors, px."""
         errors = self.errors
         return {
             "mean": float(errors.mean()),
@@ -50,28 +53,32 @@ class View:
         }
 
 
-def views_of(result: Calibrated, lenses_known: bool, config: CalibrationConfig) -> list[View]:
-    """Return what every camera saw, with what is wrong of it."""
+def summarise_views(
+    result: CalibrationResult, lenses_known: bool, config: CalibrationConfig
+) -> list[ViewReport]:
+    """Summarise what every camera saw, and its faults."""
     found = []
-    own = by_view(result.sightings, len(result.scene.cameras))
+    own = group_by_view(result.sightings, len(result.scene.cameras))
     for view, camera in enumerate(result.scene.cameras):
         sightings = own[view]
         pixels = np.concatenate([s.pixels for s in sightings] or [np.zeros((0, 2))])
-        errors = all_errors(result.scene, result.target, sightings)
+        errors = all_reprojection_errors(result.scene, result.target, sightings)
         cells = np.zeros(CELLS[::-1], bool)
         at = (pixels / camera.size * CELLS).astype(int).clip(0, np.array(CELLS) - 1)
         cells[at[:, 1], at[:, 0]] = True
         shared = int(np.delete(result.shared[view], view).max(initial=0))
-        faults = _faults(
+        faults = _list_faults(
             result, view, len(sightings), shared, float(cells.mean()), lenses_known, config
         )
         dropped = result.dropped[camera.name]
-        found.append(View(camera, len(sightings), shared, pixels, errors, cells, dropped, faults))
+        found.append(
+            ViewReport(camera, len(sightings), shared, pixels, errors, cells, dropped, faults)
+        )
     return found
 
 
-def _faults(
-    result: Calibrated,
+def _list_faults(
+    result: CalibrationResult,
     view: int,
     frames: int,
     shared: int,
@@ -79,7 +86,7 @@ def _faults(
     lenses_known: bool,
     config: CalibrationConfig,
 ) -> tuple[str, ...]:
-    """Return in words what is wrong with a camera, and what to do."""
+    """List what is wrong with a camera and what to do."""
     name, what = result.scene.cameras[view].name, result.target.name
     faults = []
     if name in result.disagreeing:
@@ -111,8 +118,8 @@ def _faults(
     return tuple(faults)
 
 
-def verdict(views: list[View]) -> str:
-    """Return in a line how far the calibration can be trusted."""
+def judge_calibration(views: list[ViewReport]) -> str:
+    """Return one line that says how far the calibration can be trusted."""
     errors = np.concatenate([view.errors for view in views])
     level = rms(errors)
     found = f"reprojection error {level:.2f} px (95 %: {np.percentile(errors, 95):.2f})"
@@ -125,13 +132,13 @@ def verdict(views: list[View]) -> str:
     return f"good: {found}"
 
 
-def summary(
-    result: Calibrated, views: list[View], what: Mapping[str, Any], warnings: list[str]
+def calibration_summary(
+    result: CalibrationResult, views: list[ViewReport], what: Mapping[str, Any], warnings: list[str]
 ) -> dict[str, Any]:
-    """Return the content of `calibration.json`; `what` was done, by whom."""
+    """Return the content of `calibration.json`; what: further entries, such as the command."""
     names = [view.camera.name for view in views]
     return {
-        "verdict": verdict(views),
+        "verdict": judge_calibration(views),
         **what,
         "target": {
             "name": result.target.name,
@@ -139,7 +146,7 @@ def summary(
             "frames": len({s.frame for s in result.sightings}),
         },
         "warnings": warnings,
-        "cameras": {view.camera.name: _plain(view) for view in views},
+        "cameras": {view.camera.name: _view_summary(view) for view in views},
         "shared_frames": {
             name: {other: int(n) for other, n in zip(names, row, strict=True) if other != name}
             for name, row in zip(names, result.shared, strict=True)
@@ -147,7 +154,7 @@ def summary(
     }
 
 
-def _plain(view: View) -> dict[str, Any]:
+def _view_summary(view: ViewReport) -> dict[str, Any]:
     camera = view.camera
     return {
         "frames": view.frames,

@@ -1,4 +1,4 @@
-"""Cameras and where the target was: what a calibration estimates."""
+"""The cameras and target poses that a calibration estimates, and their reprojection errors."""
 
 from __future__ import annotations
 
@@ -13,63 +13,72 @@ from psfs.cameras.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """cameras: in the order of the views. poses: (4, 4) target to world of every frame."""
+class CalibrationScene:
+    """Cameras in the order of the views, and the target's pose (4, 4), target to world, of each
+    frame."""
 
     cameras: tuple[Camera, ...]
     poses: dict[int, np.ndarray]
 
     def points(self, target: Target, frame: int) -> np.ndarray:
         """Return the target's points (P, 3) m in the world."""
-        return moved(self.poses[frame], target.at(frame))
+        return transform_points(self.poses[frame], target.frame_points(frame))
 
-    def turned(self, world: np.ndarray) -> Scene:
-        """Return the scene in another world, x' = world x, (4, 4)."""
+    def transform(self, world: np.ndarray) -> CalibrationScene:
+        """Transform the scene to another world, x' = world x, (4, 4)."""
         inverse = np.linalg.inv(world)
-        cameras = tuple(placed(camera, pose_of(camera) @ inverse) for camera in self.cameras)
-        return Scene(cameras, {frame: world @ pose for frame, pose in self.poses.items()})
+        cameras = tuple(
+            place_camera(camera, camera_pose(camera) @ inverse) for camera in self.cameras
+        )
+        return CalibrationScene(
+            cameras, {frame: world @ pose for frame, pose in self.poses.items()}
+        )
 
 
-def moved(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the points (N, 3) after a rigid motion (4, 4)."""
+def transform_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Apply a rigid transform (4, 4) to points (N, 3)."""
     return points @ pose[:3, :3].T + pose[:3, 3]
 
 
-def rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return (4, 4) of a rotation (3, 3), or its Rodrigues vector, and a translation."""
+def rigid_transform(R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Build a transform (4, 4) from a rotation (3, 3), or its Rodrigues vector, and a
+    translation."""
     pose = np.eye(4)
     pose[:3, :3] = R if np.size(R) == 9 else cv2.Rodrigues(np.asarray(R, float))[0]
     pose[:3, 3] = np.ravel(t)
     return pose
 
 
-def pose_of(camera: Camera) -> np.ndarray:
-    """Return the motion (4, 4) from the world to the camera."""
-    return rigid(camera.R, camera.t)
+def camera_pose(camera: Camera) -> np.ndarray:
+    """Return the transform (4, 4) from the world to the camera."""
+    return rigid_transform(camera.R, camera.t)
 
 
-def placed(camera: Camera, pose: np.ndarray) -> Camera:
+def place_camera(camera: Camera, pose: np.ndarray) -> Camera:
     """Return the camera at `pose`, world to camera (4, 4)."""
     left, _, right = np.linalg.svd(pose[:3, :3])  # products of rotations drift
     return replace(camera, R=left @ right, t=pose[:3, 3])
 
 
-def normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Return where the rays of pixels (N, 2) meet the plane of depth 1, undistorted."""
+def normalise_pixels(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Return the undistorted intersections (N, 2) of pixels' rays (N, 2) with the plane at depth
+    1."""
     pixels = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
     plane: np.ndarray = cv2.undistortPoints(pixels, camera.K, camera.distortion)
     return plane.reshape(-1, 2)
 
 
-def errors(scene: Scene, target: Target, sighting: Sighting) -> np.ndarray:
+def reprojection_errors(scene: CalibrationScene, target: Target, sighting: Sighting) -> np.ndarray:
     """Return the reprojection errors (N,) px of a sighting."""
     points = scene.points(target, sighting.frame)[sighting.ids]
     pixels, _ = scene.cameras[sighting.view].project(points)
     return np.linalg.norm(pixels - sighting.pixels, axis=-1)
 
 
-def all_errors(scene: Scene, target: Target, sightings: Sequence[Sighting]) -> np.ndarray:
-    """Return the errors (M,) px of all points of the sightings, one after the other."""
+def all_reprojection_errors(
+    scene: CalibrationScene, target: Target, sightings: Sequence[Sighting]
+) -> np.ndarray:
+    """Return the errors (M,) px of all points of the sightings, concatenated."""
     found: dict[int, np.ndarray] = {}
     for view in {sighting.view for sighting in sightings}:
         rows = [row for row, sighting in enumerate(sightings) if sighting.view == view]
@@ -82,5 +91,5 @@ def all_errors(scene: Scene, target: Target, sightings: Sequence[Sighting]) -> n
 
 
 def rms(values: np.ndarray) -> float:
-    """Return the root mean square, NaN of nothing."""
+    """Return the root mean square; NaN for an empty array."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")

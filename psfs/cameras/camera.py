@@ -1,7 +1,7 @@
-"""Calibrated cameras: what they are and how they project (Brown-Conrady, OpenCV conventions; Tsai).
+"""Calibrated cameras and their projection (Brown-Conrady as in OpenCV, or Tsai).
 
-World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right,
-y down; pixel centres at integer coordinates. OpenCL's counterpart: `cl/kernels/common/camera.h`.
+World: right-handed, metres, Z up. `x_cam = R x_world + t`; the camera looks along +z, x right, y
+down; pixel centres at integer coordinates. OpenCL's counterpart: `cl/kernels/common/camera.h`.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.distortion import distorted, largest_radius2, undistorted
+from psfs.cameras.distortion import distort, largest_radius2, undistort
 from psfs.common.names import check_name
 from psfs.common.pictures import check_picture_size
 
-#: Of one rig.
+#: Largest rig.
 MOST_CAMERAS = 1000
 #: Floats per camera in `CameraRig.packed()`.
 CAMERA_FLOATS = 32
-#: Points that are projected at a time: their numbers stay in the cache, ten times as fast as all at
+#: Points projected at a time: their values stay in the cache, which is ten times as fast as all at
 #: once.
 _BLOCK = 16_384
-#: Of all numbers of a camera; lengths may be in any unit before they are converted.
-_LARGEST = 1e7
-#: Focal length, px; less is in another unit.
-_SHORTEST = 0.1
+#: Largest absolute value of any camera parameter; lengths may be in any unit before conversion.
+_MAX_VALUE = 1e7
+#: Shortest focal length, px; a smaller number must be in another unit.
+_MIN_FOCAL_LENGTH_PX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """One calibrated camera.
 
-    K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m
-    take world to camera. size: (width, height) px. kappa: Tsai's, of normalised coordinates, in
-    the place of the distortion (see `distortion.py`). Raises InputError if R is not a rotation, a
-    number is not finite or a shape is wrong, or where there are both.
+    K: (3, 3) intrinsic matrix, px. distortion: (5,) = k1 k2 p1 p2 k3. R: (3, 3) and t: (3,) m take
+    world to camera. size: (width, height) px. kappa: Tsai's radial distortion of normalised
+    coordinates, used instead of `distortion` (see `distortion.py`). Raises InputError if R is not a
+    rotation, a number is not finite, a shape is wrong, or both distortions are given.
     """
 
     name: str
@@ -78,10 +78,10 @@ class Camera:
             values = np.asarray(getattr(self, field))
             if not np.isfinite(values).all():
                 raise InputError(f"camera {self.name}: {field} holds a number that is not finite")
-            if np.abs(values).max() > _LARGEST:
+            if np.abs(values).max() > _MAX_VALUE:
                 largest = values.ravel()[np.abs(values).argmax()]
                 raise InputError(
-                    f"camera {self.name}: {field} holds {largest:g}; expected up to {_LARGEST:g}"
+                    f"camera {self.name}: {field} holds {largest:g}; expected up to {_MAX_VALUE:g}"
                 )
         if np.abs(self.R @ self.R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(self.R) < 0:
             raise InputError(
@@ -89,10 +89,10 @@ class Camera:
                 f"{np.abs(self.R @ self.R.T - np.eye(3)).max():.3g}, "
                 f"determinant {np.linalg.det(self.R):.3g}; expected 0 and 1)"
             )
-        if min(self.K[0, 0], self.K[1, 1]) < _SHORTEST:
+        if min(self.K[0, 0], self.K[1, 1]) < _MIN_FOCAL_LENGTH_PX:
             raise InputError(
                 f"camera {self.name}: focal lengths {self.K[0, 0]:g}, {self.K[1, 1]:g}; "
-                f"expected numbers of pixels from {_SHORTEST:g} on"
+                f"expected numbers of pixels from {_MIN_FOCAL_LENGTH_PX:g} on"
             )
         if np.abs(self.K[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9:
             raise InputError(
@@ -103,45 +103,49 @@ class Camera:
 
     @property
     def centre(self) -> np.ndarray:
-        """(3,) position of the camera in the world, m."""
+        """Position of the camera in the world (3,), m."""
         return -self.R.T @ self.t
 
     @property
     def lens(self) -> np.ndarray:
-        """(6,) k1 k2 p1 p2 k3 kappa."""
+        """Lens distortion (6,): k1 k2 p1 p2 k3 kappa."""
         return np.append(self.distortion, self.kappa)
 
     @cached_property
     def max_radius2(self) -> float:
-        """Largest squared normalised radius that has an image, see `largest_radius2`; points
-        beyond it count as unseen."""
+        """Largest squared normalised radius that is imaged, see `largest_radius2`.
+
+        Points beyond it count as unseen.
+        """
         return largest_radius2(self.lens)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return pixels (..., 2) and depths (...) m of world points (..., 3).
+        """Project world points (..., 3) to pixels (..., 2) and depths (...) m.
 
-        The depth of a point that has no image (behind the camera, or beyond `max_radius2`) is
-        negative or zero, and its pixel is (-1e6, -1e6). Whether a pixel lies inside the image is
-        left to the caller, or to `look_up`.
+        A point that has no image (behind the camera, or beyond `max_radius2`) gets a depth of at
+        most zero and the pixel (-1e6, -1e6). Whether a pixel lies inside the picture is left to the
+        caller, or to `look_up`.
         """
-        u, v, depth, seen = self._images(np.asarray(points, np.float64))
+        u, v, depth, seen = self._project_points(np.asarray(points, np.float64))
         pixels = np.full((*depth.shape, 2), -1e6)
         np.copyto(pixels[..., 0], u, where=seen)
         np.copyto(pixels[..., 1], v, where=seen)
         return pixels, np.where(seen, depth, np.minimum(depth, 0.0))
 
-    def _images(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return columns, rows and depths (...) of points (..., 3), and which have an image."""
+    def _project_points(
+        self, points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return columns, rows, depths (...) of points (..., 3), and whether each has an image."""
         flat = points.reshape(-1, 3)
         u, v, depth = np.empty((3, len(flat)))
         seen = np.empty(len(flat), bool)
         for start in range(0, len(flat), _BLOCK):
             of = slice(start, start + _BLOCK)
-            u[of], v[of], depth[of], seen[of] = self._block_of_images(flat[of])
+            u[of], v[of], depth[of], seen[of] = self._project_block(flat[of])
         shape = points.shape[:-1]
         return u.reshape(shape), v.reshape(shape), depth.reshape(shape), seen.reshape(shape)
 
-    def _block_of_images(
+    def _project_block(
         self, points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         x, y, depth = np.ascontiguousarray((points @ self.R.T + self.t).T)
@@ -149,44 +153,46 @@ class Camera:
             x, y = x / depth, y / depth
             seen = (depth > 1e-6) & (x * x + y * y < self.max_radius2)
             if self.lens.any():
-                x, y = distorted(self.lens, x, y)
+                x, y = distort(self.lens, x, y)
             u = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
             v = self.K[1, 1] * y + self.K[1, 2]
         return u, v, depth, seen
 
     def look_up(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Find which of world points (N, 3) lie in the picture, (N,) bool; row and column of the
-        pixel nearest to each of these (K,), and their depths (K,) m."""
-        u, v, depth, seen = self._images(np.asarray(points, np.float64))
+        """Find the pixels that show world points (N, 3).
+
+        Returns whether each point lies in the picture, (N,) bool; then, for the K that do, row and
+        column (K,) of the nearest pixel, and depth (K,) m.
+        """
+        u, v, depth, seen = self._project_points(np.asarray(points, np.float64))
         with np.errstate(invalid="ignore"):
             x, y = np.floor(u + 0.5), np.floor(v + 0.5)
             inside = seen & (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1])
         return inside, y[inside].astype(int), x[inside].astype(int), depth[inside]
 
-    def undistorted(self, pixels: np.ndarray) -> np.ndarray:
-        """Return pixels (..., 2) as the camera without distortion would have them; NaN where it
-        cannot be undone."""
+    def undistort(self, pixels: np.ndarray) -> np.ndarray:
+        """Remove the distortion from pixels (..., 2); NaN where that is not possible."""
         K = self.K
         y = (pixels[..., 1] - K[1, 2]) / K[1, 1]
         x = (pixels[..., 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
-        x, y = undistorted(self.lens, x, y)
+        x, y = undistort(self.lens, x, y)
         return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Return the world directions (N, 3), of depth 1, of the rays through pixels (N, 2)."""
         if self.kappa:
-            there = np.column_stack([self.undistorted(pixels), np.ones(len(pixels))])
+            there = np.column_stack([self.undistort(pixels), np.ones(len(pixels))])
             tsai: np.ndarray = np.linalg.solve(self.K, there.T).T @ self.R
             return tsai
         distorted = np.array(pixels, np.float64).reshape(-1, 1, 2)
-        # OpenCV leaves the skew out.
+        # cv2.undistortPoints ignores the skew.
         distorted[..., 0] -= self.K[0, 1] * (distorted[..., 1] - self.K[1, 2]) / self.K[1, 1]
         plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
         rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
         return rays
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera of the picture resized by `factor` (pixel centres stay at integers)."""
+        """Return the camera for a picture resized by `factor` (pixel centres stay at integers)."""
         K = self.K.copy()
         K[0, 2], K[1, 2] = K[0, 2] + 0.5, K[1, 2] + 0.5
         K[:2] *= factor
@@ -195,7 +201,7 @@ class Camera:
         return replace(self, K=K, size=size)
 
     def packed(self) -> np.ndarray:
-        """Return (CAMERA_FLOATS,) float32 for the kernels; the order is written in `camera.h`."""
+        """Return (CAMERA_FLOATS,) float32 for the kernels, in the order of `camera.h`."""
         out = np.zeros(CAMERA_FLOATS, np.float32)
         out[0:9] = self.R.ravel()
         out[9:12] = self.t
@@ -210,8 +216,10 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class CameraRig:
-    """Cameras that look at one scene at one time. `width` and `height` are the largest of them:
-    pictures of all views are stacked into one array (V, height, width, ...), padded with zeros.
+    """The calibrated cameras of one scene.
+
+    `width` and `height` are the largest of all cameras: the pictures of all views are stacked into
+    one array (V, height, width, ...), padded with zeros.
     """
 
     cameras: tuple[Camera, ...]
@@ -247,12 +255,12 @@ class CameraRig:
 
     @property
     def distorted(self) -> bool:
-        """Has any camera's lens a distortion?"""
+        """Whether any camera has lens distortion."""
         return any(camera.lens.any() for camera in self)
 
     @property
     def centres(self) -> np.ndarray:
-        """(V, 3) camera positions, m."""
+        """Camera positions (V, 3), m."""
         return np.stack([camera.centre for camera in self.cameras])
 
     def scaled(self, factor: float) -> CameraRig:
@@ -267,7 +275,7 @@ class CameraRig:
 
     @property
     def defines(self) -> dict[str, int]:
-        """What `camera.h` is compiled with."""
+        """The compile-time definitions that `camera.h` needs."""
         tsai = any(camera.kappa for camera in self)
         return {"CAMERA_FLOATS": CAMERA_FLOATS, "TSAI": int(tsai)}
 

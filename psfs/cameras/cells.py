@@ -1,10 +1,10 @@
-"""Cells of pixels: the floor's light and the location prior have one value for each."""
+"""Cells of pixels: the floor's light and the location prior have one value per cell."""
 
 from __future__ import annotations
 
 from psfs.cameras.camera import CameraRig
 
-#: Edge of a cell, px. The kernels' layout of packs and blocks rests on it.
+#: Edge of a cell, px. The kernels' layout of packs and blocks depends on it.
 CELL = 4
 
 

@@ -1,47 +1,52 @@
-"""Lens distortion after Brown and Conrady, in OpenCV's convention: coefficients k1 k2 p1 p2 k3; or,
-where a sixth one, kappa, is not 0, after Tsai (1987; Rymut 2016 eq. 2.24), who has it the other way
-round: undistorted = distorted (1 + kappa r^2) with the radius r of the distorted coordinates.
+"""Lens distortion after Brown-Conrady, or after Tsai.
 
-`cl/kernels/common/camera.h` is the OpenCL counterpart.
+Coefficients k1 k2 p1 p2 k3 as in OpenCV. A sixth one, kappa, if not 0, selects Tsai's model (1987;
+Rymut 2016 eq. 2.24), which is defined in the opposite direction: undistorted = distorted (1 + kappa
+r^2), r the radius of the distorted coordinates. `cl/kernels/common/camera.h` is the OpenCL
+counterpart.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-#: Steps in which the distortion is undone, and what may be left of it, of the focal length.
-_STEPS, _LEFT = 12, 1e-6
+#: Newton steps to undistort, and the largest residual accepted, in focal lengths.
+_STEPS, _MAX_RESIDUAL = 12, 1e-6
 
-#: The least -kappa r^2 at which Tsai's cubic has no root on the side of the lens.
+#: -kappa r^2 beyond which Tsai's cubic has no root on the side of the lens.
 _TSAI_END = 4 / 27
 
 
-def _tsai_share(stretch: np.ndarray) -> np.ndarray:
-    """Return (...) the root s of `stretch` s^3 + s - 1 = 0 that is 1 where that is 0: the distorted
-    radius over the undistorted r, for a stretch (...) of kappa r^2; NaN below -4/27."""
+def _tsai_radius_ratio(stretch: np.ndarray) -> np.ndarray:
+    """Return the ratio s (...) of distorted to undistorted radius r, for `stretch` = kappa r^2
+    (...).
+
+    s is the root of stretch s^3 + s - 1 = 0 that is 1 at stretch 0; NaN below stretch -4/27.
+    """
     root = np.sqrt(3 * np.abs(stretch))
     with np.errstate(invalid="ignore", divide="ignore"):
         wide = np.sinh(np.arcsinh(1.5 * root) / 3)
         narrow = np.sin(np.arcsin(1.5 * root) / 3)
         share = 2 * np.where(stretch > 0, wide, narrow) / root
-    # One step of Newton's, for the last digits; of almost nothing, the series.
+    # One Newton step for the last digits; for a tiny stretch the series, where the formula is 0 /
+    # 0.
     share = np.where(np.abs(stretch) < 1e-12, 1 - stretch, share)
     slope = 3 * stretch * share**2 + 1
     better: np.ndarray = share - (stretch * share**3 + share - 1) / np.where(slope > 1e-6, slope, 1)
     return better
 
 
-def distorted(
+def distort(
     coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distorted normalised coordinates (...) of undistorted ones (...).
+    """Distort normalised coordinates (...).
 
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' likewise; or Tsai's.
     """
     k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
     if any(kappa):
-        share = _tsai_share(kappa[0] * r2)
+        share = _tsai_radius_ratio(kappa[0] * r2)
         return x * share, y * share
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
@@ -49,11 +54,12 @@ def distorted(
 
 
 def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the derivatives (2, 2, ...) of the distorted coordinates by the undistorted ones."""
+    """Return the derivatives (2, 2, ...) of the distorted with respect to the undistorted
+    coordinates."""
     k1, k2, p1, p2, k3, *kappa = coefficients
     r2 = x * x + y * y
     if any(kappa):
-        share = _tsai_share(kappa[0] * r2)
+        share = _tsai_radius_ratio(kappa[0] * r2)
         slope = -2 * kappa[0] * share**3 / (1 + 3 * kappa[0] * r2 * share**2)
         mixed = x * y * slope
         return np.array([[share + x * x * slope, mixed], [mixed, share + y * y * slope]])
@@ -68,11 +74,12 @@ def distortion_jacobian(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) 
     )
 
 
-def undistorted(
+def undistort(
     coefficients: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the undistorted normalised coordinates (...) of distorted ones (...), by Newton's
-    method; NaN where it does not converge, or beyond `largest_radius2`, where no lens shows them.
+    """Undistort normalised coordinates (...) by Newton's method.
+
+    NaN where it does not converge, or beyond `largest_radius2`, where no lens forms an image.
     """
     if len(coefficients) > 5 and coefficients[5]:
         stretch = coefficients[5] * (x * x + y * y)
@@ -81,22 +88,22 @@ def undistorted(
     found_x, found_y = np.array(x, np.float64), np.array(y, np.float64)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            xd, yd = distorted(coefficients, found_x, found_y)
+            xd, yd = distort(coefficients, found_x, found_y)
             (a, b), (c, d) = distortion_jacobian(coefficients, found_x, found_y)
             off_x, off_y, det = xd - x, yd - y, a * d - b * c
             found_x = found_x - (d * off_x - b * off_y) / det
             found_y = found_y - (a * off_y - c * off_x) / det
-        xd, yd = distorted(coefficients, found_x, found_y)
-        good = np.hypot(xd - x, yd - y) < _LEFT
+        xd, yd = distort(coefficients, found_x, found_y)
+        good = np.hypot(xd - x, yd - y) < _MAX_RESIDUAL
         good &= found_x * found_x + found_y * found_y < largest_radius2(coefficients)
     return np.where(good, found_x, np.nan), np.where(good, found_y, np.nan)
 
 
 def largest_radius2(coefficients: np.ndarray) -> float:
-    """Return the largest squared normalised radius at which the distortion is still one to one.
+    """Return the largest squared normalised radius up to which the distortion is one to one.
 
-    Beyond it the polynomial turns back and would project points far outside the view into the
-    picture. Infinite where it never turns back up to a radius of 10, which is 84 degrees.
+    Beyond it the polynomial decreases and would project points far outside the view into the
+    picture. Infinite if it increases up to a radius of 10, which is 84 degrees.
     """
     k1, k2, _, _, k3, *kappa = coefficients
     if any(kappa):

@@ -1,4 +1,4 @@
-"""How many pixels a voxel covers."""
+"""Pixels that a voxel covers in a picture."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 
 
-def footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
-    """Return half the width and height (V, 2) of a projected voxel's box times its depth, px m.
+def voxel_footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
+    """Return half the width and height (V, 2) of a projected voxel times its depth, px m.
 
-    A cube of edge s turned by R spans s times the sum of a row of |R| along a camera axis; so no
-    hole opens between neighbouring voxels, however the camera is turned.
+    A cube of edge s rotated by R extends s times the sum of a row of |R| along a camera axis. Boxes
+    of this size leave no gap between neighbouring voxels, however the camera is rotated.
     """
     spans = [np.abs(camera.R[:2]).sum(1) * np.diag(camera.K)[:2] for camera in rig]
     return 0.5 * voxel_size * np.array(spans)
@@ -20,10 +20,11 @@ def footprints(rig: CameraRig, voxel_size: float) -> np.ndarray:
 def pixel_boxes(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pixels that voxels around `centres` (N, 3) m cover in the picture: the numbers
-    (K,) of the voxels that show, first and last + 1 column and row (K, 2) each, and depths (K,) m.
+    """Find the pixel box that each voxel around `centres` (N, 3) m covers in the picture.
 
-    footprint: (2,), see `footprints`. The nearest pixel is covered however small a voxel is.
+    Returns, for the K voxels that are visible, their indices (K,), first column and row (K, 2),
+    last column and row + 1 (K, 2), and depths (K,) m. footprint: (2,), one row of
+    `voxel_footprints`. A voxel covers at least the nearest pixel, however small it is.
     """
     pixels, depth = camera.project(centres)
     front = np.flatnonzero(depth > 0)

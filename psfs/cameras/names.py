@@ -1,4 +1,4 @@
-"""Camera names: their natural order, and which file belongs to which camera."""
+"""Camera names: natural order, and the match of files to cameras."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cl import InputError
 
 
 def name_tokens(name: str) -> tuple[str, ...]:
-    """Return words and numbers of a name: `cam_01`, `Cam01` and `cam-1` are all ("cam", "1")."""
+    """Split a name into words and numbers: `cam_01`, `Cam01` and `cam-1` all give ("cam", "1")."""
     tokens = re.findall(r"[^\W\d_]+|\d+", name.lower())
     return tuple(str(int(token)) if token.isdigit() else token for token in tokens)
 
@@ -20,26 +20,27 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def contains_name(text: str, name: str) -> bool:
-    """Return whether the tokens of `name` occur together in `text` (`silh_cam01_00023` has
-    `cam01`)."""
+    """Return whether `text` contains the tokens of `name` in a row (`silh_cam01_023`, `cam01`)."""
     inner, outer = name_tokens(name), name_tokens(text)
     starts = range(len(outer) - len(inner) + 1)
     return bool(inner) and any(outer[i : i + len(inner)] == inner for i in starts)
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the names for a message: `a, b, c` or `none`."""
+    """Join names for a message: `a, b, c` or `none`."""
     return ", ".join(names) or "none"
 
 
-def matched(
+def match_files_to_cameras(
     cameras: Sequence[str], found: Sequence[str], where: str, wanted: Sequence[str] | None = None
 ) -> tuple[dict[str, str], str | None]:
-    """Return which of the `found` files belongs to which camera, and a remark if that was guessed.
+    """Match the `found` files to cameras; return them by camera, and a remark if the match was
+    guessed.
 
-    By name without regard to case, separators and leading zeros; else by natural order if the
-    numbers agree. With `wanted` (a subset of the cameras) further files may be there. Raises
-    InputError, naming both lists, when they do not fit.
+    Names are compared without case, separators and leading zeros; if they differ but the counts
+    agree, files and cameras are paired in natural order. `wanted`: cameras that must have a file,
+    default all; with it further files may be there. Raises InputError, naming both lists, if they
+    do not fit.
     """
     by_tokens = {name_tokens(name): name for name in found}
     pairs = {camera: by_tokens.get(name_tokens(camera)) for camera in cameras}

@@ -1,4 +1,4 @@
-"""Where a rig looks: the point where the optical axes meet and the box that cameras share."""
+"""The point where a rig's optical axes meet, and the box that its cameras see."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ _COARSE, _FINE = 21, 41
 
 
 def axis_projectors(rig: CameraRig) -> np.ndarray:
-    """Return I - d d^T (V, 3, 3) of every camera, d its viewing direction: what is left of a
-    vector across the optical axis."""
+    """Return I - d d^T (V, 3, 3) of every camera, d its viewing direction.
+
+    It projects a vector onto the plane perpendicular to the optical axis.
+    """
     axes = np.stack([camera.R[2] for camera in rig])
     return np.eye(3) - axes[:, :, None] * axes[:, None, :]
 
 
-def axes_meet(rig: CameraRig) -> np.ndarray:
-    """Return the point (3,) m with the least sum of squared distances to the optical axes.
+def intersect_axes(rig: CameraRig) -> np.ndarray:
+    """Find the point (3,) m with the least sum of squared distances to the optical axes.
 
-    Solves sum_v (I - d d^T) (x - c) = 0, d the viewing direction, c the centre of camera v; for
-    one camera, or parallel ones, the least-norm correction to the mean camera centre.
+    Solves sum_v (I - d d^T) (x - c) = 0, d the viewing direction, c the centre of camera v. For one
+    camera or parallel ones, returns the solution nearest to the mean camera centre.
     """
     middle = rig.centres.mean(axis=0)
     A, b = np.zeros((3, 3)), np.zeros(3)
@@ -33,46 +35,50 @@ def axes_meet(rig: CameraRig) -> np.ndarray:
     return middle + np.linalg.lstsq(A, b, rcond=1e-6)[0]
 
 
-def axes_meet_ahead(rig: CameraRig) -> np.ndarray:
-    """Return the same point (3,) m, but for a weak pull that keeps it in front of the cameras
-    where their axes are parallel and meet nowhere."""
+def intersect_axes_ahead(rig: CameraRig) -> np.ndarray:
+    """Find the same point (3,) m, weakly regularised towards one in front of the cameras.
+
+    This keeps it in view where the axes are parallel and meet nowhere.
+    """
     axes, projectors = np.stack([camera.R[2] for camera in rig]), axis_projectors(rig)
     distance = float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean()) or 3.0
     ahead = (rig.centres + distance * axes).mean(0)
-    pull = 1e-3 * np.eye(3)  # small beside the projectors, whose eigenvalues are 0 and 1
+    pull = 1e-3 * np.eye(3)  # small compared with the projectors' eigenvalues, 0 and 1
     moments = (projectors @ rig.centres[:, :, None]).sum(0)[:, 0]
     return np.linalg.solve(projectors.sum(0) + pull, moments + pull @ ahead)
 
 
-def enough_cameras(n_cameras: int, share: float, least: int = 1) -> int:
-    """Return how many of `n_cameras` make up `share`, rounded up: `least` of them or more, and
-    all if there are fewer."""
+def required_cameras(n_cameras: int, share: float, least: int = 1) -> int:
+    """Return how many of `n_cameras` make up `share`, rounded up.
+
+    At least `least`, and never more than there are.
+    """
     return min(n_cameras, max(least, math.ceil(share * n_cameras - 1e-9)))
 
 
-def views_needed(rig: CameraRig) -> int:
+def required_views(rig: CameraRig) -> int:
     """Return how many cameras must see a point worth reconstructing: three quarters."""
-    return enough_cameras(len(rig), 0.75)
+    return required_cameras(len(rig), 0.75)
 
 
-def seen_points(rig: CameraRig, needed: int) -> np.ndarray:
-    """Return the points (N, 3) m of a coarse regular lattice that `needed` cameras see.
+def find_seen_points(rig: CameraRig, needed: int) -> np.ndarray:
+    """Find the points (N, 3) m of a coarse regular lattice that at least `needed` cameras see.
 
-    The lattice is centred where the axes meet and reaches as far as the farthest camera.
+    The lattice is centred where the axes meet and extends to the farthest camera.
     """
-    centre = axes_meet(rig)
+    centre = intersect_axes(rig)
     reach = max(np.linalg.norm(rig.centres - centre, axis=1).max(), 1e-9)
-    return _seen(rig, _lattice(centre - reach, centre + reach, _COARSE), needed)
+    return _keep_seen(rig, _lattice(centre - reach, centre + reach, _COARSE), needed)
 
 
-def seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the low and high corner (3,) m of what `needed` cameras see; None for nothing."""
-    points = seen_points(rig, needed)
+def find_seen_box(rig: CameraRig, needed: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Find the low and high corner (3,) m of what `needed` cameras see; None for nothing."""
+    points = find_seen_points(rig, needed)
     if not len(points):
         return None
-    step = 2 * np.linalg.norm(rig.centres - axes_meet(rig), axis=1).max() / (_COARSE - 1)
+    step = 2 * np.linalg.norm(rig.centres - intersect_axes(rig), axis=1).max() / (_COARSE - 1)
     finer = _lattice(points.min(axis=0) - step, points.max(axis=0) + step, _FINE)
-    points = np.concatenate([points, _seen(rig, finer, needed)])
+    points = np.concatenate([points, _keep_seen(rig, finer, needed)])
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -81,6 +87,6 @@ def _lattice(low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def _seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
+def _keep_seen(rig: CameraRig, points: np.ndarray, needed: int) -> np.ndarray:
     views = np.sum([camera.look_up(points)[0] for camera in rig], axis=0)
     return points[views >= needed]

@@ -1,4 +1,4 @@
-"""Length units and up axes: from what a calibration file means to metres with Z up."""
+"""Convert length units to metres and up axes to Z."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Unit = str | float
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
-#: For each up axis a proper rotation that takes it to +Z; the rows are the new X, Y and Z.
+#: For each up axis the proper rotation that takes it to +Z; the rows are the new X, Y and Z.
 _Z_UP = {
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
@@ -27,7 +27,7 @@ _Z_UP = {
 
 
 def metres_per_unit(unit: Unit) -> float:
-    """Return the metres in one `unit`. Raises InputError for what is no positive length."""
+    """Return the metres in one `unit`. Raises InputError for anything but a positive length."""
     match = re.fullmatch(r"\s*([0-9.eE+-]*)\s*(m|cm|mm|)\s*", str(unit)[:100])
     try:
         if isinstance(unit, bool) or not match or not (match[1] or match[2]):
@@ -37,13 +37,13 @@ def metres_per_unit(unit: Unit) -> float:
             raise ValueError
     except ValueError:
         raise InputError(
-            f"unit {unit!r} is no length; expected m, cm, mm, a factor as in 0.76mm, "
+            f"unit {unit!r} is not a length; expected m, cm, mm, a factor as in 0.76mm, "
             "or metres per unit"
         ) from None
     return metres
 
 
-def z_up_from(up: str) -> np.ndarray:
+def rotation_to_z_up(up: str) -> np.ndarray:
     """Return the rotation (3, 3) that takes the axis `up` ("z", "-z", "y", ...) to +Z."""
     key = str(up).strip().lower().lstrip("+")
     if key not in _Z_UP:
@@ -51,11 +51,11 @@ def z_up_from(up: str) -> np.ndarray:
     return np.array(_Z_UP[key], np.float64)
 
 
-def scaled_rig(rig: CameraRig, metres: float) -> CameraRig:
-    """Return the rig whose translations were given in units of `metres`: t' = s t."""
+def scale_rig(rig: CameraRig, metres: float) -> CameraRig:
+    """Convert a rig whose translations are in units of `metres` to metres: t' = s t."""
     return CameraRig(tuple(replace(camera, t=camera.t * metres) for camera in rig))
 
 
-def turned_rig(rig: CameraRig, rotation: np.ndarray) -> CameraRig:
-    """Return the rig in the world x' = A x, A = `rotation` (3, 3): R' = R A^T, t unchanged."""
+def rotate_rig(rig: CameraRig, rotation: np.ndarray) -> CameraRig:
+    """Rotate the world of a rig to x' = A x, A = `rotation` (3, 3): R' = R A^T, t unchanged."""
     return CameraRig(tuple(replace(camera, R=camera.R @ rotation.T) for camera in rig))

@@ -10,28 +10,33 @@ import numpy as np
 from rich.table import Table
 
 from cl import InputError
-from psfs.calibration.calibrator import Calibrated, calibrated
+from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.intrinsics import given_cameras
+from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.pictures import write_rig, write_view
-from psfs.calibration.report import View, summary, verdict, views_of
-from psfs.calibration.scene import rigid
-from psfs.calibration.start.motion_capture import measured_wand
+from psfs.calibration.report import (
+    ViewReport,
+    calibration_summary,
+    judge_calibration,
+    summarise_views,
+)
+from psfs.calibration.scene import rigid_transform
+from psfs.calibration.start.motion_capture import read_measured_wand
 from psfs.calibration.targets.boards import DICTIONARIES, CharucoFinder, ChessboardFinder
 from psfs.calibration.targets.detection import (
     Finder,
-    empty_scenes,
+    crop_pictures,
+    find_hint,
+    find_sightings,
+    median_pictures,
     open_uncalibrated,
-    pictures_of,
-    sightings_in,
-    what_is_seen,
 )
 from psfs.calibration.targets.markers import MarkerFinder
-from psfs.calibration.targets.target import Sighting, wand
-from psfs.calibration.world import by_cameras, on_floor
+from psfs.calibration.targets.target import Sighting, make_wand
+from psfs.calibration.world import align_to_cameras, align_to_floor
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import z_up_from
+from psfs.cameras.units import rotation_to_z_up
 from psfs.cli.commandline import add_command, frame_range, progress_bar, stdout, warn
 from psfs.cli.sequence_flags import frame_rate, sync_of
 from psfs.cli.settings import FILE, add_configs, refuse_unused, write_settings
@@ -166,16 +171,16 @@ def _calibrate(args: argparse.Namespace) -> None:
     chosen, floor = _chosen(args, views, config)
     finder = board or _marker_finder(args, views, chosen)
     known = args.intrinsics is not None
-    cameras = given_cameras(args.intrinsics, views.rig, board) if known else list(views.rig)
+    cameras = read_intrinsics(args.intrinsics, views.rig, board) if known else list(views.rig)
     sightings: list[Sighting] = []
     with progress_bar() as bar:
         for found in bar.track(
-            sightings_in(views, chosen, finder), len(chosen), description="looking"
+            find_sightings(views, chosen, finder), len(chosen), description="looking"
         ):
             sightings += found
     if not sightings:
         raise InputError(_none_found(views, chosen, finder))
-    result = calibrated(cameras, finder.target, sightings, known, config)
+    result = calibrate_cameras(cameras, finder.target, sightings, known, config)
     result, warnings = _in_world(args, result, floor)
     _write(args, views, result, config, warnings)
 
@@ -204,10 +209,10 @@ def _board_of(args: argparse.Namespace) -> CharucoFinder | ChessboardFinder | No
 
 def _marker_finder(args: argparse.Namespace, views: Sequence, chosen: list[int]) -> MarkerFinder:
     if args.c3d is not None:
-        target = measured_wand(args.c3d, args.markers, chosen, views.fps, args.c3d_begins)
+        target = read_measured_wand(args.c3d, args.markers, chosen, views.fps, args.c3d_begins)
     else:
-        target = wand(args.wand)
-    return MarkerFinder(target, empty_scenes(views, chosen))
+        target = make_wand(args.wand)
+    return MarkerFinder(target, median_pictures(views, chosen))
 
 
 def _chosen(
@@ -233,39 +238,39 @@ def _none_found(views: Sequence, chosen: list[int], finder: Finder) -> str:
     what = f"{views.folder}: no {finder.target.name} in {where}"
     if isinstance(finder, MarkerFinder):
         return f"{what}; expected its markers to be the only bright spots that move"
-    seen = what_is_seen(views, chosen, finder.hint)  # type: ignore[attr-defined]
+    seen = find_hint(views, chosen, finder.hint)  # type: ignore[attr-defined]
     if seen is not None:
         return f"{what}, but {seen}; expected what the flags of the board say"
     return f"{what}; expected it flat, sharp, lit evenly, and with a white rim"
 
 
 def _in_world(
-    args: argparse.Namespace, result: Calibrated, floor: list[int]
-) -> tuple[Calibrated, list[str]]:
+    args: argparse.Namespace, result: CalibrationResult, floor: list[int]
+) -> tuple[CalibrationResult, list[str]]:
     """Return the result in a world with Z up, and what to warn of."""
     if result.target.known is not None:
         if args.up is None:
             return result, []
-        return result.turned(rigid(z_up_from(args.up), np.zeros(3))), []
+        return result.transform(rigid_transform(rotation_to_z_up(args.up), np.zeros(3))), []
     if floor:
-        world = on_floor(result.scene, result.target, floor, args.height)
-        return result.turned(world), []
+        world = align_to_floor(result.scene, result.target, floor, args.height)
+        return result.transform(world), []
     text = (
         "no --floor is stated: Z is the cameras' mean up, and Z = 0 the lowest place of the "
         f"{result.target.name}"
     )
-    return result.turned(by_cameras(result.scene, result.target)), [text]
+    return result.transform(align_to_cameras(result.scene, result.target)), [text]
 
 
 def _write(
     args: argparse.Namespace,
     views: Sequence,
-    result: Calibrated,
+    result: CalibrationResult,
     config: CalibrationConfig,
     warnings: list[str],
 ) -> None:
     out: Path = args.output
-    found = views_of(result, args.intrinsics is not None, config)
+    found = summarise_views(result, args.intrinsics is not None, config)
     what: dict[str, Any] = {
         "folder": str(views.folder),
         "intrinsics": "found" if args.intrinsics is None else str(args.intrinsics),
@@ -273,7 +278,7 @@ def _write(
         "versions": versions(),
     }
     write_toml_tables(out / CALIBRATION, CameraRig(result.scene.cameras))
-    write_json(out / REPORT, summary(result, found, what, warnings))
+    write_json(out / REPORT, calibration_summary(result, found, what, warnings))
     write_rig(out / RIG, result, found)
     _write_pictures(out / PICTURES, views, result, found)
     write_settings(out, args, {"calibration": config})
@@ -283,18 +288,20 @@ def _write(
             warn(f"{view.camera.name} {fault}", stdout)
     for text in warnings:
         warn(text, stdout)
-    stdout.print(f"{verdict(found)}; wrote {out}", soft_wrap=True)
+    stdout.print(f"{judge_calibration(found)}; wrote {out}", soft_wrap=True)
 
 
-def _write_pictures(folder: Path, views: Sequence, result: Calibrated, found: list[View]) -> None:
+def _write_pictures(
+    folder: Path, views: Sequence, result: CalibrationResult, found: list[ViewReport]
+) -> None:
     """Write a picture per camera, its points over its picture of the frame that most see."""
     frames = [sighting.frame for sighting in result.sightings]
-    shown = pictures_of(views.read(max(set(frames), key=frames.count)), views.rig)
+    shown = crop_pictures(views.read(max(set(frames), key=frames.count)), views.rig)
     for view, picture in zip(found, shown, strict=True):
         write_view(folder / f"{view.camera.name}.png", view, picture)
 
 
-def _table(found: list[View]) -> Table:
+def _table(found: list[ViewReport]) -> Table:
     table = Table("camera", title="Reprojection error, px", title_justify="left")
     for title in ("mean", "median", "95 %", "frames", "picture covered"):
         table.add_column(title, justify="right")

@@ -27,8 +27,8 @@ from rich.table import Table
 from rich.text import Text
 
 from cl import InputError
-from psfs.common.files import full_path
-from psfs.common.names import printable
+from psfs.common.files import resolve_path
+from psfs.common.names import escape_unprintable
 
 #: Columns of a file or a pipe, which has no width of its own: room for the widest table.
 _UNLIMITED = 160
@@ -48,7 +48,7 @@ class Messages(Console):
 
 
 def _printable(text: str) -> str:
-    return "\n".join(printable(line) for line in text.split("\n"))
+    return "\n".join(escape_unprintable(line) for line in text.split("\n"))
 
 
 @dataclass
@@ -83,14 +83,16 @@ def warn(text: str, console: Console = stderr) -> None:
 
 def remark(kind: str, style: str, text: str, console: Console = stdout) -> None:
     """Print `kind: text`, the kind in a colour."""
-    console.print(Text.assemble((f"{kind}:", style), f" {printable(text)}"), soft_wrap=True)
+    console.print(
+        Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True
+    )
 
 
 class CommandParser(argparse.ArgumentParser):
     """A parser whose errors are one line; so are those of its subcommands."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {printable(message)}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
 
 
 @contextmanager
@@ -196,7 +198,7 @@ def add_device_flag(parser: argparse.ArgumentParser) -> None:
 def path_or_name(text: str) -> str:
     """Return a path in full where there is such a file or folder, else the text (argparse type)."""
     path = Path(text)
-    return str(full_path(path)) if path.exists() else text
+    return str(resolve_path(path)) if path.exists() else text
 
 
 def progress_bar() -> Progress:

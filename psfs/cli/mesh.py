@@ -13,7 +13,7 @@ import trimesh
 from cl import InputError, select_device
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
-from psfs.common.files import full_path, write_json
+from psfs.common.files import resolve_path, write_json
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 from psfs.common.regions import iou
@@ -128,7 +128,7 @@ def _targets(args: argparse.Namespace, run: ReconstructionFolder) -> dict[int, P
     if suffix not in FORMATS or suffix != (args.format or suffix):
         expected = [args.format] if args.format else FORMATS
         raise InputError(f"{path}: expected a name that ends in .{' or .'.join(expected)}")
-    if full_path(path).parent == full_path(args.out / "clouds"):
+    if resolve_path(path).parent == resolve_path(args.out / "clouds"):
         raise InputError(f"{path}: lies among the clouds, which are read; expected another folder")
     return {number: path}
 

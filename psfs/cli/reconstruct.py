@@ -35,7 +35,7 @@ from psfs.diagnostics.reprojection_iou import (
     whole_silhouettes,
 )
 from psfs.output import reconstruction_folder
-from psfs.output.preview import preview
+from psfs.output.preview import draw_preview
 from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
@@ -114,7 +114,7 @@ def _run(args: argparse.Namespace) -> None:
 def _reconstruct(args: argparse.Namespace, out: OutputFolder) -> None:
     device = select_device(args.device, profile=True)
     opened = open_sequence(args)
-    out.keep_off(opened.inputs)
+    out.check_inputs(opened.inputs)
     chosen_frames(args, opened)  # before the pictures are looked at, which takes seconds
     selection = args.frames or slice(None)
     settings = SessionSettings(_config(args), selection, args.voxel_size)
@@ -253,7 +253,9 @@ class _Job:
         index = full[len(full) // 2]
         run = reconstruction_folder.ReconstructionFolder.open(self.out)
         title = f"{self.sequence.name}, frame {index}"
-        picture = preview(run.cloud(index), self.sequence.rig, self.sequence.read(index), title)
+        picture = draw_preview(
+            run.cloud(index), self.sequence.rig, self.sequence.read(index), title
+        )
         write_picture(self.out / "preview.png", picture)
 
     def _summary(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.ranges import check_range
 from psfs.diagnostics.examination import Examination, examine
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
@@ -159,7 +159,7 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
     """Return what the flags say of the sequence, as overrides of `Sequence.open`; plain values."""
     flags = {key: getattr(args, key) for key in _KEYS if getattr(args, key) is not None}
     if "calibration" in flags:
-        flags["calibration"] = str(full_path(flags["calibration"]))
+        flags["calibration"] = str(resolve_path(flags["calibration"]))
     return flags
 
 

@@ -18,7 +18,7 @@ import tomli_w
 
 from cl import InputError
 from psfs.cli.commandline import path_or_name
-from psfs.common.files import full_path, written_whole
+from psfs.common.files import resolve_path, written_whole
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 
@@ -293,7 +293,7 @@ def _plain(action: argparse.Action, value: Any) -> Any:
     if action.type in (int, float, path_or_name) and isinstance(value, str):
         return action.type(value)
     if isinstance(value, Path) or action.type is Path:
-        return str(full_path(value))
+        return str(resolve_path(value))
     return value if isinstance(value, (int, float)) else str(value)
 
 

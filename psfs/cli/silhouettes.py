@@ -60,7 +60,7 @@ def _show(args: argparse.Namespace, opened: OutputFolder) -> None:
     config = args.configs.get("reconstruction") or ReconstructionConfig()
     session = synchronise(Session(open_sequence(args), device, SessionSettings(config)))
     sequence = session.sequence
-    opened.keep_off(sequence.inputs)
+    opened.check_inputs(sequence.inputs)
     wanted = _wanted(args, sequence)
     report = _Report(sequence)
     try:

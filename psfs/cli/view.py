@@ -16,13 +16,20 @@ from psfs.cameras.camera import CameraRig
 from psfs.cli.commandline import add_command, add_device_flag, stdout, warn
 from psfs.common.files import write_picture
 from psfs.common.outputs import output_folder
-from psfs.mesh.drawing import Layer, Shape, floor, frusta, steady_layer, voxel_layer
+from psfs.mesh.drawing import (
+    Layer,
+    Shape,
+    draw_floor,
+    draw_frusta,
+    make_static_layer,
+    make_voxel_layer,
+)
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import KEYS, Player
-from psfs.mesh.preview import mesh_preview
-from psfs.mesh.viewer import has_display, show
-from psfs.output.preview import preview
+from psfs.mesh.preview import draw_mesh_preview
+from psfs.mesh.viewer import has_display, show_window
+from psfs.output.preview import draw_preview
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.voxels.grid import VoxelCloud
@@ -81,7 +88,7 @@ def view_run(args: argparse.Namespace, on_top: OnTop) -> None:
         return cloud, mesher(index) if mesher and len(cloud) else None
 
     if args.png is None and has_display():
-        show(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
+        show_window(sequence.name, sequence.rig, run.grid, _player(args, run, shape, on_top))
         return
     path = args.png or args.out / f"view_{frame:06d}.png"
     picture = on_top.picture or partial(_picture, shape, sequence.name)
@@ -97,10 +104,10 @@ def _player(
     sequence = run.sequence()
     name, opacity = "meshes" if args.mesh else "voxels", _BEHIND if on_top.layers else 1.0
     layers = (
-        voxel_layer(shape, run.grid, name, opacity),
+        make_voxel_layer(shape, run.grid, name, opacity),
         *on_top.layers,
-        steady_layer("cameras", frusta(sequence.rig)),
-        steady_layer("floor", floor(run.grid)),
+        make_static_layer("cameras", draw_frusta(sequence.rig)),
+        make_static_layer("floor", draw_floor(run.grid)),
     )
     playback = Playback(run.indices, sequence.fps, run.chosen(args.frame))
     return Player(playback, layers, lambda n: f"{_size(run, n)}   {on_top.note(n)}".strip())
@@ -110,8 +117,8 @@ def _picture(shape: Shape, name: str, frame: Frame, rig: CameraRig) -> np.ndarra
     cloud, mesh = shape(frame.index)
     title = f"{name}, frame {frame.index}"
     if mesh is None:
-        return preview(cloud, rig, frame, title)
-    return mesh_preview(mesh, rig, frame, title)
+        return draw_preview(cloud, rig, frame, title)
+    return draw_mesh_preview(mesh, rig, frame, title)
 
 
 def _size(run: ReconstructionFolder, index: int) -> str:

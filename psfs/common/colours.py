@@ -1,4 +1,4 @@
-"""Colours: their chromaticity, and how text names them."""
+"""Chromaticity, and parsing of colours."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from cl import InputError
 def chromaticity(pixels: np.ndarray) -> np.ndarray:
     """Return the chromaticity (..., 2) of colours (..., 3) BGR.
 
-    (r - g) / sqrt 2 and (r + g - 2 b) / sqrt 6 of the shares r, g, b of the brightness. 0 is grey,
-    the direction is the hue and the length the saturation; light and shadow leave it as it is.
+    (r - g) / sqrt 2 and (r + g - 2 b) / sqrt 6, where r, g, b are shares of the brightness. 0 is
+    grey, the direction is the hue and the length the saturation; light and shadow do not change it.
     """
     b, g, r = np.moveaxis(pixels.astype(np.float64), -1, 0)
     total = b + g + r + 1
@@ -21,7 +21,7 @@ def chromaticity(pixels: np.ndarray) -> np.ndarray:
 
 
 def parse_colour(text: object) -> np.ndarray:
-    """Return the colour (3,) float BGR of `#rrggbb`. Raises InputError for anything else."""
+    """Parse `#rrggbb` to a colour (3,) float BGR. Raises InputError for anything else."""
     if not isinstance(text, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise InputError(f"key = {text!r}; expected a colour #rrggbb, such as #00b140")
     return np.array([int(text[i : i + 2], 16) for i in (5, 3, 1)], np.float64)

@@ -1,30 +1,32 @@
-"""Sizes of the exact distance transform on a device. Counterpart of common/distance.h."""
+"""Sizes of the exact distance transform on a device; counterpart of common/distance.h."""
 
 from __future__ import annotations
 
 from cl import Device, InputError
 from cl.workgroups import pack_defines
 
-#: Items that work on a tile of the maps, and a tile's edge, px: the fastest on PoCL and on a H200.
+#: Work group size for a tile of the maps, and a tile's edge, px: the fastest on PoCL and on an
+#: H200.
 _GROUP = 256
 TILE = 32
-#: Rows of a tile where distances take two bytes, which need more local memory.
+#: Rows of a tile if distances take two bytes, which need more local memory.
 _FEW_ROWS = 8
-#: Longest distance whose square, and that of a column beside it, fits into two bytes.
+#: Longest distance, px, whose square, and that of a neighbouring column, fits into two bytes.
 _SHORT = 180
-#: Bytes that a CPU reads together.
+#: Bytes that a CPU processes together.
 LOT = 16
 
 
 def distance_defines(device: Device, width: int, height: int, reach: int) -> dict[str, int]:
-    """Return the defines of distance.h for pictures of a size, px, and distances up to `reach` px.
+    """Return the compile-time definitions of distance.h.
 
-    Raises InputError for a reach that the device's local memory has no room for.
+    width, height: of the pictures, px. reach: largest distance, px. Raises InputError if the
+    device's local memory is too small for it.
     """
     rows = TILE if reach <= _SHORT else _FEW_ROWS
     span = TILE + 2 * reach
     lot = 1 if device.is_gpu else LOT
-    # A gap and its square, see distance.h, and a row more.
+    # A gap and its square, see distance.h, and one more row.
     nbytes = rows * span * 3 + span if reach <= _SHORT else 2 * (rows * span + span)
     room = device.handle.local_mem_size - 8 * LOT
     if nbytes > room:
@@ -42,7 +44,7 @@ def distance_defines(device: Device, width: int, height: int, reach: int) -> dic
     }
 
 
-def tiles_of(defines: dict[str, int]) -> int:
-    """Return the number of tiles of a picture."""
+def count_tiles(defines: dict[str, int]) -> int:
+    """Count the tiles of a picture."""
     columns = -(-defines["WIDTH"] // defines["TILE"])
     return columns * -(-defines["HEIGHT"] // defines["TILE_ROWS"])

@@ -1,4 +1,5 @@
-"""Files of numbers, and files written whole: to a temporary name, then renamed."""
+"""Read files of text and numbers, and write files atomically: under a temporary name, then
+renamed."""
 
 from __future__ import annotations
 
@@ -15,25 +16,27 @@ import numpy as np
 from cl import InputError, MissingFileError
 from psfs.common.outputs import claim, temporary_name
 
-#: Of a JSON file: a run of 100,000 frames takes 10 MB.
+#: Largest JSON file; a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
 
 
-def full_path(path: str | Path) -> Path:
-    """Return the path in full, links followed as far as they lead somewhere."""
+def resolve_path(path: str | Path) -> Path:
+    """Return the absolute path with symbolic links resolved as far as they exist."""
     return Path(os.path.realpath(path))
 
 
-def unreadable(path: Path, error: OSError) -> InputError:
-    """Return the error to raise for a file that the file system does not give."""
+def unreadable_error(path: Path, error: OSError) -> InputError:
+    """Return the error to raise for a file that the file system cannot read."""
     kind = MissingFileError if isinstance(error, FileNotFoundError) else InputError
     return kind(f"{path}: cannot be read: {error.strerror}")
 
 
 def read_numbers(path: Path) -> np.ndarray:
-    """Return the numbers (N,) float64 of a text file, with white space between them; what follows
-    a # in its line is a comment. Raises InputError naming the file if it cannot be read or holds
-    anything else, MissingFileError if it is absent."""
+    """Read the numbers (N,) float64, separated by white space, of a text file with # comments.
+
+    Raises InputError naming the file if it cannot be read or holds anything else, MissingFileError
+    if it is absent.
+    """
     lines = read_text(path, "numbers").splitlines()
     try:
         return np.array(" ".join(line.partition("#")[0] for line in lines).split(), np.float64)
@@ -44,10 +47,12 @@ def read_numbers(path: Path) -> np.ndarray:
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Return the plain values of a JSON file; `what` says in errors what it should be. Raises
-    InputError, or MissingFileError if the file is absent."""
+    """Read a JSON file. Raises InputError, or MissingFileError if the file is absent.
+
+    what: description of the expected file, for errors.
+    """
     try:
-        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=_refused_constant)
+        return json.loads(read_text(path, what, MOST_BYTES), parse_constant=_reject_constant)
     except MissingFileError:
         raise MissingFileError(f"{path}: no such file; expected {what}") from None
     except (ValueError, RecursionError) as error:
@@ -57,18 +62,21 @@ def read_json(path: Path, what: str) -> Any:
         raise InputError(f"{path}: malformed JSON: {reason}; expected {what}") from None
 
 
-def _refused_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number of JSON")
+def _reject_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
-    """Return the text (UTF-8) of a file of at most `most_bytes`; `what` says in errors what it
-    should be. Raises InputError, or MissingFileError if the file is absent."""
+    """Read a text file (UTF-8) of at most `most_bytes`.
+
+    what: description of the expected file, for errors. Raises InputError, or MissingFileError if
+    the file is absent.
+    """
     try:
         with path.open("rb") as file:
             content = file.read(most_bytes + 1)
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     if len(content) > most_bytes:
         raise InputError(f"{path}: more than {most_bytes // 2**20} MiB; expected {what}")
     try:
@@ -79,13 +87,13 @@ def read_text(path: Path, what: str, most_bytes: int = 16 * 2**20) -> str:
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` (same suffix); renamed to `path` on success, else
-    removed.
+    """Yield a temporary path beside `path` (same suffix); rename it to `path` on success, else
+    remove it.
 
-    `with written_whole("a.ply") as temporary: write(temporary)`
-    In an output folder that is being written, see `psfs.common.outputs`, its manifest gets the
-    name. Raises InputError if the file system refuses (no permission, disk full, a file for a
-    folder), or the folder holds a file of that name that is not ours.
+    `with written_whole("a.ply") as temporary: write(temporary)` In an output folder that is being
+    written, see `psfs.common.outputs`, the name is added to its manifest. Raises InputError if the
+    file system refuses (no permission, disk full, a file for a folder), or if the folder holds a
+    file of that name that no command of ours wrote.
     """
     path = Path(path)
     temporary = temporary_name(path)
@@ -102,18 +110,18 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write plain values. Raises InputError as `written_whole` does."""
+    """Write plain values as JSON. Raises InputError as `written_whole` does."""
     with written_whole(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
-    """Write a BGR picture; the suffix of `path` says the format. Raises InputError if unknown."""
+    """Write a BGR picture in the format of the suffix. Raises InputError if that is unknown."""
     try:
         done, content = cv2.imencode(path.suffix, picture)
     except cv2.error:
         done = False
     if not done:
-        raise InputError(f"{path}: no picture format; expected a name such as view.png")
+        raise InputError(f"{path}: unknown picture format; expected a name such as view.png")
     with written_whole(path) as temporary:
-        temporary.write_bytes(content.tobytes())  # whose errors say why
+        temporary.write_bytes(content.tobytes())  # its errors say why

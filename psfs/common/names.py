@@ -1,4 +1,4 @@
-"""Names that files give to cameras, bodies, bones and joints, and text that is printed."""
+"""Check names of cameras, bodies, bones and joints, and make text printable."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import unicodedata
 
 from cl import InputError
 
-#: Characters of a name, at most: file names have room for 255 bytes, and ours add to the name.
+#: Most characters of a name: file names may have 255 bytes, and we add to the name.
 LONGEST_NAME = 100
 _SEPARATORS = "/\\"
 
 
 def check_name(name: object, what: str) -> str:
-    """Return `name` if it can be a file's name and be printed; `what` says in errors whose it is.
+    """Return `name` if it can be printed and be a file's name; what: its owner, for errors.
 
-    Raises InputError for anything but text, empty names, those with separators of paths, control
-    characters or outer white space, `.`, `..`, and names that are too long.
+    Raises InputError for anything but text, and for names that are empty, too long, `.` or `..`, or
+    that contain path separators, control characters or outer white space.
     """
     if not isinstance(name, str):
         raise InputError(f"{what} has the name {name!r}; expected text")
@@ -35,13 +35,13 @@ def check_name(name: object, what: str) -> str:
     return name
 
 
-def printable(text: str) -> str:
-    """Return `text` as one line: what cannot be printed is escaped, as in \\x1b or \\udcff."""
+def escape_unprintable(text: str) -> str:
+    r"""Return `text` as one line with unprintable characters escaped, as in \\x1b or \\udcff."""
     line = re.sub(r"\s*[\r\n]+\s*", " ", text)
-    return "".join(c if c.isprintable() else _escaped(c) for c in line)
+    return "".join(c if c.isprintable() else _escape(c) for c in line)
 
 
-def _escaped(character: str) -> str:
+def _escape(character: str) -> str:
     if unicodedata.category(character) == "Zs" or character == "\t":
         return " "
     return character.encode("unicode_escape").decode("ascii")

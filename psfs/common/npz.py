@@ -1,4 +1,4 @@
-"""Reading npz files: what they claim is checked before anything is allocated."""
+"""Read npz files; what they claim is checked before anything is allocated."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from typing import IO, Any
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 from psfs.common.schema import LARGEST
 
-#: Bytes that the arrays of one file may take, all together.
+#: Most bytes of all arrays of a file together.
 MOST_BYTES = 4 * 2**30
 _MOST_ARRAYS = 1000
 _MOST_DIMENSIONS = 8
-#: Of the description of one array.
+#: Most bytes of an array's header.
 _MOST_HEADER = 10_000
 _BROKEN = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError, KeyError,
            NotImplementedError, RuntimeError, SyntaxError, RecursionError, OverflowError,
@@ -31,12 +31,12 @@ _BROKEN = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError, KeyE
 
 @dataclass(frozen=True)
 class Values:
-    """What an array must be.
+    """The expected properties of an array.
 
-    shape: a number, or a letter that stands for the same length wherever it occurs, for each
-    dimension; None for any shape. kind: "float" for any numbers, "int" for whole ones, "bool" for
-    numbers as flags, "text". finite: no NaN or infinity, and none beyond `LARGEST`; else NaN says
-    unknown, and infinity is refused all the same. low, high: bounds, ends included.
+    shape: for each dimension a number, or a letter that stands for the same length wherever it
+    occurs; None for any shape. kind: "float" for any numbers, "int" for whole ones, "bool" for
+    numbers as flags, "text". finite: no NaN or infinity, and no value beyond `LARGEST`; otherwise
+    NaN means unknown, and infinity is still rejected. low, high: bounds, inclusive.
     """
 
     shape: tuple[int | str, ...] | None
@@ -51,9 +51,12 @@ _KINDS = {"float": "fiu", "int": "iu", "bool": "biuf", "text": "U"}
 
 
 def read_npz(path: Path, schema: Mapping[str, Values], what: str) -> dict[str, np.ndarray]:
-    """Return all arrays of an npz, those that `schema` names checked; `what` says in errors what
-    the file should be. Raises InputError, or MissingFileError if the file is absent."""
-    data = _loaded(path, what)
+    """Read all arrays of an npz and check those that `schema` names.
+
+    what: description of the expected file, for errors. Raises InputError, or MissingFileError if
+    the file is absent.
+    """
+    data = _load(path, what)
     missing = [key for key, values in schema.items() if values.needed and key not in data]
     if missing:
         raise InputError(f"{path}: lacks {', '.join(missing)}; expected {what}")
@@ -65,16 +68,18 @@ def read_npz(path: Path, schema: Mapping[str, Values], what: str) -> dict[str, n
 
 
 def read_npy(path: Path, values: Values, what: str) -> np.ndarray:
-    """Return the array of an npy file, checked; `what` says in errors what it should be. Raises
-    InputError, or MissingFileError if the file is absent."""
-    with _reading(path, "npy", what), path.open("rb") as file:
-        array = _array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
+    """Read and check the array of an npy file; what: description of the expected file, for errors.
+
+    Raises InputError, or MissingFileError if the file is absent.
+    """
+    with _translate_errors(path, "npy", what), path.open("rb") as file:
+        array = _read_array(path, "it", file, min(path.stat().st_size, MOST_BYTES))
     check_values(path, "the array", array, values, {})
     return array
 
 
-def _loaded(path: Path, what: str) -> dict[str, np.ndarray]:
-    with _reading(path, "npz", what), zipfile.ZipFile(path) as archive:
+def _load(path: Path, what: str) -> dict[str, np.ndarray]:
+    with _translate_errors(path, "npz", what), zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
         if len(entries) > _MOST_ARRAYS:
             raise InputError(f"{path}: holds {len(entries)} arrays; "
@@ -87,28 +92,28 @@ def _loaded(path: Path, what: str) -> dict[str, np.ndarray]:
                                  f"{MOST_BYTES / 2**30:.0f} GiB; expected {what}")  # fmt: skip
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as file:
-                data[name] = _array(path, name, file, entry.file_size)
+                data[name] = _read_array(path, name, file, entry.file_size)
         return data
 
 
 @contextmanager
-def _reading(path: Path, kind: str, what: str) -> Iterator[None]:
-    """Turn what reading a file of a `kind`, npz or npy, raises into InputError, or
+def _translate_errors(path: Path, kind: str, what: str) -> Iterator[None]:
+    """Turn the errors of reading an npz or npy file (`kind`) into InputError or
     MissingFileError."""
     try:
         yield
     except FileNotFoundError:
         raise MissingFileError(f"{path}: no such file; expected {what}") from None
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except InputError:
         raise
     except _BROKEN:
         raise InputError(f"{path}: not a readable {kind} file; expected {what}") from None
 
 
-def _array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarray:
-    """Read one array whose entry has `nbytes`, which its description must agree with."""
+def _read_array(path: Path, name: str, file: IO[bytes], nbytes: int) -> np.ndarray:
+    """Read one array, whose header must agree with the `nbytes` of its entry."""
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0,
                (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
@@ -136,10 +141,12 @@ def check_values(
     values: Values,
     lengths: dict[str, tuple[int, str]],
 ) -> None:
-    """Raise InputError unless `array` is what `values` say; lengths: of the letters so far, and
-    the key that they come from."""
+    """Raise InputError unless `array` is as `values` require.
+
+    lengths: length of each letter so far, and the key that it comes from.
+    """
     if array.dtype.kind not in _KINDS[values.kind]:
-        raise InputError(f"{where}: {key} is {array.dtype}; expected {_wanted(values)}")
+        raise InputError(f"{where}: {key} is {array.dtype}; expected {_describe_kind(values)}")
     if values.shape is not None:
         _check_shape(where, key, array, values.shape, lengths)
     if values.kind == "text" or not array.size:
@@ -171,12 +178,12 @@ def _check_shape(
         )
 
 
-def _wanted(values: Values) -> str:
+def _describe_kind(values: Values) -> str:
     return {"float": "numbers", "int": "whole numbers", "bool": "flags", "text": "text"}[
         values.kind
     ]
 
 
-def scalar(array: Any) -> Any:
+def get_scalar(array: Any) -> Any:
     """Return the only element of an array."""
     return np.asarray(array).ravel()[0].item()

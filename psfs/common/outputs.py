@@ -1,8 +1,8 @@
-"""Folders that commands write: only their own files are replaced, and what is whole is marked.
+"""Folders that commands write: only their own files are replaced, and complete runs are marked.
 
-The folder's `manifest.txt` names every file that was written into it, before it is written. A run
-removes the files that the manifest names when it has its first result to write, not before, and
-marks itself whole at its end. What the manifest does not name is the user's and stays.
+The folder's `manifest.txt` names every file before it is written. When a run has its first result
+to write, it removes the files that the manifest names; at its end it marks itself complete. Files
+that the manifest does not name belong to the user and stay.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from cl import InputError
 
 MANIFEST = "manifest.txt"
 _HEAD = "psfs-apf manifest: these files were written by commands, which may replace them"
-#: What precedes the names of files that are not yet whole; then comes a process's number.
+#: Prefix of the names of incomplete files; the process id follows.
 _TEMPORARY = ".psfs-"
 _LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
-#: Folders that are written to now, by their full paths: `claimed` asks them.
+#: Folders that are being written, by their full paths; `claim` looks them up.
 _OPEN: dict[Path, OutputFolder] = {}
 _lock = threading.RLock()
 
 
-if sys.platform == "win32":  # a lock there keeps others from reading, too: the manifest has none
+if sys.platform == "win32":  # a lock there would keep others from reading the manifest, too
 
     def _lock_file(file: IO[bytes]) -> None:
         pass
@@ -38,35 +38,36 @@ else:
     import fcntl
 
     def _lock_file(file: IO[bytes]) -> None:
-        """Raise BlockingIOError if another process has locked the file; hold it until it closes."""
+        """Lock the file until it is closed. Raises BlockingIOError if another process has locked
+        it."""
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def temporary_name(path: Path) -> Path:
-    """Return the name beside `path`, of the same suffix, under which it is written."""
+    """Return the temporary name beside `path`, with the same suffix."""
     return path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove what killed processes left in `folder` under temporary names."""
+    """Remove the temporary files that killed processes left in `folder`."""
     with contextlib.suppress(OSError):
         for entry in os.scandir(folder):
             match = _LEFTOVER.fullmatch(entry.name)
-            if match and not _alive(int(match[1])):
-                _removed(Path(entry.path))
+            if match and not _is_running(int(match[1])):
+                _remove(Path(entry.path))
 
 
-def _removed(path: Path) -> None:
+def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         for inner in path.iterdir():
-            _removed(inner)
+            _remove(inner)
         path.rmdir()
     else:
         path.unlink(missing_ok=True)
 
 
-def _alive(process: int) -> bool:
-    if sys.platform == "win32":  # where a signal of 0 is Ctrl-C: nothing is cleared
+def _is_running(process: int) -> bool:
+    if sys.platform == "win32":  # a signal of 0 is Ctrl-C there: nothing is cleared
         return True
     try:
         os.kill(process, 0)
@@ -79,8 +80,11 @@ def _alive(process: int) -> bool:
 
 @dataclass(frozen=True)
 class Manifest:
-    """files: relative paths and the command that wrote each. command: of the run; whole: whether it
-    came to its end."""
+    """The files of an output folder, and whether the last run finished.
+
+    files: relative paths, each with the command that wrote it. command: of the run. whole: whether
+    it finished.
+    """
 
     files: dict[str, str] = field(default_factory=dict)
     command: str = ""
@@ -88,8 +92,10 @@ class Manifest:
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
-        """Return that of `folder`, None where there is none. Raises InputError if it is another
-        program's or cannot be read."""
+        """Read the manifest of `folder`, None if there is none.
+
+        Raises InputError if it is another program's or cannot be read.
+        """
         path = folder / MANIFEST
         try:
             with path.open("rb") as file:
@@ -98,14 +104,14 @@ class Manifest:
             return None
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-        if len(lines) == 1 and _HEAD.encode().startswith(lines[0]):  # of a process that was killed
+        if len(lines) == 1 and _HEAD.encode().startswith(lines[0]):  # left by a killed process
             return None
         if lines[0] != _HEAD.encode():
             raise InputError(f"{path}: not a manifest of psfs-apf; expected another output folder")
-        return cls._parsed([os.fsdecode(line) for line in lines[1:-1]])  # the last may be cut
+        return cls._parse([os.fsdecode(line) for line in lines[1:-1]])  # the last line may be cut
 
     @classmethod
-    def _parsed(cls, lines: list[str]) -> Manifest:
+    def _parse(cls, lines: list[str]) -> Manifest:
         files: dict[str, str] = {}
         run = writer = ""
         whole = True
@@ -115,26 +121,26 @@ class Manifest:
                 writer = rest
                 if kind == "run":
                     run, whole = rest, False
-            elif kind == "file" and _inside(rest):
+            elif kind == "file" and _is_inside(rest):
                 files[rest] = writer
             elif kind == "whole" and rest == run:
                 whole = True
         return cls(files, run, whole)
 
 
-def _inside(name: str) -> bool:
+def _is_inside(name: str) -> bool:
     path = Path(name)
     return bool(name) and not path.is_absolute() and ".." not in path.parts
 
 
-def unfinished(folder: Path) -> str | None:
-    """Return the command that began to write `folder` and did not end, None if all is whole."""
+def find_unfinished_command(folder: Path) -> str | None:
+    """Return the command that did not finish writing `folder`, None if all is complete."""
     manifest = Manifest.read(folder)
     return manifest.command if manifest is not None and not manifest.whole else None
 
 
 class OutputFolder:
-    """A folder that a command writes to, while it does; made by `output_folder`."""
+    """A folder while a command writes to it; made by `output_folder`."""
 
     def __init__(self, folder: Path, command: str, addition: bool, replaces: bool) -> None:
         self.folder, self.command = folder, command
@@ -149,26 +155,29 @@ class OutputFolder:
         return self._file is not None
 
     def claim(self, path: Path) -> None:
-        """Enter `path`, in this folder, in the manifest; the first time the files of the earlier
-        run are removed. Raises InputError for a file that is not ours."""
+        """Enter `path`, which lies in this folder, in the manifest.
+
+        The first call removes the files of the earlier run. Raises InputError for a file that the
+        manifest does not name.
+        """
         with _lock:
             name = os.path.relpath(path, self._real)
             if self._file is None and name != MANIFEST and os.path.lexists(path):
                 manifest = Manifest.read(self.folder)
                 if manifest is None or name not in manifest.files:  # before anything is removed
-                    raise _not_ours(self.folder / name)
+                    raise _foreign_file_error(self.folder / name)
             self.begin()
             if name in self._names or name == MANIFEST:
                 return
-            if "\n" in name or not _inside(name):
+            if "\n" in name or not _is_inside(name):
                 raise InputError(f"{path}: not a name for a result; expected one inside the folder")
             if os.path.lexists(path):
-                raise _not_ours(self.folder / name)
+                raise _foreign_file_error(self.folder / name)
             self._append(f"file {name}")
             self._names.add(name)
 
     def finish(self) -> None:
-        """Mark the run as whole."""
+        """Mark the run as complete."""
         if self._file is not None and not self._addition:
             self._append(f"whole {self.command}")
 
@@ -177,15 +186,14 @@ class OutputFolder:
             self._file.close()
 
     def begin(self) -> None:
-        """Remove the files of the earlier run, and mark what comes as not whole, unless that is
+        """Remove the files of the earlier run and mark the run as incomplete, unless that is
         done."""
         with _lock:
             if self._file is None:
                 self._begin()
 
-    def keep_off(self, inputs: Iterable[Path]) -> None:
-        """Raise InputError if one of these files and folders, which are read, lies in this
-        folder."""
+    def check_inputs(self, inputs: Iterable[Path]) -> None:
+        """Raise InputError if one of the input files and folders lies in this folder."""
         for path in inputs:
             source = Path(os.path.realpath(path))
             if source == self._real or self._real in source.parents:
@@ -194,10 +202,13 @@ class OutputFolder:
                 )
 
     def check(self, expected: Iterable[str]) -> None:
-        """Raise InputError if a file is in the way that matches one of the `expected` patterns
-        (of Path.glob) and is not ours, or if another process writes here."""
+        """Raise InputError if results cannot be written here.
+
+        A file that matches one of the `expected` patterns (of Path.glob) may exist that the
+        manifest does not name, or another process may be writing here.
+        """
         with contextlib.suppress(FileNotFoundError), (self._real / MANIFEST).open("rb") as file:
-            self._locked(file)
+            self._lock_or_fail(file)
         manifest = Manifest.read(self.folder)
         before = manifest.command if manifest is not None and not self._addition else ""
         if before and before != self.command:
@@ -209,42 +220,43 @@ class OutputFolder:
         for pattern in expected:
             inside = self._real / Path(pattern).parts[0]
             if len(Path(pattern).parts) > 1 and inside.exists() and not inside.is_dir():
-                raise _not_ours(self.folder / inside.name)
+                raise _foreign_file_error(self.folder / inside.name)
             for path in self._real.glob(pattern):
                 if path.name != MANIFEST and os.path.relpath(path, self._real) not in ours:
-                    raise _not_ours(self.folder / os.path.relpath(path, self._real))
+                    raise _foreign_file_error(self.folder / os.path.relpath(path, self._real))
 
     def _begin(self) -> None:
-        Manifest.read(self.folder)  # which is no other program's
+        Manifest.read(self.folder)  # raises an error for another program's
         try:
             self._real.mkdir(parents=True, exist_ok=True)
-            self._file = self._held()
+            self._file = self._open_locked()
             manifest = Manifest.read(self.folder)
             before = manifest.files if manifest is not None else {}
             clear_leftovers(self._real)
             if self._addition:
                 if manifest is None:
-                    self._file.truncate(0)  # of a process that was killed while it wrote the head
+                    # left by a process that was killed while writing the head
+                    self._file.truncate(0)
                     self._append(_HEAD)
                 self._append(f"also {self.command}")
                 if self._replaces:
                     self._remove(name for name, by in before.items() if by == self.command)
             else:
-                self._file = self._written(before)  # incomplete before anything is removed
+                self._file = self._replace_manifest(before)  # incomplete before anything is removed
                 self._remove(before)
             self._names = {name for name in before if os.path.lexists(self._real / name)}
             if not self._addition:
-                self._file = self._written(self._names)
+                self._file = self._replace_manifest(self._names)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
-    def _held(self) -> IO[bytes]:
-        """Return the manifest, made where there is none, locked and to be added to."""
+    def _open_locked(self) -> IO[bytes]:
+        """Open the manifest for appending, locked; create it if there is none."""
         path = self._real / MANIFEST
         while True:
             file = path.open("ab")
             try:
-                self._locked(file)
+                self._lock_or_fail(file)
                 if os.path.samestat(os.fstat(file.fileno()), path.stat()):
                     return file
             except BaseException:
@@ -252,11 +264,11 @@ class OutputFolder:
                 raise
             file.close()  # another process has replaced it in the meantime
 
-    def _written(self, names: Iterable[str]) -> IO[bytes]:
+    def _replace_manifest(self, names: Iterable[str]) -> IO[bytes]:
         """Replace the manifest by that of a run with these files, and return it."""
         temporary = temporary_name(self._real / MANIFEST)
         file = temporary.open("wb")
-        self._locked(file)
+        self._lock_or_fail(file)
         lines = [_HEAD, f"run {self.command}", *(f"file {name}" for name in sorted(names))]
         file.write(b"".join(os.fsencode(line) + b"\n" for line in lines))
         file.flush()
@@ -277,7 +289,7 @@ class OutputFolder:
                     folders.add(parent)
         for folder in sorted(folders, key=lambda path: -len(path.parts)):
             clear_leftovers(folder)
-            with contextlib.suppress(OSError):  # others' files are in it
+            with contextlib.suppress(OSError):  # it holds other files
                 folder.rmdir()
 
     def _append(self, line: str) -> None:
@@ -290,7 +302,7 @@ class OutputFolder:
                 f"{self.folder / MANIFEST}: cannot be written: {error.strerror}"
             ) from None
 
-    def _locked(self, file: IO[bytes]) -> None:
+    def _lock_or_fail(self, file: IO[bytes]) -> None:
         try:
             _lock_file(file)
         except BlockingIOError:
@@ -301,7 +313,7 @@ class OutputFolder:
             return
 
 
-def _not_ours(path: Path) -> InputError:
+def _foreign_file_error(path: Path) -> InputError:
     return InputError(
         f"{path}: is there already and not of an earlier run ({MANIFEST} does not name it); "
         "expected another output folder"
@@ -317,13 +329,12 @@ def output_folder(
     addition: bool = False,
     replaces: bool = False,
 ) -> Iterator[OutputFolder]:
-    """Let files be written into `folder` in the meantime, by `written_whole`; nothing is touched
-    before the first of them.
+    """Open `folder` for writing results by `written_whole`; nothing changes before the first one.
 
-    command: who writes. inputs: files and folders that are read, none of which may lie in `folder`.
-    expected: patterns of the results' names, which must not be taken by others' files. addition:
-    the files join those of the run that is there, instead of replacing them; replaces: but for
-    those that the same command wrote. Raises InputError for a folder that cannot be written.
+    command: the writer. inputs: files and folders that are read, none of which may lie in `folder`.
+    expected: patterns of the results' names, which other files must not have. addition: add the
+    files to those of an existing run instead of replacing it. replaces: then replace those that the
+    same command wrote. Raises InputError for a folder that cannot be written.
     """
     folder = Path(folder)
     _check_place(folder)
@@ -336,7 +347,7 @@ def output_folder(
         yield outer
         return
     output = OutputFolder(folder, command, addition, replaces)
-    output.keep_off(inputs)
+    output.check_inputs(inputs)
     output.check(expected)
     with _lock:
         _OPEN[real] = output
@@ -366,8 +377,10 @@ def _check_place(folder: Path) -> None:
 
 
 def claim(path: Path) -> None:
-    """Enter `path` in the manifest of the output folder that it is in, where that is being
-    written. Raises InputError for a file that is not ours."""
+    """Enter `path` in the manifest of the output folder that it lies in, if that is being written.
+
+    Raises InputError for a file that the manifest does not name.
+    """
     real = Path(os.path.realpath(path.parent)) / path.name
     with _lock:
         for parent in real.parents:

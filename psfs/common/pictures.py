@@ -1,4 +1,4 @@
-"""Pictures in files: what their headers claim is checked before they are decoded."""
+"""Read pictures; what their headers claim is checked before they are decoded."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cl import InputError, MissingFileError
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 
-#: Pixels along a side, and in all.
+#: Most pixels along a side, and in all.
 LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
-#: Of one file.
+#: Largest picture file.
 _MOST_BYTES = 2**30
 
 
@@ -30,10 +30,12 @@ def check_picture_size(size: tuple[int, int], what: str) -> None:
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
-    """Return the pixels of an image file, (h, w, 3) uint8 BGR or as the `flags` of cv2.imdecode
-    say. Raises InputError naming the file if it is none, too large, or cut short;
-    MissingFileError if it is absent."""
-    content = _bytes(path)
+    """Read an image file to (h, w, 3) uint8 BGR, or as the `flags` of cv2.imdecode say.
+
+    Raises InputError naming the file if it is not an image, too large, or truncated;
+    MissingFileError if it is absent.
+    """
+    content = _read_bytes(path)
     _check_header(path, content)
     try:
         picture = cv2.imdecode(content, flags | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -44,7 +46,7 @@ def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
     return picture
 
 
-def _bytes(path: Path) -> np.ndarray:
+def _read_bytes(path: Path) -> np.ndarray:
     try:
         if not path.is_file():
             raise MissingFileError(f"{path}: no such file; expected an image")
@@ -54,12 +56,14 @@ def _bytes(path: Path) -> np.ndarray:
     except OSError as error:
         if isinstance(error, MissingFileError):
             raise
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
 
 
 def _check_header(path: Path, content: np.ndarray) -> None:
-    """Raise InputError if the picture is too large, or a JPEG, PNG or BMP that ends early, which
-    OpenCV fills with grey."""
+    """Raise InputError if the picture is too large, or a truncated JPEG, PNG or BMP.
+
+    OpenCV would fill the missing part with grey.
+    """
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content.data)) as picture:
             warnings.simplefilter("ignore")
@@ -70,7 +74,7 @@ def _check_header(path: Path, content: np.ndarray) -> None:
     data = content.tobytes()
     whole = True
     if kind == "JPEG":
-        whole = data.find(b"\xff\xd9", _scan_of(data)) > 0
+        whole = data.find(b"\xff\xd9", _find_scan(data)) > 0
     elif kind == "PNG":
         whole = b"IEND" in data[-64 * 1024 :]
     elif kind == "BMP" and data[:2] == b"BM":
@@ -79,9 +83,11 @@ def _check_header(path: Path, content: np.ndarray) -> None:
         raise InputError(f"{path}: ends early; expected a whole {kind} image")
 
 
-def _scan_of(data: bytes) -> int:
-    """Return where the compressed picture of a JPEG begins, after the headers, which may hold a
-    small picture of their own."""
+def _find_scan(data: bytes) -> int:
+    """Return where the compressed picture of a JPEG begins.
+
+    The headers before it may hold a small picture of their own.
+    """
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
         if data[at + 1] == 0xFF:

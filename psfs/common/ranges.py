@@ -7,7 +7,7 @@ from numbers import Real
 from typing import Any
 
 from cl import InputError
-from psfs.common.names import printable
+from psfs.common.names import escape_unprintable
 
 #: The largest setting that makes sense without a bound of its own, and how far from an end that
 #: is left out a setting must stay: beyond, float32 overflows or divides by nothing.
@@ -28,8 +28,8 @@ def check_kind(
         return
     expected = " or ".join(kind.__name__ for kind in kinds)
     raise InputError(
-        f"{name} is {printable(repr(value))[:80]}, of type {type(value).__name__}; expected "
-        f"{expected}{hint}"
+        f"{name} is {escape_unprintable(repr(value))[:80]}, of type {type(value).__name__}; "
+        f"expected {expected}{hint}"
     )
 
 
@@ -50,4 +50,4 @@ def check_range(
         expected += f", up to {LARGEST:g}"
     else:
         expected = f"from {low:g} to {high:g}" if ends else f"between {low:g} and {high:g}"
-    raise InputError(f"{name} is {printable(repr(value))}; expected a number {expected}")
+    raise InputError(f"{name} is {escape_unprintable(repr(value))}; expected a number {expected}")

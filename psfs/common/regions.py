@@ -1,4 +1,4 @@
-"""Sets of pixels or voxels: how far two agree, and their connected parts."""
+"""Regions of pixels or voxels: overlap and connected components."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum() / union) if union else float("nan")
 
 
-def large_parts(occupied: np.ndarray, share: float) -> np.ndarray:
-    """Return `occupied` (any shape, bool) without small parts.
+def keep_large_regions(occupied: np.ndarray, share: float) -> np.ndarray:
+    """Return `occupied` (any shape, bool) without small connected regions.
 
-    A part is connected by edges and corners; it stays with at least `share` of the largest part's
-    elements.
+    Regions are connected by edges and corners. One is kept if it has at least `share` of the
+    largest region's elements.
     """
-    labels, _ = _labelled(occupied)
+    labels, _ = _label_regions(occupied)
     sizes = np.bincount(labels.ravel())
-    sizes[0] = 0  # what is not occupied
+    sizes[0] = 0  # the background
     kept = sizes >= np.maximum(1, share * sizes.max())
     remaining: np.ndarray = kept[labels]
     return remaining
 
 
-def connected_parts(occupied: np.ndarray) -> list[np.ndarray]:
-    """Return the flat indices, ascending, of each connected part, the largest part first."""
-    labels = _labelled(occupied)[0].ravel()
+def find_connected_regions(occupied: np.ndarray) -> list[np.ndarray]:
+    """Return the flat indices, ascending, of each connected region, the largest first."""
+    labels = _label_regions(occupied)[0].ravel()
     within = np.flatnonzero(labels)
     within = within[np.argsort(labels[within], kind="stable")]
     parts = np.split(within, np.flatnonzero(np.diff(labels[within])) + 1)
     return sorted((part for part in parts if len(part)), key=len, reverse=True)
 
 
-def largest_part_box(occupied: np.ndarray) -> np.ndarray | None:
-    """Return the first and last + 1 index (2, n) of the largest part, or None if all is empty."""
-    labels, count = _labelled(occupied)
+def find_largest_region_box(occupied: np.ndarray) -> np.ndarray | None:
+    """Return the first and last + 1 index (2, n) of the largest region; None if all is empty."""
+    labels, count = _label_regions(occupied)
     if not count:
         return None
     largest = int(np.bincount(labels.ravel())[1:].argmax())
@@ -46,13 +46,13 @@ def largest_part_box(occupied: np.ndarray) -> np.ndarray | None:
 
 
 def bounding_box(region: np.ndarray) -> tuple[slice, slice] | None:
-    """Return the rows and columns that hold all of `region` (H, W) bool, or None if it is empty."""
+    """Return the rows and columns that hold all of `region` (H, W) bool; None if it is empty."""
     rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
     if not rows.size:
         return None
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-def _labelled(occupied: np.ndarray) -> tuple[np.ndarray, int]:
+def _label_regions(occupied: np.ndarray) -> tuple[np.ndarray, int]:
     labels, count = ndimage.label(occupied, np.ones((3,) * occupied.ndim))
     return np.asarray(labels), int(count)

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from cl import InputError
-from psfs.common.names import check_name, printable
+from psfs.common.names import check_name, escape_unprintable
 
 T = TypeVar("T")
 
@@ -112,10 +112,11 @@ def described(error: ValidationError, values: Any) -> str:
     first, *more = error.errors(include_url=False)
     key = _key(first["loc"], values)
     if first["type"] == "missing":
-        text = f"lacks the key {printable(key)}"
+        text = f"lacks the key {escape_unprintable(key)}"
     else:
         found = repr(first["input"])
         found = found if len(found) <= _SHOWN else f"{found[:_SHOWN]}..."
         wanted = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-        text = f"{printable(key) or 'the content'} is {printable(found)}; expected {wanted}"
+        shown = escape_unprintable(found)
+        text = f"{escape_unprintable(key) or 'the content'} is {shown}; expected {wanted}"
     return text + (f" (and {len(more)} more of its entries are wrong)" if more else "")

@@ -1,4 +1,4 @@
-"""Reading TOML with errors that name the file, and writing it."""
+"""Read TOML with errors that name the file, and write it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-#: Calibrations and bodies take kilobytes.
+#: Largest TOML file; calibrations and bodies take kilobytes.
 _MOST_BYTES = 4 * 2**20
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file. Raises InputError if it is malformed, MissingFileError
-    if it is absent."""
+    """Read a TOML file. Raises InputError if it is malformed, MissingFileError if it is absent."""
     return parse_toml(read_text(path, "TOML", _MOST_BYTES), path)
 
 
@@ -34,10 +33,10 @@ def write_toml(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def parse_toml(text: str, source: str | Path) -> dict[str, Any]:
-    """Return the contents of `text`. Raises InputError naming its `source` if it is malformed."""
+    """Parse TOML `text`. Raises InputError naming its `source` if it is malformed."""
     try:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{source}: malformed TOML: nested too deeply") from None
-    except ValueError as error:  # of TOML, and of numbers with too many digits
+    except ValueError as error:  # malformed TOML, or numbers with too many digits
         raise InputError(f"{source}: malformed TOML: {' '.join(str(error).split())}") from None

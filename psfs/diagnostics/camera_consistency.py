@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.footprints import footprints
-from psfs.cameras.rig_geometry import enough_cameras, seen_box
+from psfs.cameras.footprints import voxel_footprints
+from psfs.cameras.rig_geometry import find_seen_box, required_cameras
 from psfs.common.regions import iou
 from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Sequence
@@ -90,7 +90,7 @@ class _Judge:
             inside, row, column, _ = camera.look_up(centres)
             pixels = row.astype(np.int32), column.astype(np.int32)
             self._at.append((np.flatnonzero(inside), pixels))
-        self._extents = footprints(self.rig, grid.voxel_size)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     def _around_person(self) -> VoxelGrid:
         """Return a grid around what is occupied even if one camera says it is not."""
@@ -185,10 +185,10 @@ class _Judge:
 
 
 def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:
-    needed = enough_cameras(len(sequence.rig), limits.camera_share)
-    volume = sequence.volume or seen_box(sequence.rig, needed)
+    needed = required_cameras(len(sequence.rig), limits.camera_share)
+    volume = sequence.volume or find_seen_box(sequence.rig, needed)
     if volume is None:
-        volume = seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
+        volume = find_seen_box(sequence.rig, 2) or (np.full(3, -1.0), np.full(3, 1.0))
     low, high = (np.asarray(corner, np.float64) for corner in volume)
     return _grid_of(low, high, limits.voxels)
 

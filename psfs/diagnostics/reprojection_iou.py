@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
-from psfs.common.regions import iou, large_parts
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.regions import iou, keep_large_regions
 from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
@@ -46,7 +46,7 @@ class Checker:
         self.beyond: list[np.ndarray] = []  # (V,) `beyond_volume` of every frame so far
         self._reconstruct = session.reconstructor(grid)
         self._volume = volume_region(self.rig, grid)
-        self._extents = footprints(self.rig, grid.voxel_size)
+        self._extents = voxel_footprints(self.rig, grid.voxel_size)
 
     def silhouettes(self, frame: Frame) -> np.ndarray:
         """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
@@ -69,7 +69,7 @@ class Checker:
 def without_speckle(silhouette: np.ndarray, share: float = SPECKLE_SHARE) -> np.ndarray:
     """Return `silhouette` (H, W) bool after a 5x5 median, without parts smaller than `share` of the
     largest one."""
-    return large_parts(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
+    return keep_large_regions(cv2.medianBlur(silhouette.astype(np.uint8), 5), share)
 
 
 def whole_silhouettes(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def whole_silhouette(shown: np.ndarray, region: np.ndarray) -> np.ndarray:
     within = np.bincount(labels[region], minlength=count)
     mostly = within >= _MOSTLY * np.maximum(areas, 1)
     mostly[0] = False
-    return large_parts((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
+    return keep_large_regions((smooth > 0) & (region | mostly[labels]), SPECKLE_SHARE)
 
 
 def beyond_volume(silhouettes: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import axes_meet, seen_box, seen_points, views_needed
+from psfs.cameras.rig_geometry import (
+    find_seen_box,
+    find_seen_points,
+    intersect_axes,
+    required_views,
+)
 from psfs.sequence import Sequence
 
 #: What warnings of a rig's size end with.
@@ -66,7 +71,7 @@ class SequenceInfo:
 def sequence_info(sequence: Sequence) -> SequenceInfo:
     """Return facts and warnings. Decodes nothing but what opening the sequence has decoded."""
     rig = sequence.rig
-    centre, needed = axes_meet(rig), views_needed(rig)
+    centre, needed = intersect_axes(rig), required_views(rig)
     media = sequence.footage.images or sequence.footage.masks or ()
     cameras = [
         CameraFacts(
@@ -89,7 +94,7 @@ def sequence_info(sequence: Sequence) -> SequenceInfo:
         unit=str(sequence.unit),
         up=settings.up or "z",
         centre=centre,
-        shared=seen_box(rig, needed),
+        shared=find_seen_box(rig, needed),
         needed=needed,
         extent=rig_extent(rig),
         notes=sequence.notes,
@@ -148,10 +153,10 @@ def _blind_warnings(rig: CameraRig) -> list[str]:
     warnings = []
     for camera in rig:
         others = CameraRig(tuple(other for other in rig if other is not camera))
-        shared = seen_points(others, views_needed(others))
+        shared = find_seen_points(others, required_views(others))
         if len(shared) and not camera.look_up(shared)[0].any():
             warnings.append(f"camera {camera.name} sees nothing of the volume the others share")
-    if seen_box(rig, 2) is None:
+    if find_seen_box(rig, 2) is None:
         warnings.append("no point is seen by two cameras")
     return warnings
 

@@ -8,7 +8,7 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.regions import bounding_box
 from psfs.diagnostics.silhouette_scores import Silhouettes
-from psfs.output.preview import picture_of
+from psfs.output.preview import crop_view
 
 #: Width and height of a panel, and of the title above it, px.
 _PANEL, _TITLE = (480, 480), 24
@@ -44,7 +44,7 @@ def differences(picture: np.ndarray, mask: np.ndarray, truth: np.ndarray) -> np.
 def _row(camera: Camera, view: int, shown: Silhouettes, part: _Part, width: int) -> np.ndarray:
     """Draw one view's panels, `width` px wide each."""
     truth, score = shown.truth[view], shown.scores[view, 0]
-    picture = picture_of(shown.frame, view, camera)[part]
+    picture = crop_view(shown.frame, view, camera)[part]
     likelihood, mask = shown.likelihood[view][part], shown.masks[view][part]
     panels = [picture, _grey(255 * likelihood), _grey(255 * mask)]
     texts = [f"{camera.name}, frame {shown.frame.index}", "likelihood", "silhouette"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import axes_meet_ahead
+from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.small_views import Outline
 
 #: Differences of planes count up to this share of the person's size: more is as wrong.
@@ -59,8 +59,8 @@ class Tangency:
 
     def __init__(self, rig: CameraRig, outlines: list[list[Outline | None]]) -> None:
         self.rig, self.n_frames = rig, len(outlines)
-        self._images = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
-        self._target = axes_meet_ahead(rig)
+        self._project_points = [_Image([row[v] for row in outlines]) for v in range(len(rig))]
+        self._target = intersect_axes_ahead(rig)
         self._planes: dict[tuple[int, int, int, Way], np.ndarray] = {}
         self._rays: dict[tuple[int, int, Way], np.ndarray] = {}
         self._axes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, float]] = {}
@@ -87,7 +87,7 @@ class Tangency:
         """Return the directions (N, 3) of all points of an image's outlines."""
         key = camera, image, way
         if key not in self._rays:
-            own, points = self.rig[camera], self._images[image].points
+            own, points = self.rig[camera], self._project_points[image].points
             turned = np.where(np.less(way, 0), np.array(own.size) - 1 - points, points)
             self._rays[key] = own.rays(turned) if len(points) else np.zeros((0, 3))
         return self._rays[key]
@@ -173,7 +173,7 @@ class Tangency:
     def _of_rays(self, image: int, rays: np.ndarray, camera: int, other: int) -> np.ndarray:
         first, second, distance = self._axis(camera, other)
         angles = np.arctan2(rays @ second, rays @ first)
-        return distance * self._images[image].extremes(angles)
+        return distance * self._project_points[image].extremes(angles)
 
 
 class _Image:

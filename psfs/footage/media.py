@@ -1,4 +1,4 @@
-"""The pictures of one camera: a video or a list of image files, and reading frames from them."""
+"""The pictures of one camera, a video or image files, and decoders for their frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, cast
 
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's chatter; errors are ours to raise
+# suppresses FFmpeg's messages; we raise errors ourselves
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import cv2
 import numpy as np
@@ -27,20 +28,20 @@ else:
 VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg"}
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pbm", ".pgm", ".ppm", ".tif", ".tiff"}
 
-#: Containers that count their frames; the others' counts are guesses from the duration.
-_COUNTING = {".mp4", ".mov", ".m4v", ".avi"}
-#: Videos of no more frames are decoded to count them; of longer ones the last frame, to verify the
-#: header's count.
+#: Containers that store their number of frames; others' headers estimate it from the duration.
+_COUNTING_SUFFIXES = {".mp4", ".mov", ".m4v", ".avi"}
+#: Videos with at most this many frames are decoded to count them; of longer ones the last frame is
+#: decoded to verify the header's count.
 _SHORT = 16
-#: A jump ahead of at most this many frames is decoded through rather than sought.
+#: A jump ahead of at most this many frames is decoded instead of sought.
 _SHORT_JUMP = 32
 
 
 class Decoder(Protocol):
-    """Reads the frames of one `Media`, cheapest in ascending order.
+    """A decoder of the frames of one `Media`, fastest in ascending order.
 
-    `read(index, into)` returns the picture (h, w, 3) uint8 BGR; `into`, if a contiguous array of
-    its size is given and the decoder writes to such, which saves clearing and copying one.
+    `read(index, into)` returns the picture (h, w, 3) uint8 BGR. into: a contiguous array of that
+    size, into which a decoder may write to save an allocation and a copy.
     """
 
     def read(self, index: int, into: np.ndarray | None = None) -> np.ndarray: ...
@@ -50,10 +51,11 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class Media:
-    """One camera's pictures. paths: one video or the images in order. size: (width, height) px.
+    """One camera's pictures.
 
-    count: frames that can be decoded. fps: the video's, else None. picks: which frames of the file
-    these are, where not all of them in order. Iterating decodes all frames, each time anew.
+    paths: one video, or the images in order. size: (width, height) px. count: frames that can be
+    decoded. fps: of the video, else None. picks: the file's frames to use, None for all in order.
+    Each iteration decodes all frames again.
     """
 
     name: str
@@ -69,15 +71,15 @@ class Media:
 
     @property
     def where(self) -> str:
-        """What messages call it."""
+        """The file or folder, for messages."""
         return str(self.paths[0] if len(self.paths) == 1 else self.paths[0].parent)
 
     def open(self) -> Decoder:
         decoder = VideoDecoder(self) if self.is_video else ImagesDecoder(self)
-        return decoder if self.picks is None else PickingDecoder(decoder, self.picks)
+        return decoder if self.picks is None else SelectingDecoder(decoder, self.picks)
 
-    def picked(self, picks: Sequence[int]) -> Media:
-        """Return the media whose frame k is frame picks[k] of this one."""
+    def select(self, picks: Sequence[int]) -> Media:
+        """Return media whose frame k is frame picks[k] of this one."""
         source = self.picks
         chosen = tuple(picks if source is None else (source[index] for index in picks))
         return replace(self, count=len(chosen), picks=chosen)
@@ -86,69 +88,72 @@ class Media:
         return self.frames(range(self.count))
 
     def frames(self, indices: Iterable[int]) -> Iterator[np.ndarray]:
-        """Decode the frames with these numbers, (h, w, 3) uint8 BGR each."""
+        """Decode the frames with these indices, (h, w, 3) uint8 BGR each."""
         with closing(self.open()) as decoder:
             for index in indices:
                 yield decoder.read(index)
 
     def spread(self, n: int) -> list[int]:
-        """Return the numbers of `n` frames from the first to the last; all, if there are fewer."""
+        """Return `n` evenly spread frame indices from first to last; all if there are fewer."""
         indices = np.linspace(0, self.count - 1, n).round().astype(int)
         return [int(index) for index in np.unique(indices)]
 
 
 def open_media(name: str, paths: Sequence[Path]) -> Media:
-    """Look into a video or images. Raises InputError if the start cannot be decoded, or if a
-    video ends early, as truncated files do.
+    """Open a video or images to find their size, count and frame rate.
+
+    Raises InputError if the start cannot be decoded, or if a video ends early (a truncated file).
     """
     if paths[0].suffix.lower() not in VIDEO_SUFFIXES:
-        return Media(name, tuple(paths), picture_size(paths[0]), len(paths))
+        return Media(name, tuple(paths), read_picture_size(paths[0]), len(paths))
     path = paths[0]
     capture = _open_capture(path)
     try:
-        size = _first_size(capture, path)
-        count = _true_count(capture, path)
+        size = _read_first_size(capture, path)
+        count = _count_frames(capture, path)
         fps = capture.get(cv2.CAP_PROP_FPS)
     finally:
         capture.release()
     return Media(name, (path,), size, count, fps if fps > 0 else None)
 
 
-def opened_media(paths: Mapping[str, Sequence[Path]]) -> tuple[Media, ...]:
-    """Look into the videos or images of every camera, by name, at the same time. Raises
-    InputError as `open_media` does."""
+def open_all_media(paths: Mapping[str, Sequence[Path]]) -> tuple[Media, ...]:
+    """Open the media of every camera, by name, in parallel. Raises InputError as `open_media`
+    does."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return tuple(pool.map(open_media, paths, paths.values()))
 
 
-def picture_size(path: Path) -> tuple[int, int]:
+def read_picture_size(path: Path) -> tuple[int, int]:
     """Return (width, height), px, of an image or of a video's first frame."""
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         height, width = read_picture(path).shape[:2]
         return width, height
     capture = _open_capture(path)
     try:
-        return _first_size(capture, path)
+        return _read_first_size(capture, path)
     finally:
         capture.release()
 
 
-def _first_size(capture: cv2.VideoCapture, path: Path) -> tuple[int, int]:
-    """Decode the first frame, and return its size."""
+def _read_first_size(capture: cv2.VideoCapture, path: Path) -> tuple[int, int]:
+    """Decode the first frame and return its size."""
     _, image = capture.read()
     if image is None:
         raise InputError(f"{path}: no frame can be decoded; expected a video")
     return image.shape[1], image.shape[0]
 
 
-def media_in(folder: Path) -> dict[str, list[Path]]:
-    """Return the pictures in a folder by camera name: a video or image per camera, or a subfolder
-    of images per camera. The names are those of the files without suffix, or of the subfolders.
+def list_media(folder: Path) -> dict[str, list[Path]]:
+    """List the pictures in a folder by camera name.
+
+    A camera has a video, an image, or a subfolder of images; its name is the file's without suffix,
+    or the subfolder's.
     """
     found: dict[str, list[Path]] = {}
-    for path in sorted(_visible(folder), key=lambda path: natural_key(path.name)):
+    for path in sorted(_list_visible(folder), key=lambda path: natural_key(path.name)):
         if path.is_dir():
-            images = images_in(path)
+            images = list_images(path)
             if images:
                 found[path.name] = images
         elif path.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
@@ -158,19 +163,19 @@ def media_in(folder: Path) -> dict[str, list[Path]]:
     return found
 
 
-def images_in(folder: Path) -> list[Path]:
-    """Return the image files of a folder in natural order of their names."""
-    images = [path for path in _visible(folder) if path.suffix.lower() in IMAGE_SUFFIXES]
+def list_images(folder: Path) -> list[Path]:
+    """List the image files of a folder in natural order of their names."""
+    images = [path for path in _list_visible(folder) if path.suffix.lower() in IMAGE_SUFFIXES]
     return sorted(images, key=lambda path: natural_key(path.name))
 
 
-def _visible(folder: Path) -> list[Path]:
-    """Return what is in a folder but for hidden files, such as the `._0001.png` of macOS."""
+def _list_visible(folder: Path) -> list[Path]:
+    """List a folder without hidden files, such as the `._0001.png` of macOS."""
     return [path for path in folder.iterdir() if not path.name.startswith(".")]
 
 
 class VideoDecoder:
-    """Frames of a video. Ascending reads decode on; only jumps seek."""
+    """Decoder of a video: ascending reads decode on, only jumps seek."""
 
     def __init__(self, media: Media) -> None:
         self._media = media
@@ -184,7 +189,7 @@ class VideoDecoder:
             self._next = index
         while self._next < index and self._capture.grab():
             self._next += 1
-        # Not `read`, which says that what it could not retrieve is there, in `into` as it was.
+        # Not `capture.read`: it reports success and leaves `into` unchanged if retrieving fails.
         good, image = False, None
         if self._next == index and self._capture.grab():
             good, image = self._capture.retrieve(into)
@@ -201,7 +206,7 @@ class VideoDecoder:
 
 
 class ImagesDecoder:
-    """Frames of numbered image files, all of one size."""
+    """Decoder of numbered image files, all of one size."""
 
     def __init__(self, media: Media) -> None:
         self._media = media
@@ -223,8 +228,10 @@ class ImagesDecoder:
 
 
 def _name_for_opencv(path: Path) -> str:
-    """Return the path as text, or as bytes where it is no UTF-8: OpenCV crashes on such a text, and
-    its version 4 takes no bytes."""
+    """Return the path as text, or as bytes if it is not UTF-8.
+
+    OpenCV crashes on text that is not UTF-8, and its version 4 does not accept bytes otherwise.
+    """
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -232,8 +239,8 @@ def _name_for_opencv(path: Path) -> str:
     return str(path)
 
 
-class PickingDecoder:
-    """Some frames of another decoder, in an order of their own."""
+class SelectingDecoder:
+    """Decoder of selected frames of another decoder."""
 
     def __init__(self, decoder: Decoder, picks: Sequence[int]) -> None:
         self._decoder, self._picks = decoder, picks
@@ -262,20 +269,23 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
-    """Count the frames that really decode. The header's count is believed if the last frame by
-    that count is there, and none after it; else all are decoded and counted.
+def _count_frames(capture: cv2.VideoCapture, path: Path) -> int:
+    """Count the frames that can be decoded.
+
+    The header's count is accepted if its last frame exists and none follows; otherwise all frames
+    are decoded and counted.
     """
     promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     if promised > _SHORT:
         capture.set(cv2.CAP_PROP_POS_FRAMES, promised - 1)
-        if _grabbed(capture) == 1:
+        if _count_remaining(capture) == 1:
             return promised
-    whole = _open_capture(path)  # a video of one frame cannot be wound back
-    count = _grabbed(whole)
+    whole = _open_capture(path)  # a video of one frame cannot be rewound
+    count = _count_remaining(whole)
     whole.release()
-    # Headers are a few frames wrong where an encoder dropped frames at the end; more is damage.
-    if path.suffix.lower() in _COUNTING and promised - count > max(5, promised // 100):
+    # An encoder that drops frames at the end leaves the header a few frames wrong; more means
+    # damage.
+    if path.suffix.lower() in _COUNTING_SUFFIXES and promised - count > max(5, promised // 100):
         raise InputError(
             f"{path}: only {count} of the {promised} frames that its header promises can be "
             "decoded; the file is damaged or truncated"
@@ -283,7 +293,7 @@ def _true_count(capture: cv2.VideoCapture, path: Path) -> int:
     return count
 
 
-def _grabbed(capture: cv2.VideoCapture) -> int:
+def _count_remaining(capture: cv2.VideoCapture) -> int:
     count = 0
     while capture.grab():
         count += 1

@@ -1,4 +1,4 @@
-"""How much memory the machine has, and what of it decoded frames may take."""
+"""Memory for decoded frames, and how much of the machine's it may take."""
 
 from __future__ import annotations
 
@@ -10,53 +10,55 @@ from collections import deque
 
 import numpy as np
 
-#: For the frames of a sequence, at most; and the share of what a core has of the machine's.
-_MOST, _SHARE = 2**30, 0.25
+#: Most bytes for the frames of a sequence, and their share of the machine's memory per core.
+_MAX_BYTES, _SHARE = 2**30, 0.25
 
 
 def physical_memory() -> int:
-    """Return the bytes of this machine's memory; a very large number where nobody knows."""
+    """Return the bytes of this machine's memory; a very large number if unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
         return sys.maxsize
 
 
-def room_for_frames() -> float:
-    """Return the bytes that the frames of a sequence may be kept in: with a process on each core
-    they take a quarter of the machine's memory."""
-    return min(_MOST, _SHARE * physical_memory() / (os.cpu_count() or 1))
+def frame_memory_limit() -> float:
+    """Return how many bytes the frames of a sequence may take.
+
+    With one process per core, all frames together then take a quarter of the machine's memory.
+    """
+    return min(_MAX_BYTES, _SHARE * physical_memory() / (os.cpu_count() or 1))
 
 
 class FrameMemory:
-    """Memory for the frames of one sequence after another.
+    """A reusable buffer for the frames of one sequence after another.
 
-    `array(shape)` gives one; when it and its views are gone its memory is kept for the next, if
-    `keep` says so: the system clears what is new page by page, 885 MB in 0.1 to 1 s of a core.
+    When an array and its views are no longer used, its memory is kept for the next array if `keep`
+    is set. New memory is costly: the system clears it page by page, 885 MB in 0.1 to 1 s of a core.
     """
 
     def __init__(self) -> None:
         self.keep = False
-        self._free = deque[np.ndarray](maxlen=1)  # which threads take from, one of them a piece
+        self._free = deque[np.ndarray](maxlen=1)  # threads take from it; pop is atomic
 
     def array(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return an array of `shape`, uint8, whatever is in it."""
+        """Return an uninitialised array of `shape`, uint8."""
         nbytes = math.prod(shape)
         try:
             piece = self._free.pop()
         except IndexError:
             piece = np.empty(0, np.uint8)
         if piece.nbytes < nbytes:
-            piece = np.empty(nbytes, np.uint8)  # which gets large pages in one piece
-        # Views of it refer to `whole`, not, as those of an array's own views, to `piece`.
+            piece = np.empty(nbytes, np.uint8)  # one allocation, so that it gets large pages
+        # Views refer to `whole`; views of an array that owns its memory would refer to `piece`.
         whole = np.frombuffer(piece.data, np.uint8, nbytes)
-        weakref.finalize(whole, self._left, piece).atexit = False
+        weakref.finalize(whole, self._keep_piece, piece).atexit = False
         return whole.reshape(shape)
 
-    def _left(self, piece: np.ndarray) -> None:
+    def _keep_piece(self, piece: np.ndarray) -> None:
         if self.keep:
             self._free.append(piece)
 
 
-#: That of this process.
+#: The one of this process.
 FRAME_MEMORY = FrameMemory()

@@ -1,4 +1,4 @@
-"""Which pictures are of one time, by the numbers in their names: where one camera lacks some."""
+"""Pair the cameras' pictures by the numbers in their names, where some cameras lack pictures."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from psfs.cameras.names import listed
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
-#: Numbers that at least this share of the pictures have in common are the frames'.
-_COMMON = 0.5
-#: So many missing numbers are named.
-_NAMED = 5
+#: If the pictures have at least this share of their numbers in common, these number the frames.
+_MIN_COMMON_SHARE = 0.5
+#: Most missing numbers that a message lists.
+_MAX_LISTED = 5
 
 
-def numbered(footage: Footage) -> tuple[Footage, list[str]]:
-    """Return the footage whose pictures go together by number where going by order would not do,
-    and a remark on that.
+def pair_by_number(footage: Footage) -> tuple[Footage, list[str]]:
+    """Pair pictures by number where pairing by order would be wrong; return the footage and a
+    remark.
 
-    Order does where there are videos, names without numbers, or numbers that run alike from where
-    each camera begins.
+    Pairing by order is right for videos, for names without numbers, and for numbers that run alike
+    from each camera's first.
     """
     kinds = [kind for kind in (footage.images, footage.masks) if kind]
-    numbers = {id(item): _numbers(item) for kind in kinds for item in kind}
+    numbers = {id(item): _read_numbers(item) for kind in kinds for item in kind}
     lists = list(numbers.values())
     if not all(lists):
         for kind in kinds:
@@ -33,13 +33,13 @@ def numbered(footage: Footage) -> tuple[Footage, list[str]]:
         return footage, []
     shortest = min(map(len, lists))
     if len({tuple(n - own[0] for n in own[:shortest]) for own in lists}) == 1:
-        return footage, _shifted(kinds[0], lists)
+        return footage, _remark_on_shift(kinds[0], lists)
     common = sorted(set.intersection(*map(set, lists)))
-    if len(common) < _COMMON * max(map(len, lists)):
+    if len(common) < _MIN_COMMON_SHARE * max(map(len, lists)):
         return footage, []
     everywhere = set().union(*lists)
     lacking = [
-        f"{item.name} lacks {_some(sorted(everywhere - set(numbers[id(item)])))}"
+        f"{item.name} lacks {_shorten_list(sorted(everywhere - set(numbers[id(item)])))}"
         for kind in kinds
         for item in kind
         if everywhere - set(numbers[id(item)])
@@ -50,7 +50,7 @@ def numbered(footage: Footage) -> tuple[Footage, list[str]]:
             return None
         places = [{n: index for index, n in enumerate(numbers[id(item)])} for item in kind]
         return tuple(
-            item.picked([place[n] for n in common])
+            item.select([place[n] for n in common])
             for item, place in zip(kind, places, strict=True)
         )
 
@@ -61,28 +61,33 @@ def numbered(footage: Footage) -> tuple[Footage, list[str]]:
     ]
 
 
-def _numbers(item: Media) -> list[int]:
-    """Return the last number in the name of each picture; none where that says nothing."""
+def _read_numbers(item: Media) -> list[int]:
+    """Return the last number in each picture's name; an empty list if these do not number the
+    frames."""
     found = [re.findall(r"[0-9]{1,18}", path.stem) for path in item.paths]
     numbers = [int(digits[-1]) for digits in found if digits]
     usable = not item.is_video and len(set(numbers)) == len(item.paths)
     return numbers if usable else []
 
 
-def _shifted(kind: tuple[Media, ...], lists: list[list[int]]) -> list[str]:
-    """Return a remark on pictures that go together in order, where their numbers would pair them
+def _remark_on_shift(kind: tuple[Media, ...], lists: list[list[int]]) -> list[str]:
+    """Return a remark on pictures paired in order though their numbers would pair them
     otherwise."""
     common = set.intersection(*map(set, lists))
-    if len({own[0] for own in lists}) == 1 or len(common) < _COMMON * max(map(len, lists)):
+    if len({own[0] for own in lists}) == 1 or len(common) < _MIN_COMMON_SHARE * max(
+        map(len, lists)
+    ):
         return []
     shown = listed(f"{item.name} {own[0]}" for item, own in zip(kind, lists, strict=False))
     return [f"pictures go together in order, though their numbers begin differently: {shown}"]
 
 
 def _check_extra(kind: tuple[Media, ...]) -> None:
-    """Raise InputError for a camera with more pictures than one that is numbered throughout,
-    because some of them have a number twice, or none."""
-    usual = [len(numbers) for numbers in map(_numbers, kind) if numbers]
+    """Raise InputError for a camera that has more pictures than a fully numbered one.
+
+    Some of its pictures then have a number twice, or none.
+    """
+    usual = [len(numbers) for numbers in map(_read_numbers, kind) if numbers]
     for item in kind:
         if not usual or item.is_video or len(item.paths) <= max(usual):
             continue
@@ -97,6 +102,6 @@ def _check_extra(kind: tuple[Media, ...]) -> None:
             raise InputError(f"{path}: {has}; expected one picture for each frame")
 
 
-def _some(numbers: list[int]) -> str:
-    more = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
-    return " ".join(map(str, numbers[:_NAMED])) + more
+def _shorten_list(numbers: list[int]) -> str:
+    more = f" and {len(numbers) - _MAX_LISTED} more" if len(numbers) > _MAX_LISTED else ""
+    return " ".join(map(str, numbers[:_MAX_LISTED])) + more

@@ -1,4 +1,4 @@
-"""Running an iterator ahead in a background thread."""
+"""Run an iterator ahead in a background thread."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def prefetched(items: Generator[T, None, None], depth: int) -> Iterator[T]:
-    """Yield the items of a generator, produced in a thread at most `depth` ahead.
+def prefetch(items: Generator[T, None, None], depth: int) -> Iterator[T]:
+    """Yield the items of a generator that a thread runs at most `depth` items ahead.
 
-    An exception in the thread is raised here, after the items before it. When the consumer
-    stops early the generator is closed, in its thread, before this returns.
+    An exception in the thread is raised here, after the items before it. When the consumer stops
+    early, the generator is closed, in its thread, before this returns.
     """
     ready: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(maxsize=depth)
     stop = threading.Event()
@@ -36,7 +36,7 @@ def prefetched(items: Generator[T, None, None], depth: int) -> Iterator[T]:
                     if stop.is_set():
                         return
             put(False, None)
-        except BaseException as error:  # handed to the consumer, whatever it is
+        except BaseException as error:  # raised again in the consumer
             put(False, error)
 
     thread = threading.Thread(target=produce, name="psfs-decode", daemon=True)

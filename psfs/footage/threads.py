@@ -1,4 +1,4 @@
-"""Threads that decode the views of a frame at the same time."""
+"""Threads that decode the views of a frame in parallel."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-#: s after which what has not come counts as hanging.
-PATIENCE = 60.0
+#: Time after which a call that has not returned counts as hanging, s.
+TIMEOUT_S = 60.0
 
 
 class HangingError(Exception):
-    """A call has not returned; `number`: which of those that were made together."""
+    """A call has not returned; `number` is its index among those made together."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"call {number} hangs")
@@ -23,8 +23,10 @@ class HangingError(Exception):
 
 
 class Threads:
-    """Daemon threads: one that hangs does not keep the process alive, as those of
-    concurrent.futures do."""
+    """A pool of daemon threads.
+
+    A hanging one does not keep the process alive, as those of concurrent.futures would.
+    """
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -41,13 +43,15 @@ class Threads:
             self._work.put(None)
 
     def map(self, call: Callable[..., T], *arguments: Iterable[Any]) -> list[T]:
-        """Return what `call` returns for each of the arguments, once all calls have ended. Raises
-        the first one's exception, and HangingError where one does not end within `PATIENCE` s."""
+        """Run `call` for each of the arguments and return the results when all calls have ended.
+
+        Raises the first exception, and HangingError if a call does not end within `TIMEOUT_S` s.
+        """
         futures: list[Future[T]] = []
         for each in zip(*arguments, strict=True):
             futures.append(Future())
             self._work.put((futures[-1], call, each))
-        _, hanging = wait(futures, PATIENCE)
+        _, hanging = wait(futures, TIMEOUT_S)
         if hanging:
             raise HangingError(min(futures.index(future) for future in hanging))
         return [future.result() for future in futures]
@@ -57,5 +61,5 @@ class Threads:
             future, call, arguments = item
             try:
                 future.set_result(call(*arguments))
-            except BaseException as error:  # handed to whom it was called for
+            except BaseException as error:  # raised again in the caller
                 future.set_exception(error)

@@ -1,4 +1,4 @@
-"""Which frames of the cameras are of one time: where rates differ, or some cameras come late."""
+"""Pair the cameras' frames in time, where frame rates differ or cameras start late."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from psfs.cameras.names import listed
 from psfs.footage.layouts.common import Footage
 from psfs.footage.media import Media
 
-#: Frame rates that differ by less than this share are the same.
+#: Frame rates that differ by less than this share are treated as equal.
 _SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How cameras go together in time.
+    """The frame rates and delays of the cameras.
 
     rates: (V,) frames per second of each camera. late: (V,) by how many of its own frames each
-    comes later than the others. fps: of the sequence, the slowest rate.
+    camera is late. fps: of the sequence, the slowest rate.
     """
 
     rates: tuple[float, ...]
@@ -34,12 +34,15 @@ class Timing:
 
     @property
     def plain(self) -> bool:
-        """Is frame k of the sequence frame k of every camera?"""
+        """Whether frame k of the sequence is frame k of every camera."""
         return len(set(self.rates)) == 1 and not any(self.late)
 
     def picks(self, counts: Sequence[int]) -> list[list[int]]:
-        """Return which frames, of so many, each camera shows in all frames of the sequence: the
-        nearest in time. The sequence begins with the first time that all of them have."""
+        """Return for each camera the indices of its frames, nearest in time to the sequence's
+        frames.
+
+        counts: frames of each camera. The sequence begins at the first time that all cameras have.
+        """
         per_frame = np.array(self.rates) / self.fps
         late = np.array(self.late)
         first = math.ceil(max(0.0, float((-late / per_frame).max())))
@@ -53,15 +56,15 @@ class Timing:
         return picked
 
 
-def timing_of(
+def find_timing(
     footage: Footage, fps: float | None, sync: Mapping[str, int], default: float
 ) -> tuple[Timing, list[str]]:
-    """Return how the cameras of `footage` go together, and remarks on it.
+    """Determine the frame rates and delays of the cameras; return them with remarks.
 
-    fps: stated of all, which then run alike; else the videos' rates count, and `default` where
-    none is known. Rates that differ pair frames by time, unless the cameras have as many frames
-    each: then the files' rates are taken for wrong. sync: see `Settings`. Raises InputError if that
-    names a camera that is not there.
+    fps: stated for all cameras; None: the videos' rates, or `default` where none is known. If rates
+    differ, frames are paired by time, except if the cameras have equally many frames: then the
+    files' rates are taken to be wrong. sync: see `Settings`. Raises InputError if `sync` names an
+    unknown camera.
     """
     names = footage.rig.names
     unknown = [name for name in sync if name not in names]
@@ -94,9 +97,11 @@ def timing_of(
     return Timing(tuple(rates), late), notes
 
 
-def timed(footage: Footage, timing: Timing) -> Footage:
-    """Return the footage whose frame k is of one time in all cameras. Raises InputError if there is
-    none such."""
+def synchronise(footage: Footage, timing: Timing) -> Footage:
+    """Resample the footage so that frame k shows the same time in all cameras.
+
+    Raises InputError if no time is in all of them.
+    """
     if timing.plain:
         return footage
     media = [kind for kind in (footage.images, footage.masks) if kind]
@@ -104,11 +109,11 @@ def timed(footage: Footage, timing: Timing) -> Footage:
     picks = timing.picks(counts)
     if not picks[0]:
         raise InputError(
-            f"no time is in all cameras, which are shifted by {listed(map(str, timing.late))} "
+            f"no time is in all cameras, which are late by {listed(map(str, timing.late))} "
             f"frames and have {listed(map(str, counts))}"
         )
 
     def chosen(kind: tuple[Media, ...] | None) -> tuple[Media, ...] | None:
-        return kind and tuple(item.picked(of) for item, of in zip(kind, picks, strict=True))
+        return kind and tuple(item.select(of) for item, of in zip(kind, picks, strict=True))
 
     return replace(footage, images=chosen(footage.images), masks=chosen(footage.masks))

@@ -1,4 +1,4 @@
-"""What a viewer draws: triangles and lines with colours, made of clouds, meshes and cameras."""
+"""Triangles and lines for a viewer, made from clouds, meshes and cameras."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.normals import normals_of
 
-#: What a voxel's colour can say.
+#: What a voxel's colour can show.
 COLOURINGS = ("colour", "probability", "height")
-#: Frames of which the triangles are kept: stepping to and fro makes none anew.
-_KEPT = 16
+#: Number of frames whose triangles are cached, so that stepping to and fro is fast.
+_CACHED_FRAMES = 16
 _CAMERA, _FLOOR = (40, 60, 95), (150, 150, 146)
 _AXES = ((200, 60, 50), (60, 160, 60), (60, 90, 210))
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles.
+    """A coloured triangle mesh.
 
-    vertices: (N, 3) m. faces: (M, 3) int. normals: (N, 3) unit. colours: (N, 3) uint8 RGB.
-    opacity: 0 (not seen) to 1 (nothing seen through it).
+    vertices: (N, 3) m. faces: (M, 3) int. normals: (N, 3) unit. colours: (N, 3) uint8 RGB. opacity:
+    0 (invisible) to 1 (opaque).
     """
 
     vertices: np.ndarray
@@ -43,7 +43,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines.
+    """Coloured line segments.
 
     points: (N, 3) m. pairs: (E, 2) int. colours: (E, 3) uint8 RGB. width: px.
     """
@@ -55,7 +55,7 @@ class Lines:
 
 
 Drawing = Surface | Lines
-#: The cloud of a frame (its number), and its mesh where meshes are wanted.
+#: The cloud of a frame (its index), and its mesh where meshes are wanted.
 Shape = Callable[[int], tuple[VoxelCloud, trimesh.Trimesh | None]]
 
 
@@ -63,8 +63,8 @@ Shape = Callable[[int], tuple[VoxelCloud, trimesh.Trimesh | None]]
 class Layer:
     """Something that a viewer shows or hides.
 
-    drawing: of a frame (its number) and a colouring (one of COLOURINGS); None for nothing. As
-    long as it returns the same object, nothing is drawn anew.
+    drawing: function of a frame (its index) and a colouring (one of COLOURINGS); None for nothing.
+    Nothing is redrawn as long as it returns the same object.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Layer:
     shown: bool = True
 
 
-def cubes(cloud: VoxelCloud) -> tuple[np.ndarray, np.ndarray]:
+def make_cubes(cloud: VoxelCloud) -> tuple[np.ndarray, np.ndarray]:
     """Return the voxels as cubes: vertices (8 N, 3) m, triangles (12 N, 3) int32."""
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
     vertices = cloud.centres[:, None] + (corners - 0.5) * cloud.grid.voxel_size
@@ -87,22 +87,21 @@ def voxel_colours(
 ) -> np.ndarray:
     """Return (N, 3) uint8 RGB of the voxels.
 
-    colouring: one of COLOURINGS. Of "colour" come the pictures' colours, or clay where the cloud
-    has none; of "probability" viridis from the threshold to 1; of "height" turbo from `low` to
-    `high`, m.
+    colouring: one of COLOURINGS. "colour": the pictures' colours, or clay if the cloud has none;
+    "probability": viridis from the threshold to 1; "height": turbo from `low` to `high`, m.
     """
     if colouring == "probability":
         least = OccupancyConfig.threshold
-        return _mapped((cloud.probability - least) / (1 - least), cv2.COLORMAP_VIRIDIS)
+        return _apply_colour_map((cloud.probability - least) / (1 - least), cv2.COLORMAP_VIRIDIS)
     if colouring == "height":
-        return _mapped((cloud.centres[:, 2] - low) / (high - low), cv2.COLORMAP_TURBO)
+        return _apply_colour_map((cloud.centres[:, 2] - low) / (high - low), cv2.COLORMAP_TURBO)
     if cloud.colour is None:
         return np.tile(np.rint(255 * np.array(CLAY)).astype(np.uint8), (len(cloud), 1))
     return cloud.colour
 
 
-def _mapped(values: np.ndarray, colours: int) -> np.ndarray:
-    """(N, 3) uint8 RGB of values 0..1 by one of OpenCV's colour maps."""
+def _apply_colour_map(values: np.ndarray, colours: int) -> np.ndarray:
+    """Map values 0..1 to (N, 3) uint8 RGB by one of OpenCV's colour maps."""
     levels = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
     if not len(levels):
         return np.zeros((0, 3), np.uint8)
@@ -110,36 +109,40 @@ def _mapped(values: np.ndarray, colours: int) -> np.ndarray:
 
 
 def colour_scale(colouring: str, low: float, high: float) -> tuple[str, np.ndarray]:
-    """Return what the colours mean, and a strip (12, 256, 3) uint8 RGB of them from left to
-    right, empty where they are the pictures' own."""
+    """Return a label and a colour strip (12, 256, 3) uint8 RGB from left to right.
+
+    The strip is empty where the colours are the pictures' own.
+    """
     steps = np.linspace(0, 1, 256)
     if colouring == "probability":
-        strip = _mapped(steps, cv2.COLORMAP_VIRIDIS)
+        strip = _apply_colour_map(steps, cv2.COLORMAP_VIRIDIS)
         text = f"{OccupancyConfig.threshold:g} to 1"
     elif colouring == "height":
-        strip, text = _mapped(steps, cv2.COLORMAP_TURBO), f"{low:.3g} to {high:.3g} m"
+        strip, text = _apply_colour_map(steps, cv2.COLORMAP_TURBO), f"{low:.3g} to {high:.3g} m"
     else:
         return "the pictures' colours", np.zeros((0, 256, 3), np.uint8)
     return text, np.ascontiguousarray(np.broadcast_to(strip, (12, 256, 3)))
 
 
-def voxel_layer(
+def make_voxel_layer(
     shape: Shape,
     grid: VoxelGrid,
     name: str = "voxels",
     opacity: float = 1.0,
 ) -> Layer:
-    """Return the layer of the clouds of a run in `grid`, as cubes, or as their meshes, whose
-    vertices take the colour of the nearest voxel."""
+    """Make the layer of a run's clouds as cubes, or of their meshes.
+
+    A mesh's vertices take the colour of the nearest voxel. grid: of the run.
+    """
     low, high = float(grid.low[2]), float(grid.high[2])
     bare = np.zeros((0, 3), np.uint8)
 
-    @lru_cache(_KEPT)
+    @lru_cache(_CACHED_FRAMES)
     def triangles(frame: int) -> tuple[VoxelCloud, Surface, np.ndarray]:
-        """The cloud, the surface without colours, and the voxel (N,) of each vertex."""
+        """Return the cloud, the surface without colours, and the voxel (N,) of each vertex."""
         cloud, mesh = shape(frame)
         if mesh is None:
-            vertices, faces = cubes(cloud)
+            vertices, faces = make_cubes(cloud)
             normals = np.repeat(normals_of(cloud), 8, axis=0)
             voxel = np.repeat(np.arange(len(cloud)), 8)
         else:
@@ -148,7 +151,7 @@ def voxel_layer(
             _, voxel = spatial.cKDTree(cloud.centres).query(vertices)
         return cloud, Surface(vertices, faces, normals, bare, opacity), voxel
 
-    @lru_cache(_KEPT)
+    @lru_cache(_CACHED_FRAMES)
     def drawing(frame: int, colouring: str) -> Surface | None:
         cloud, surface, voxel = triangles(frame)
         if not len(cloud):
@@ -158,14 +161,16 @@ def voxel_layer(
     return Layer(name, drawing)
 
 
-def steady_layer(name: str, drawing: Drawing) -> Layer:
-    """Return the layer of what is the same in all frames."""
+def make_static_layer(name: str, drawing: Drawing) -> Layer:
+    """Make a layer of a drawing that is the same in all frames."""
     return Layer(name, lambda _frame, _colouring: drawing)
 
 
-def frusta(rig: CameraRig) -> Lines:
-    """Return the views' pyramids, a tenth of the cameras' mean distance from their middle deep;
-    lens distortion is left out."""
+def draw_frusta(rig: CameraRig) -> Lines:
+    """Draw the views' frusta without lens distortion.
+
+    Their depth is a tenth of the cameras' mean distance from their centroid.
+    """
     depth = 0.1 * float(np.linalg.norm(rig.centres - rig.centres.mean(0), axis=1).mean() or 1.0)
     lines_of = load_open3d().geometry.LineSet.create_camera_visualization
     every = load_open3d().geometry.LineSet()
@@ -179,9 +184,11 @@ def frusta(rig: CameraRig) -> Lines:
     )
 
 
-def floor(grid: VoxelGrid) -> Lines:
-    """Return a chequered floor z = 0 under `grid`, in squares of 1, 0.1, ... m, and the world's
-    axes: x red, y green, z blue, one square long."""
+def draw_floor(grid: VoxelGrid) -> Lines:
+    """Draw a chequered floor z = 0 under `grid`, in squares of 1, 0.1, ... m, and the world's axes.
+
+    The axes are x red, y green, z blue, one square long.
+    """
     across = float(np.max((grid.high - grid.low)[:2]))
     square = 10.0 ** np.floor(np.log10(across))
     low, high = np.floor(grid.low[:2] / square) - 1, np.ceil(grid.high[:2] / square) + 1

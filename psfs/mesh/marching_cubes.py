@@ -1,4 +1,4 @@
-"""Closed surfaces: marching cubes on the smoothed probability, smoothed, coloured, written."""
+"""Extract closed surfaces by marching cubes, smooth, colour and write them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trimesh.visual import ColorVisuals
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
-from psfs.common.regions import large_parts
+from psfs.common.regions import keep_large_regions
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
@@ -23,19 +23,19 @@ from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 FORMATS = ("ply", "glb", "obj")
-#: Steps of Taubin smoothing: enough to hide the voxels, too few to lose fingers and noses.
+#: Steps of Taubin smoothing: enough to hide the voxels, few enough to keep fingers and noses.
 SMOOTHING, MOST_SMOOTHING = 10, 1000
-#: Of meshes without colours, RGB 0..1.
+#: Colour of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
 
-# Taubin 1995: each step forth by _LAMBDA is followed by one back by _MU, which leaves features
-# of spatial frequency below 1 / _LAMBDA - 1 / _MU = 0.11 as they are: nothing shrinks.
+# Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
+# frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.
 _LAMBDA, _MU = 0.5, 0.53
 _COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def surface_mesh(
+def extract_surface(
     probability: np.ndarray,
     grid: VoxelGrid,
     threshold: float = OccupancyConfig.threshold,
@@ -43,15 +43,15 @@ def surface_mesh(
     debris: float = DEBRIS_SHARE,
     cloud: VoxelCloud | None = None,
 ) -> trimesh.Trimesh:
-    """Return the surface, m, where the smoothed probability (nx, ny, nz) crosses `threshold`.
+    """Extract the surface, m, where the smoothed probability (nx, ny, nz) crosses `threshold`.
 
-    It is closed, also where the body is cut by the grid's border, and faces outwards. Connected
-    parts with less than the share `debris` of the largest one's voxels are left out, and
-    cavities are filled, since no silhouette can show one. smoothing: steps after Taubin 1995,
-    which do not shrink. cloud: its colours, where it has some, become those of the nearest
-    vertices. Raises InputError if no voxel is above the threshold.
+    The surface is closed, also where the grid's border cuts the body, and faces outwards. Connected
+    regions with less than the share `debris` of the largest one's voxels are removed, and cavities
+    are filled, since no silhouette can show one. smoothing: steps after Taubin 1995, which do not
+    shrink. cloud: its colours, if any, are taken over by the nearest vertices. Raises InputError if
+    no voxel is above the threshold.
     """
-    solid = _cleaned(np.asarray(probability, np.float32), threshold, debris)
+    solid = _clean(np.asarray(probability, np.float32), threshold, debris)
     # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
     vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
     vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
@@ -64,12 +64,12 @@ def surface_mesh(
     return mesh
 
 
-def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
-    """Return `probability` with debris at 0 and cavities at 1."""
+def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarray:
+    """Return `probability` with debris set to 0 and cavities to 1."""
     occupied = probability > threshold
     if not occupied.any():
         raise InputError(f"no voxel has a probability above {threshold:g}; expected a body")
-    kept = large_parts(occupied, debris)
+    kept = keep_large_regions(occupied, debris)
     cavities = ndimage.binary_fill_holes(kept) & ~kept
     cleaned: np.ndarray = np.where(occupied & ~kept, np.float32(0), probability)
     cleaned[cavities] = 1
@@ -77,12 +77,12 @@ def _cleaned(probability: np.ndarray, threshold: float, debris: float) -> np.nda
 
 
 class Mesher:
-    """`mesher(index)`: the mesh of a frame of a finished run.
+    """Makes the mesh of a frame of a finished run: `mesher(index)`.
 
-    The clouds on disk hold surface voxels only, so the probability is computed again, from the
-    frame's pictures, in the box that the cloud occupies. It says where between two voxels the
-    surface passes; which voxels it contains, the cloud says: silhouettes that learn from earlier
-    frames may come out a little different for a frame alone.
+    The clouds on disk hold surface voxels only. The probability is therefore computed again from
+    the frame's pictures, in the box of the cloud, and determines where between two voxels the
+    surface passes. Which voxels lie inside is taken from the cloud, since silhouettes that depend
+    on earlier frames may differ a little for a single frame.
     """
 
     def __init__(
@@ -97,16 +97,17 @@ class Mesher:
         self._reconstructor: Reconstructor | None = None
 
     def __call__(self, index: int) -> trimesh.Trimesh:
-        """Raises InputError if the frame's cloud is empty."""
+        """Return the mesh of a frame. Raises InputError if its cloud is empty."""
         cloud = self.run.cloud(index)
         if not len(cloud):
             raise InputError(f"{self.run.out}: the cloud of frame {index} is empty")
         box, threshold = occupied_box(cloud), self._config.occupancy.threshold
-        probability = agreeing(self.probability(index, box), cloud_solid(cloud, box), threshold)
-        return surface_mesh(probability, box, threshold, self.smoothing, 0.0, cloud)
+        probability = match_solid(self.probability(index, box), fill_cloud(cloud, box), threshold)
+        return extract_surface(probability, box, threshold, self.smoothing, 0.0, cloud)
 
     def probability(self, index: int, box: VoxelGrid) -> np.ndarray:
-        """(nx, ny, nz) of the box, cut out of what a reconstructor with room for it computes."""
+        """Return the probability (nx, ny, nz) in the box, cut out of a reconstructor's larger
+        grid."""
         frame, (nx, ny, nz) = self.sequence.read(index), box.shape
         probability = self._covering(box)(frame).probability
         if not isinstance(probability, np.ndarray):
@@ -114,8 +115,10 @@ class Mesher:
         return probability[:nx, :ny, :nz]
 
     def _covering(self, box: VoxelGrid) -> AnyReconstructor:
-        """A reconstructor of a grid that begins with `box`. One that has the room is used again,
-        for a grid of another shape means other kernels."""
+        """Return a reconstructor whose grid begins with `box`.
+
+        One that is large enough is reused, since another grid shape needs other kernels.
+        """
         room = (0, 0, 0) if self._reconstructor is None else self._reconstructor.grid.shape
         if self._reconstructor is not None and np.all(np.array(box.shape) <= room):
             self._reconstructor.move_to(VoxelGrid(box.origin, box.voxel_size, room))
@@ -125,14 +128,14 @@ class Mesher:
         reconstructor = reconstructor_for(
             self.device, self.sequence.rig, grid, self.sequence.background, self._config
         )
-        if isinstance(reconstructor, Reconstructor):  # the twin has nothing to build anew
+        if isinstance(reconstructor, Reconstructor):  # the NumPy twin has nothing to rebuild
             self._reconstructor = reconstructor
         return reconstructor
 
 
 def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
-    """Return the part of the cloud's grid that holds it and a voxel around it, where there is
-    one."""
+    """Return the part of the cloud's grid that holds it, with a margin of one voxel inside the
+    grid."""
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
     low = np.maximum(ijk.min(1) - 1, 0)
     nx, ny, nz = np.minimum(ijk.max(1) + 2, cloud.grid.shape) - low
@@ -140,9 +143,9 @@ def occupied_box(cloud: VoxelCloud) -> VoxelGrid:
     return VoxelGrid(origin, cloud.grid.voxel_size, (nx, ny, nz))
 
 
-def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
-    """Return (nx, ny, nz) bool: the voxels of `box` (see `occupied_box`) that the cloud's surface
-    encloses, itself included."""
+def fill_cloud(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
+    """Return (nx, ny, nz) bool: voxels of `box` that the cloud's surface encloses, itself
+    included."""
     low = np.rint((box.origin - cloud.grid.origin) / box.voxel_size).astype(int)
     i, j, k = np.unravel_index(cloud.indices, cloud.grid.shape)
     surface = np.zeros(box.shape, bool)
@@ -151,22 +154,22 @@ def cloud_solid(cloud: VoxelCloud, box: VoxelGrid) -> np.ndarray:
     return solid
 
 
-def agreeing(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
-    """Return `probability`, voxels on the wrong side of the threshold moved to the other one."""
+def match_solid(probability: np.ndarray, solid: np.ndarray, threshold: float) -> np.ndarray:
+    """Set voxels of `probability` that contradict `solid` to the other side of the threshold."""
     agrees = (probability > threshold) == solid
     moved = np.where(solid, np.float32((threshold + 1) / 2), np.float32(threshold / 2))
     return np.where(agrees, probability, moved)
 
 
 def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
-    """Write PLY (binary), OBJ or GLB, as the suffix says, with normals and the vertices' colours.
+    """Write PLY (binary), OBJ or GLB, by the suffix, with normals and the vertices' colours.
 
-    PLY and OBJ: metres, Z up, which a comment says. GLB: metres, +Y up, and linear colours, as
-    glTF 2.0 asks (3.4, 3.9.2). Raises InputError for another suffix.
+    PLY and OBJ: metres, Z up, which a comment says. GLB: metres, +Y up, and linear colours, as glTF
+    2.0 requires (3.4, 3.9.2). Raises InputError for another suffix.
     """
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
-        raise InputError(f"{path}: no mesh format; expected a name that ends in {_endings()}")
+        raise InputError(f"{path}: unknown mesh format; expected a name that ends in {_endings()}")
     content = {"ply": _ply, "glb": _glb, "obj": _obj}[suffix](mesh)
     with written_whole(path) as temporary:
         temporary.write_bytes(content)
@@ -191,14 +194,14 @@ def _glb(mesh: trimesh.Trimesh) -> bytes:
     turned = mesh.copy()
     turned.apply_transform(_Y_UP)
     colours = vertex_colours(mesh)
-    base = _linear(np.array(CLAY))
+    base = _to_linear(np.array(CLAY))
     if colours is not None:
         base = np.ones(3)
-        linear = np.rint(255 * _linear(colours / 255)).astype(np.uint8)
+        linear = np.rint(255 * _to_linear(colours / 255)).astype(np.uint8)
         turned.visual = ColorVisuals(turned, vertex_colors=linear)
 
     def matte(tree: dict[str, Any]) -> None:
-        """Without a material glTF means polished metal."""
+        """Add a matte material: without one glTF means polished metal."""
         surface = {"baseColorFactor": [*base.tolist(), 1.0], "metallicFactor": 0.0}
         tree["materials"] = [{"pbrMetallicRoughness": surface | {"roughnessFactor": 0.9}}]
         for part in tree["meshes"]:
@@ -220,6 +223,6 @@ def vertex_colours(mesh: trimesh.Trimesh) -> np.ndarray | None:
     return np.asarray(visual.vertex_colors)[:, :3]
 
 
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    """Return linear light of sRGB values 0..1 (IEC 61966-2-1)."""
+def _to_linear(srgb: np.ndarray) -> np.ndarray:
+    """Convert sRGB values 0..1 to linear light (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

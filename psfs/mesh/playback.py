@@ -1,4 +1,4 @@
-"""Which frame of a run is shown at which time."""
+"""The clock of a viewer: which frame of a run is shown at which time."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Speeds of playing, as shares of the scene's own.
+#: Playback speeds, as multiples of real time.
 SPEEDS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-#: The longest time, s, that one tick counts: whoever is slower to draw plays slower, and skips
-#: no frames beyond that.
+#: Longest time that one tick advances, s: a viewer that draws slowly then plays slowly instead of
+#: skipping more frames.
 _LONGEST_TICK = 0.1
 
 
 class Playback:
-    """A clock over the `frames` of a run, numbers in a sequence of `fps` frames per second.
+    """A clock over the `frames` of a run, indices in a sequence of `fps` frames per second.
 
-    `position` is the index into `frames` of the one that is shown. Playing goes round: after the
-    last frame, which is shown as long as the one before it, comes the first.
+    `position` is the index into `frames` of the one that is shown. Playback loops: the first frame
+    follows the last one, which is shown as long as the one before it.
     """
 
     def __init__(self, frames: Sequence[int], fps: float, start: int) -> None:
@@ -30,16 +30,16 @@ class Playback:
 
     @property
     def frame(self) -> int:
-        """The number of the frame that is shown."""
+        """Index of the frame that is shown."""
         return self.frames[self.position]
 
     @property
     def time(self) -> float:
-        """Seconds from the sequence's first frame to the one that is shown."""
+        """Time of the frame that is shown since the sequence's first frame, s."""
         return float(self.times[self.position])
 
     def seek(self, position: int) -> None:
-        """Show the frame at `position`, counted round and round."""
+        """Show the frame at `position`, modulo the number of frames."""
         self.position = position % len(self.frames)
         self._clock = self.time
 
@@ -53,12 +53,12 @@ class Playback:
         self.playing = not self.playing
 
     def change_speed(self, by: int) -> None:
-        """Take the speed that lies `by` entries of SPEEDS further, or the last one."""
+        """Move `by` entries along SPEEDS, at most to an end."""
         entry = SPEEDS.index(self.speed) + by
         self.speed = SPEEDS[min(max(entry, 0), len(SPEEDS) - 1)]
 
     def advance(self, seconds: float) -> None:
-        """Let `seconds` of the viewer's time go by."""
+        """Advance the clock by `seconds` of the viewer's time."""
         if not self.playing:
             return
         first, span = self.times[0], self.times[-1] + self._gap - self.times[0]

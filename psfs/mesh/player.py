@@ -1,4 +1,4 @@
-"""What a viewer shows of a run, and what its keys do; without a window."""
+"""The state of a viewer and the effect of its keys, without a window."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from psfs.mesh.drawing import COLOURINGS, Drawing, Layer
 from psfs.mesh.playback import Playback
 
-#: The keys, and what they do; 1 to 9 show and hide layers besides.
+#: Keys and their effects; besides, 1 to 9 show and hide layers.
 KEYS = {
     "space": "play, pause",
     "left": "frame before",
@@ -25,7 +25,7 @@ KEYS = {
 class Player:
     """A run's frames over time (`playback`), in `layers` that can be hidden, in a `colouring`.
 
-    note: says more of a frame (its number), such as the size of its cloud.
+    note: function that returns more about a frame (its index), such as the size of its cloud.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Player:
         self.shown = {layer.name: layer.shown for layer in self.layers}
 
     def drawings(self) -> dict[str, Drawing]:
-        """Return what is to be seen now, by the names of the layers."""
+        """Return the drawings to show now, by the names of their layers."""
         found = {
             layer.name: layer.drawing(self.playback.frame, self.colouring)
             for layer in self.layers
@@ -55,8 +55,10 @@ class Player:
         return f"{text}   {note}" if note else text
 
     def press(self, key: str) -> bool:
-        """Do what `key` stands for, one of KEYS or a digit. Return False for keys that are the
-        window's own, or nobody's."""
+        """Perform the action of `key`, one of KEYS or a digit.
+
+        Returns False for keys that the window handles, or nothing does.
+        """
         last = len(self.playback.frames) - 1
         actions: dict[str, Callable[[], object]] = {
             "space": self.playback.toggle,

@@ -1,4 +1,4 @@
-"""Rays against meshes (Open3D's, which is Embree): exact silhouettes and pictures."""
+"""Cast rays at meshes (Open3D's Embree) for exact silhouettes and pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RayScene:
         self.mesh = mesh
         self._tensor: Any = load_open3d().core.Tensor
         self._scene = load_open3d().t.geometry.RaycastingScene()
-        # Embree counts in float32: what lies around the mesh's own middle loses nothing.
+        # Embree computes in float32: coordinates relative to the mesh's centre lose no precision.
         self._middle = mesh.bounds.mean(0)
         self._scene.add_triangles(
             self._tensor((mesh.vertices - self._middle).astype(np.float32)),
@@ -26,19 +26,22 @@ class RayScene:
         )
 
     def _rays(self, origins: np.ndarray, directions: np.ndarray) -> Any:
-        """(N, 6) float32; origins and directions broadcast."""
+        """Return rays (N, 6) float32; origins and directions broadcast."""
         origins, directions = np.broadcast_arrays(origins - self._middle, directions)
         return self._tensor(np.concatenate([origins, directions], -1).astype(np.float32))
 
     def hits(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return (N,) bool: does the ray meet the mesh?"""
+        """Return for each ray whether it meets the mesh, (N,) bool."""
         return self._scene.test_occlusions(self._rays(origins, directions)).numpy()
 
-    def first_hits(
+    def find_first_hits(
         self, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (N,) bool hit or not; of those that hit, the three vertices (M, 3) of the triangle
-        and their barycentric weights (M, 3)."""
+        """Find the first triangle that each ray meets.
+
+        Returns (N,) bool, whether a ray meets any; for the M that do, the triangle's vertices (M,
+        3) and barycentric weights (M, 3).
+        """
         answer = self._scene.cast_rays(self._rays(origins, directions))
         hit = np.isfinite(answer["t_hit"].numpy())
         corners = np.asarray(self.mesh.faces)[answer["primitive_ids"].numpy()[hit]]
@@ -46,11 +49,11 @@ class RayScene:
         return hit, corners, np.stack([1 - u - v, u, v], -1)
 
     def silhouette(self, camera: Camera) -> np.ndarray:
-        """Return (h, w) bool: pixels whose centre's ray, bent by the lens, meets the mesh."""
+        """Return (h, w) bool: pixels whose ray, with lens distortion, meets the mesh."""
         width, height = camera.size
         low, high = np.zeros(2, int), np.array([width, height])
         pixels, depth = camera.project(self.mesh.vertices)
-        if (depth > 0).all():  # else no rectangle is known to contain the mesh
+        if (depth > 0).all():  # otherwise no rectangle is known to contain the mesh
             low = np.clip(np.floor(pixels.min(0)), low, high).astype(int)
             high = np.clip(np.ceil(pixels.max(0)) + 1, low, high).astype(int)
         columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))

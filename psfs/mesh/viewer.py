@@ -1,6 +1,6 @@
 """Open3D's window: a run frame by frame, with a time line, layers and colourings.
 
-Only what needs a display is here; what is shown when, `psfs.mesh.player` says.
+Only what needs a display is here; `psfs.mesh.player` decides what is shown.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _SIZE = (1280, 800)
 _FIELD_OF_VIEW = 50.0  # degrees
 _SHORTEST_TICK = 1 / 30  # s
 _LABEL_COLOUR = (0.25, 0.3, 0.4)
-#: The way that the light falls: from above and from the left of who looks from _FROM.
+#: Direction of the light: from above and from the left of a viewer at _FROM.
 _SUN = np.array([-0.7, -0.2, -0.7], np.float32)
-#: Where the viewer stands at first, as seen from the middle of the grid.
-_FROM = np.array([1.0, -0.45, 0.35])
+#: Initial position of the viewer, relative to the grid's centre.
+_VIEWER_POSITION = np.array([1.0, -0.45, 0.35])
 
 
 def has_display() -> bool:
@@ -43,10 +43,11 @@ def has_display() -> bool:
 
 
 def _x_server_answers() -> bool:
-    """Does the display that DISPLAY names open? Open3D waits for ever for one that does not."""
+    """Return whether the display named by DISPLAY opens; Open3D waits for ever for one that does
+    not."""
     try:
         library = ctypes.CDLL("libX11.so.6")
-    except OSError:  # which Open3D needs, too
+    except OSError:  # Open3D needs it, too
         return False
     library.XOpenDisplay.restype = ctypes.c_void_p
     display = library.XOpenDisplay(None)
@@ -55,11 +56,11 @@ def _x_server_answers() -> bool:
     return bool(display)
 
 
-def show(title: str, rig: CameraRig, grid: VoxelGrid, player: Player) -> None:
-    """Open a window with what `player` shows, looking at `grid`; return when it is closed.
+def show_window(title: str, rig: CameraRig, grid: VoxelGrid, player: Player) -> None:
+    """Show what `player` shows in a window, looking at `grid`; return when it is closed.
 
-    The cameras of `rig` are named where they stand. Raises InputError if no window opens, and the
-    errors of the player's drawings.
+    The cameras of `rig` are labelled at their positions. Raises InputError if no window opens, and
+    the errors of the player's drawings.
     """
     gui = load_open3d().visualization.gui
     gui.Application.instance.initialize()
@@ -78,11 +79,11 @@ def show(title: str, rig: CameraRig, grid: VoxelGrid, player: Player) -> None:
 
 
 class _Viewer:
-    """The widgets of a window, kept as `player` says."""
+    """The widgets of a window, kept up to date with `player`."""
 
     def __init__(self, window: Any, rig: CameraRig, grid: VoxelGrid, player: Player) -> None:
         self.window, self.grid, self.player = window, grid, player
-        #: What went wrong in a callback; the window is closed then.
+        #: The error of a callback, after which the window closes.
         self.error: UserError | None = None
         self._drawn: dict[str, Drawing] = {}
         self._ticked = self._next_tick = time.monotonic()
@@ -94,10 +95,10 @@ class _Viewer:
         window.set_on_layout(self._layout)
         window.set_on_key(self._key)
         window.set_on_tick_event(self._tick)
-        self._guarded(self.refresh)
+        self._call_guarded(self.refresh)
         self.look_from_start()
 
-    # What it is made of
+    # Widgets.
 
     def _scene_widget(self, rig: CameraRig) -> None:
         self.scene = self.gui.SceneWidget()
@@ -115,7 +116,7 @@ class _Viewer:
         self.play = self._button("Play", "space")
         self.slider = self.gui.Slider(self.gui.Slider.INT)
         self.slider.set_limits(0, max(1, len(self.player.playback.frames) - 1))
-        self.slider.set_on_value_changed(self._scrubbed)
+        self.slider.set_on_value_changed(self._seek)
         buttons = [self._button("<", "left"), self.play, self._button(">", "right")]
         speeds = [self._button("slower", "down"), self._button("faster", "up")]
         row = self.gui.Horiz(0.5 * em, self.gui.Margins(0.5 * em, 0, 0.5 * em, 0))
@@ -136,7 +137,7 @@ class _Viewer:
         self.colouring = self.gui.Combobox()
         for name in COLOURINGS:
             self.colouring.add_item(name)
-        self.colouring.set_on_selection_changed(self._coloured)
+        self.colouring.set_on_selection_changed(self._set_colouring)
         self.scale = self.gui.ImageWidget()
         self.scale_text = self.gui.Label("")
         for widget in (self.colouring, self.scale, self.scale_text, self.gui.Label("show")):
@@ -164,37 +165,37 @@ class _Viewer:
         self.panel.frame = self.gui.Rect(area.get_right() - wide, area.y, wide, area.height)
         self.bottom.frame = self.gui.Rect(area.x, area.get_bottom() - tall, area.width - wide, tall)
 
-    # What happens to it
+    # Events.
 
     def press(self, key: str) -> bool:
-        """Do what `key` (see KEYS) stands for; return whether it stands for anything."""
+        """Perform the action of `key` (see KEYS); return whether it has one."""
         if key == "q":
             self.window.close()
         elif key == "r":
             self.look_from_start()
         elif not self.player.press(key):
             return False
-        self._guarded(self.refresh)
+        self._call_guarded(self.refresh)
         return True
 
     def look_from_start(self) -> None:
-        """Look at the whole grid from where the viewer stood at first."""
+        """Look at the whole grid from the initial position."""
         box = load_open3d().geometry.AxisAlignedBoundingBox(self.grid.low, self.grid.high)
         middle = (self.grid.low + self.grid.high) / 2
         self.scene.setup_camera(_FIELD_OF_VIEW, box, middle.astype(np.float32))
         distance = 1.1 * float(np.linalg.norm(self.grid.high - self.grid.low))
-        eye = middle + distance * _FROM / np.linalg.norm(_FROM)
+        eye = middle + distance * _VIEWER_POSITION / np.linalg.norm(_VIEWER_POSITION)
         self.scene.look_at(*(v.astype(np.float32) for v in (middle, eye, np.array([0.0, 0, 1]))))
 
     def refresh(self) -> None:
-        """Show what the player shows; draw only what has become another."""
+        """Update the window; redraw only what has changed."""
         wanted, scene = self.player.drawings(), self.scene.scene
         for name in [n for n in self._drawn if wanted.get(n) is not self._drawn[n]]:
             scene.remove_geometry(name)
             del self._drawn[name]
         for name, drawing in wanted.items():
             if name not in self._drawn:
-                scene.add_geometry(name, geometry(drawing), _material(drawing))
+                scene.add_geometry(name, convert_to_open3d(drawing), _material(drawing))
                 self._drawn[name] = drawing
         player = self.player
         self.play.text = "Pause" if player.playback.playing else "Play"
@@ -216,11 +217,11 @@ class _Viewer:
             self.scale.update_image(load_open3d().geometry.Image(strip))
 
     def _key(self, event: Any) -> bool:
-        key = _name_of(event.key)
+        key = _key_name(event.key)
         return event.type == self.gui.KeyEvent.Type.DOWN and key is not None and self.press(key)
 
     def _tick(self) -> bool:
-        """Let the time go by; return whether to draw."""
+        """Advance the clock; return whether to redraw."""
         now = time.monotonic()
         if now < self._next_tick:
             return False
@@ -229,21 +230,22 @@ class _Viewer:
         self.player.playback.advance(seconds)
         if self.player.playback.position == before:
             return False
-        self._guarded(self.refresh)
-        # Open3D draws and listens to keys only while nothing happens here.
+        self._call_guarded(self.refresh)
+        # Open3D draws and handles keys only while no callback runs.
         self._next_tick = time.monotonic() + max(_SHORTEST_TICK, time.monotonic() - now)
         return True
 
-    def _scrubbed(self, value: float) -> None:
+    def _seek(self, value: float) -> None:
         self.player.playback.seek(round(value))
-        self._guarded(self.refresh)
+        self._call_guarded(self.refresh)
 
-    def _coloured(self, name: str, _index: int) -> None:
+    def _set_colouring(self, name: str, _index: int) -> None:
         self.player.colouring = name
-        self._guarded(self.refresh)
+        self._call_guarded(self.refresh)
 
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """`act`; an error closes the window, since none may pass through Open3D's loop."""
+    def _call_guarded(self, act: Callable[[], None]) -> None:
+        """Call `act`; close the window on an error, since no exception may pass through Open3D's
+        loop."""
         try:
             act()
         except UserError as error:
@@ -258,8 +260,8 @@ def _help() -> str:
     )
 
 
-def _name_of(code: int) -> str | None:
-    """The key as KEYS names it; None for keys that have no name in Open3D."""
+def _key_name(code: int) -> str | None:
+    """Return the key's name in KEYS; None for keys without a name in Open3D."""
     names = load_open3d().visualization.gui.KeyName
     digits = ("ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX", "SEVEN", "EIGHT", "NINE")
     try:
@@ -269,8 +271,8 @@ def _name_of(code: int) -> str | None:
     return str(digits.index(name) + 1) if name in digits else name.lower()
 
 
-def geometry(drawing: Drawing) -> Any:
-    """Return Open3D's form of a drawing."""
+def convert_to_open3d(drawing: Drawing) -> Any:
+    """Convert a drawing to Open3D's geometry."""
     open3d = load_open3d()
     vector, colours = open3d.utility.Vector3dVector, drawing.colours / 255
     if isinstance(drawing, Surface):

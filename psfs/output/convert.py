@@ -1,4 +1,4 @@
-"""A sequence written as a native folder, whatever its own layout and calibration format are."""
+"""Write any sequence as a native folder."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ from psfs.common.toml import write_toml
 from psfs.footage.media import Media
 from psfs.sequence import Sequence
 
-#: Settings that are kept as they are; the calibration's unit and axes are ours.
-_KEPT = ("fps", "background", "key", "threshold", "dilate", "erode", "sync", "subject")
+#: Settings that are copied; the calibration's unit and axes become metres and Z up.
+_COPIED_SETTINGS = ("fps", "background", "key", "threshold", "dilate", "erode", "sync", "subject")
 
 
 def write_native(sequence: Sequence, folder: Path) -> None:
-    """Write `calibration.toml` (metres, Z up, the cameras in use), `sequence.toml` and copies of
-    the pictures, named after their cameras. Raises InputError if `folder` cannot be written."""
+    """Write `calibration.toml`, `sequence.toml` and copies of the pictures, named after their
+    cameras.
+
+    The calibration is in metres, Z up, of the cameras in use. Raises InputError if `folder` cannot
+    be written.
+    """
     write_toml_tables(folder / "calibration.toml", sequence.rig)
     footage = sequence.footage
     if footage.images:
@@ -35,8 +39,8 @@ def write_native(sequence: Sequence, folder: Path) -> None:
 
 
 def _settings(sequence: Sequence) -> dict[str, Any]:
-    """Return what the files do not say of themselves."""
-    values = {key: getattr(sequence.settings, key) for key in _KEPT}
+    """Return the settings that the files do not state themselves."""
+    values = {key: getattr(sequence.settings, key) for key in _COPIED_SETTINGS}
     media = sequence.footage.images or sequence.footage.masks or ()
     if values["fps"] is None and not any(item.fps for item in media):
         values["fps"] = sequence.fps

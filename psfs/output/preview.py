@@ -1,4 +1,4 @@
-"""A picture of a voxel cloud: shaded views from around it, and its outline in the input."""
+"""Draw a voxel cloud from several sides, and its outline in the input pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.sequence import Frame
 from psfs.voxels.clouds import coarsened
 from psfs.voxels.grid import VoxelCloud
@@ -22,67 +22,72 @@ PANEL = (300, 420)  # width, height of a view, px
 SUPERSAMPLING = 2
 BACKDROP = np.array([250, 247, 244], np.float32)  # BGR
 CLAY = np.array([150, 178, 205], np.float32)
-#: Voxels along the longest side of a cloud, at most, in a picture of `PANEL`.
-_FINEST = 250
+#: Most voxels along the longest side of a cloud in a picture of `PANEL`.
+_MAX_VOXELS = 250
 _OUTLINE = (60, 220, 60)
 _INK = (90, 80, 70)
 _MASK_GREY = 0.55  # brightness of a mask drawn as a picture, so that lines stand out
 
 
-def preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
-    """Draw (h, w, 3) uint8 BGR: a row of shaded views above a row of the frame's pictures, in which
-    the outline of the reprojected cloud is drawn."""
-    shown = _for_pictures(cloud)
+def draw_preview(cloud: VoxelCloud, rig: CameraRig, frame: Frame, title: str = "") -> np.ndarray:
+    """Draw a sheet (h, w, 3) uint8 BGR of a cloud.
+
+    A row of shaded views stands above a row of the frame's pictures with the outline of the
+    reprojected cloud.
+    """
+    shown = _coarsen_for_picture(cloud)
     normals = normals_of(shown)
-    views = [shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
+    views = [draw_shaded_view(shown, normals, azimuth, up, PANEL) for azimuth, up in VIEWS]
     edge = cloud.grid.voxel_size
     text = f"{title}   {len(cloud):,} surface voxels of {_length(edge)}"
     if cloud.volume:
         text += f"   volume {cloud.volume * 1e3:.3g} l"
-    extents = footprints(rig, edge)
+    extents = voxel_footprints(rig, edge)
 
     def silhouette(view: int) -> np.ndarray:
         columns, rows = rig[view].size
         return voxel_silhouette(rig[view], cloud.centres, extents[view], (rows, columns))
 
-    return sheet(views, text, silhouette, rig, frame)
+    return draw_sheet(views, text, silhouette, rig, frame)
 
 
-def _for_pictures(cloud: VoxelCloud) -> VoxelCloud:
+def _coarsen_for_picture(cloud: VoxelCloud) -> VoxelCloud:
     """Return the cloud in voxels no finer than a small picture shows."""
     if not len(cloud):
         return cloud
     ijk = np.stack(np.unravel_index(cloud.indices, cloud.grid.shape))
     longest = int(np.ptp(ijk, axis=1).max()) + 1
-    return coarsened(cloud, -(-longest // _FINEST))
+    return coarsened(cloud, -(-longest // _MAX_VOXELS))
 
 
-def sheet(
+def draw_sheet(
     views: list[np.ndarray],
     text: str,
     silhouette: Callable[[int], np.ndarray],
     rig: CameraRig,
     frame: Frame,
 ) -> np.ndarray:
-    """Draw (h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame with
-    the outline of `silhouette(view)`, (h, w) bool."""
+    """Draw (h, w, 3) uint8 BGR: `views` side by side under `text`, above pictures of the frame.
+
+    The outline of `silhouette(view)`, (h, w) bool, is drawn into the pictures.
+    """
     above = np.hstack(views)
     cv2.putText(above, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
     return np.vstack([above, _picture_row(silhouette, rig, frame, above.shape[1])])
 
 
-def shaded_view(
+def draw_shaded_view(
     cloud: VoxelCloud,
     normals: np.ndarray,
     azimuth: float,
     elevation: float,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """Draw an (h, w, 3) uint8 BGR orthographic view of a cloud with `normals_of` it, `size` =
-    (width, height) px.
+    """Draw an orthographic view (h, w, 3) uint8 BGR of a cloud with its `normals_of`.
 
-    azimuth: direction that the viewer stands in, degrees from +x towards +y; elevation: above
-    the horizon. Voxels are splatted into a z-buffer and lit by their normals.
+    size: (width, height) px. azimuth: direction of the viewer, degrees from +x towards +y.
+    elevation: above the horizon, degrees. Voxels are splatted into a z-buffer and shaded by their
+    normals.
     """
     size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
     if not len(cloud):
@@ -91,12 +96,12 @@ def shaded_view(
         margin = 2 * cloud.grid.voxel_size
         view = View.around(cloud.centres, margin, azimuth, elevation, size)
         nearest = _z_buffer(cloud, view, size)
-        picture = _lit(cloud, normals @ view.axes.T, view.scale, nearest)
-    return shrunk(picture)
+        picture = _shade(cloud, normals @ view.axes.T, view.scale, nearest)
+    return downsample(picture)
 
 
-def shrunk(picture: np.ndarray) -> np.ndarray:
-    """Return the final uint8 picture of one that was computed with SUPERSAMPLING."""
+def downsample(picture: np.ndarray) -> np.ndarray:
+    """Downsample a picture that was computed with SUPERSAMPLING to the final uint8 picture."""
     factor = 1 / SUPERSAMPLING
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return np.clip(small, 0, 255).astype(np.uint8)
@@ -104,7 +109,11 @@ def shrunk(picture: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class View:
-    """Orthographic: rows of `axes` are right, down and away from the viewer; px per m."""
+    """Orthographic view.
+
+    axes: rows point right, down and away from the viewer. centre: (3,) m. scale: px per m. middle:
+    (2,) px that shows the centre.
+    """
 
     axes: np.ndarray
     centre: np.ndarray
@@ -120,13 +129,13 @@ class View:
         elevation: float,
         size: tuple[int, int],
     ) -> View:
-        """Return the view of all `points` (N, 3) m, a margin (m) around them, in `size` px."""
+        """Return the view of all `points` (N, 3) m with a margin (m) around them, in `size` px."""
         a, e = np.radians([azimuth, elevation])
         away = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         axes = np.stack([right, np.cross(away, right), away])
         low, high = points.min(0), points.max(0)
-        # One scale for all azimuths: the box turned about the vertical.
+        # One scale for all azimuths: that of the box rotated about the vertical.
         across = float(np.linalg.norm((high - low)[:2]))
         tall = float(high[2] - low[2]) * np.cos(e) + across * np.sin(e)
         extent = np.array([across, tall]) + 2 * margin
@@ -139,7 +148,7 @@ class View:
 
 
 def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w): the number of the voxel nearest to the viewer, or -1."""
+    """Return (h, w): the index of the voxel nearest to the viewer, or -1."""
     pixels, depth = view.project(cloud.centres)
     order = np.argsort(-depth, kind="stable")  # far to near: the nearest is written last
     half = 0.75 * cloud.grid.voxel_size * view.scale
@@ -155,32 +164,37 @@ def _z_buffer(cloud: VoxelCloud, view: View, size: tuple[int, int]) -> np.ndarra
     return nearest
 
 
-def _lit(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
-    """Return (h, w, 3) float32 BGR of the voxels seen, lit from the viewer's upper left; `normals`
-    along the view's axes, `scale` px per m."""
+def _shade(cloud: VoxelCloud, normals: np.ndarray, scale: float, nearest: np.ndarray) -> np.ndarray:
+    """Shade the visible voxels, lit from the viewer's upper left; return (h, w, 3) float32 BGR.
+
+    normals: along the view's axes. scale: px per m. nearest: as `_z_buffer` returns.
+    """
     seen = nearest >= 0
     field: np.ndarray = np.where(seen[..., None], normals[nearest], 0).astype(np.float32)
-    # Normals flow from voxel to voxel, which hides their steps.
+    # Smoothing the normals between voxels hides the voxels' steps.
     width = max(1.0, 0.8 * cloud.grid.voxel_size * scale)
     field = np.asarray(cv2.GaussianBlur(field, (0, 0), width))
     field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), 1e-6)
-    light = lighting(field)
+    light = compute_lighting(field)
     base = CLAY if cloud.colour is None else cloud.colour[nearest][..., ::-1]
     return np.where(seen[..., None], base * light[..., None], BACKDROP).astype(np.float32)
 
 
-def lighting(normals: np.ndarray) -> np.ndarray:
-    """Return the brightness of surfaces with unit `normals` (..., 3) along the axes of the view: a
-    key light from the viewer's upper left, a weaker one from the right, light from everywhere."""
+def compute_lighting(normals: np.ndarray) -> np.ndarray:
+    """Return the brightness of surfaces with unit `normals` (..., 3) along the axes of the view.
+
+    A key light shines from the viewer's upper left, a weaker one from the right, and ambient light
+    from everywhere.
+    """
     key = np.clip(normals @ _unit(-0.5, -0.6, -0.65), 0, None)
     fill = np.clip(normals @ _unit(0.8, -0.1, -0.5), 0, None)
     return np.asarray(0.34 + 0.66 * key + 0.16 * fill)
 
 
-def outlined(
+def draw_outline(
     picture: np.ndarray, silhouette: np.ndarray, colour: tuple[int, int, int] = _OUTLINE
 ) -> np.ndarray:
-    """Return `picture` (h, w, 3) with the outline of `silhouette` (h, w) bool drawn on it."""
+    """Draw the outline of `silhouette` (h, w) bool on a copy of `picture` (h, w, 3)."""
     contours, _ = cv2.findContours(
         silhouette.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
@@ -190,9 +204,11 @@ def outlined(
     return drawn
 
 
-def picture_of(frame: Frame, view: int, camera: Camera) -> np.ndarray:
-    """Return (h, w, 3) uint8 BGR of one view without the rig's padding; a darkened mask if there
-    is no picture."""
+def crop_view(frame: Frame, view: int, camera: Camera) -> np.ndarray:
+    """Return one view's picture (h, w, 3) uint8 BGR without the rig's padding.
+
+    Without a picture, returns the darkened mask.
+    """
     width, height = camera.size
     if frame.images is not None:
         return frame.images[view, :height, :width]
@@ -211,7 +227,7 @@ def _picture_row(
     for view in chosen:
         camera = rig[int(view)]
         columns, rows = camera.size
-        panel = outlined(picture_of(frame, int(view), camera), silhouette(int(view)))
+        panel = draw_outline(crop_view(frame, int(view), camera), silhouette(int(view)))
         cell = width // len(chosen)
         panel = cv2.resize(
             panel, (cell, round(cell * rows / columns)), interpolation=cv2.INTER_AREA

@@ -1,4 +1,4 @@
-"""The output folder of `psfs reconstruct`: what it holds and how to find one's way back."""
+"""The output folder of `psfs reconstruct`: its contents, and opening it again."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import numpy as np
 from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
-from psfs.cameras.calibration.common import naming
+from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cameras.names import listed
 from psfs.common.files import read_json
-from psfs.common.outputs import unfinished
+from psfs.common.outputs import find_unfinished_command
 from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
@@ -25,7 +25,7 @@ from psfs.voxels.clouds import read_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 
 SUMMARY = "summary.json"
-#: Patterns of the names of `cloud_stem`.
+#: Patterns of the names that `cloud_stem` makes.
 CLOUDS = tuple(f"clouds/frame_{6 * '[0-9]'}.{suffix}" for suffix in ("ply", "npz"))
 
 
@@ -35,13 +35,13 @@ def cloud_stem(out: Path, index: int) -> Path:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computed: this program, Python and the libraries that matter."""
+    """Return the versions of this program, Python and the libraries that affect results."""
     packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
     found = {"python": platform.python_version()}
     for package in packages:
         try:
             found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:  # another flavour of the same library
+        except metadata.PackageNotFoundError:  # another distribution of the same library
             found[package] = "unknown"
     return found
 
@@ -49,8 +49,10 @@ def versions() -> dict[str, str]:
 def sequence_facts(
     sequence: Sequence, out: Path, overrides: Mapping[str, Any], left_out: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return what a summary in `out` says of a sequence, enough to open it again; overrides: those
-    of `Sequence.open`; left_out: cameras by name, with the reasons."""
+    """Describe a sequence for the summary in `out`, so that it can be opened again.
+
+    overrides: arguments of `Sequence.open`. left_out: names of excluded cameras, with the reasons.
+    """
     folder = os.path.realpath(sequence.folder)
     return {
         "folder": str(sequence.folder),
@@ -64,10 +66,12 @@ def sequence_facts(
     }
 
 
-def reopened(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:
-    """Open the sequence of `sequence_facts` again; `file` holds them, `last` is a frame that there
-    must be. Raises MissingFileError if its folder has gone, InputError if another lies in its
-    place."""
+def reopen_sequence(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:
+    """Open the sequence of `sequence_facts` again.
+
+    file: the one that holds the facts. last: a frame that must exist. Raises MissingFileError if
+    the folder is gone, InputError if it holds another sequence.
+    """
     folders = [Path(facts["absolute"])]
     if "relative" in facts:  # where both were moved or copied together
         folders.append(file.parent / facts["relative"])
@@ -76,7 +80,7 @@ def reopened(facts: Mapping[str, Any], file: Path, last: int) -> Sequence:
         raise MissingFileError(
             f"{file}: its sequence {facts['absolute']} is gone; expected a folder"
         )
-    with naming(file):
+    with name_file_in_errors(file):
         sequence = Sequence.open(folder, **facts["overrides"])
     names = facts.get("cameras", sequence.rig.names)
     if sequence.rig.names != names or last >= len(sequence):
@@ -101,7 +105,7 @@ def grid_facts(grid: VoxelGrid) -> dict[str, Any]:
 
 
 class SequenceFacts(Table):
-    """What is read of `sequence_facts`."""
+    """The entries of `sequence_facts` that are read."""
 
     absolute: Annotated[str, Field(pattern=r"^(/|[A-Za-z]:)")]
     overrides: dict[str, Any]
@@ -123,7 +127,7 @@ class _FrameFacts(Table):
 
 
 class _Summary(Table):
-    """What is read of a summary."""
+    """The entries of a summary that are read."""
 
     sequence: SequenceFacts
     grid: _GridFacts
@@ -157,23 +161,25 @@ class ReconstructionFolder:
 
     @property
     def inputs(self) -> list[Path]:
-        """Folders that it was made of, and its own."""
+        """The folders that the run was made from, and its own."""
         return [self.out, Path(self.summary["sequence"]["absolute"])]
 
     def warn_if_unfinished(self, warn: Callable[[str], object]) -> None:
-        """Say that the run did not come to its end, where that is so."""
+        """Warn if the run did not finish."""
         n = len(self.indices)
-        if unfinished(self.out) is not None or not self.summary.get("complete", True):
-            warn(f"{self.out}: the run did not come to its end; it holds {n} frames")
+        if find_unfinished_command(self.out) is not None or not self.summary.get("complete", True):
+            warn(f"{self.out}: the run did not finish; it holds {n} frames")
 
     @property
     def indices(self) -> list[int]:
-        """Numbers of the frames that were reconstructed."""
+        """Indices of the reconstructed frames."""
         return [int(frame["index"]) for frame in self.summary["frames"]]
 
     def chosen(self, number: int | None) -> int:
-        """Return the frame `number`, or the first that shows something. Raises InputError if it is
-        not among those reconstructed."""
+        """Return the frame `number`, by default the first that is not empty.
+
+        Raises InputError if it was not reconstructed.
+        """
         if not self.indices:
             raise InputError(f"{self.out}: holds no reconstructed frame; expected at least one")
         if number is None:
@@ -187,7 +193,7 @@ class ReconstructionFolder:
 
     @property
     def config(self) -> ReconstructionConfig:
-        """The parameters. Raises InputError if they are those of another version."""
+        """The parameters of the run. Raises InputError if they are those of another version."""
         config = self.summary["config"]
         try:
             return ReconstructionConfig.from_dict(config)
@@ -204,7 +210,7 @@ class ReconstructionFolder:
         return VoxelGrid(np.array(grid["origin_m"]), grid["voxel_size_m"], (nx, ny, nz))
 
     def cloud(self, index: int) -> VoxelCloud:
-        """Return a frame's cloud. Raises InputError, also for one of another grid."""
+        """Read a frame's cloud. Raises InputError, also if its grid is another one."""
         path = cloud_stem(self.out, index).with_suffix(".npz")
         cloud = read_cloud(path)
         if grid_facts(cloud.grid) != grid_facts(self.grid):
@@ -214,6 +220,6 @@ class ReconstructionFolder:
         return cloud
 
     def sequence(self) -> Sequence:
-        """Open the sequence again. Raises as `reopened` does."""
+        """Open the sequence again. Raises as `reopen_sequence` does."""
         last = self.indices[-1] if self.indices else -1
-        return reopened(self.summary["sequence"], self.out / SUMMARY, last)
+        return reopen_sequence(self.summary["sequence"], self.out / SUMMARY, last)

@@ -1,4 +1,4 @@
-"""Videos that browsers play: H.264 in MP4, written whole."""
+"""Write videos that browsers play: H.264 in MP4."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ import numpy as np
 from cl import InputError
 from psfs.common.files import written_whole
 
-#: Constant quality, smaller is better: 23 is x264's own, at which lines of one pixel stay sharp.
+#: Constant rate factor, smaller is better: 23 is x264's default and keeps lines of one pixel sharp.
 QUALITY = 23
-#: Frames between two that can be jumped to: a player with a slider jumps often.
+#: Frames between key frames: a player with a slider seeks often.
 _KEY_FRAMES = 15
 
 
 class Video:
-    """A video that is being written; see `written_video`. count: pictures so far."""
+    """A video being written; made by `write_video`. count: pictures so far."""
 
     def __init__(self, path: Path, fps: float, quality: int, most: float | None) -> None:
-        import av  # takes a while to load
+        import av  # slow to import
 
         self.count = 0
         options = {"movflags": "+faststart"}  # playable before all of it is read
         self._container = av.open(str(path), "w", format="mp4", container_options=options)
         rate = Fraction(fps).limit_denominator(1001)
         self._stream = self._container.add_stream("libx264", rate=rate)
-        self._stream.pix_fmt = "yuv420p"  # browsers play no other
+        self._stream.pix_fmt = "yuv420p"  # browsers play no other format
         self._stream.options = {
             "crf": str(quality), "preset": "veryfast", "g": str(_KEY_FRAMES)
         }  # fmt: skip
@@ -40,7 +40,7 @@ class Video:
         """Add a picture (h, w, 3) uint8 BGR, of the first one's size."""
         import av
 
-        picture = _with_even_sides(picture)
+        picture = _pad_to_even(picture)
         if not self.count:
             self._stream.height, self._stream.width = picture.shape[:2]
         frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
@@ -49,21 +49,21 @@ class Video:
         self.count += 1
 
     def close(self, whole: bool) -> None:
-        """End the file; `whole`: with what the encoder still holds."""
+        """Close the file; whole: flush the encoder first."""
         if whole and self.count:
             self._container.mux(self._stream.encode())
         self._container.close()
 
 
 @contextmanager
-def written_video(
+def write_video(
     path: str | Path, fps: float, quality: int = QUALITY, most: float | None = None
 ) -> Iterator[Video]:
-    """Give a video to `write` to, that has its name once it is whole: closed, read again and its
-    pictures counted.
+    """Open a video for writing; it gets its name only when it is complete and verified.
 
-    fps: pictures per second. quality: x264's constant rate factor. most: bits per second. Raises
-    InputError if it cannot be written, or if nothing was.
+    After closing, the file is read again and its pictures are counted. fps: pictures per second.
+    quality: x264's constant rate factor. most: bits per second. Raises InputError if it cannot be
+    written, or if nothing was.
     """
     import av
 
@@ -77,22 +77,22 @@ def written_video(
                 whole = True
             finally:
                 video.close(whole)
-            found = frames_of(temporary) if video.count else 0
+            found = count_frames(temporary) if video.count else 0
         except av.FFmpegError as error:
             raise InputError(f"{path}: the video cannot be written: {error.strerror}") from None
         if not video.count or found != video.count:
             raise InputError(f"{path}: {found} of {video.count} pictures could be written")
 
 
-def frames_of(path: Path) -> int:
-    """Return the number of pictures in a video's file."""
+def count_frames(path: Path) -> int:
+    """Count the pictures in a video file."""
     import av
 
     with av.open(str(path)) as container:
         return sum(packet.size > 0 for packet in container.demux(video=0))
 
 
-def _with_even_sides(picture: np.ndarray) -> np.ndarray:
-    """Return the picture, its last row and column doubled where sides are odd, as H.264 wants."""
+def _pad_to_even(picture: np.ndarray) -> np.ndarray:
+    """Repeat the last row and column of a picture with odd sides: H.264 needs even ones."""
     height, width = picture.shape[:2]
     return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.silhouettes.appearance import BINS, location_odds, most_samples
 from psfs.silhouettes.config import SilhouetteConfig
 from psfs.voxels.grid import VoxelGrid
@@ -48,7 +48,7 @@ class NumpyForeground:
         """Return (V, rows, columns) bool: cells that show a voxel."""
         centres = grid.centres(surface)
         coarse = self.rig.scaled(1 / CELL)
-        extents = footprints(coarse, grid.voxel_size)
+        extents = voxel_footprints(coarse, grid.voxel_size)
         marked = np.zeros(self.location.shape, bool)
         last = np.array(marked.shape[:0:-1]) - 1
         for view, camera in enumerate(coarse):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints, pixel_boxes
+from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -14,7 +14,7 @@ def nearest_depth(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
     """Return (H, W) depth in m of the nearest voxel, infinite where there is none; see
-    `footprints`."""
+    `voxel_footprints`."""
     _, low, high, depth = pixel_boxes(camera, centres, footprint)
     extent = high - low
     buffer = np.full(shape, np.inf)
@@ -40,7 +40,7 @@ def surface_colour(
     sums = np.zeros((2, len(centres), 3), int)  # seen within the silhouette, seen at all
     numbers = np.zeros((2, len(centres)), int)
     least, least_colour = np.full(len(centres), np.inf), np.zeros((len(centres), 3), int)
-    extents = footprints(rig, grid.voxel_size)
+    extents = voxel_footprints(rig, grid.voxel_size)
     for view, camera in enumerate(rig):
         buffer = nearest_depth(camera, centres, extents[view], images.shape[1:3])
         inside, row, column, depth = camera.look_up(centres)

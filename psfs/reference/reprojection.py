@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints, pixel_boxes
+from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.reference.edge_distance import proximity
 from psfs.voxels.config import ForegroundJoinConfig
 from psfs.voxels.foreground_join import MARK
@@ -20,7 +20,7 @@ def splat(
     camera: Camera, centres: np.ndarray, footprint: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
     """Return the silhouette `shape` bool of voxels with `centres` (N, 3): the union of the boxes
-    of pixels that they cover; see `footprints`."""
+    of pixels that they cover; see `voxel_footprints`."""
     _, low, end, _ = pixel_boxes(camera, centres, footprint)
     covered = np.zeros(shape, bool)
     for x0, y0, x1, y1 in np.unique(np.column_stack([low, end]), axis=0):
@@ -95,7 +95,7 @@ class NumpyReprojection:
         shape = (self.rig.height, self.rig.width)
         centres = voxels.grid.centres(voxels.surface)
         maps = np.zeros((len(self.rig), *shape, 2), np.uint8)
-        extents = footprints(self.rig, voxels.grid.voxel_size)
+        extents = voxel_footprints(self.rig, voxels.grid.voxel_size)
         for view, camera in enumerate(self.rig):
             silhouette = splat(camera, centres, extents[view], shape)
             if self._join is not None and self._join.on and voxels.evidence is not None:

@@ -13,7 +13,7 @@ from cl import Array, Device, Launch
 from cl.workgroups import row_group
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
 
 #: Colour bins per channel of the histogram: the layout of its tables, 32 KiB of counts.
@@ -98,7 +98,7 @@ class Foreground:
         if position != self._position:
             self._position = position
             self._geometry.set(np.array(position, np.float32))
-            self._extents.set(footprints(self._coarse, grid.voxel_size).astype(np.float32))
+            self._extents.set(voxel_footprints(self._coarse, grid.voxel_size).astype(np.float32))
         self.marks.fill(0)
         for launch in self._launches:
             launch()

@@ -6,7 +6,7 @@ import numpy as np
 
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
-from psfs.cameras.rig_geometry import axes_meet
+from psfs.cameras.rig_geometry import intersect_axes
 from psfs.silhouettes.config import FloorConfig
 
 
@@ -18,7 +18,7 @@ def floor_points(rig: CameraRig, config: FloorConfig) -> np.ndarray:
     wide as the farthest one.
     """
     rows, columns = cells(rig)
-    middle = axes_meet(rig)[:2]
+    middle = intersect_axes(rig)[:2]
     radius = np.linalg.norm(rig.centres[:, :2] - middle, axis=1).max()
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
     pixels = (CELL * np.stack([u, v], -1) + (CELL - 1) / 2).reshape(-1, 2)

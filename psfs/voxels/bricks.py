@@ -8,7 +8,7 @@ import numpy as np
 from cl import Array, Device
 from cl.program import Define
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.distortion import distorted, distortion_jacobian
+from psfs.cameras.distortion import distort, distortion_jacobian
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid, check_size
 
@@ -119,7 +119,7 @@ def lens_reach(camera: Camera) -> np.ndarray:
     the derivatives hold; largest radius that has an image."""
     largest = min(float(np.sqrt(camera.max_radius2)), 1e15)
     u, v = _polar(min(largest, 20.0))
-    x, y = distorted(camera.lens, u, v)
+    x, y = distort(camera.lens, u, v)
     px = camera.K[0, 0] * x + camera.K[0, 1] * y + camera.K[0, 2]
     py = camera.K[1, 1] * y + camera.K[1, 2]
     width, height = camera.size

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from cl import InputError
 from psfs.common.files import written_whole
-from psfs.common.npz import Values, check_values, read_npz, scalar
+from psfs.common.npz import Values, check_values, get_scalar, read_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
 from psfs.voxels.normals import normals_of
 
@@ -151,7 +151,7 @@ def read_cloud(path: Path) -> VoxelCloud:
     data = read_npz(path, _ARRAYS, what)
     nx, ny, nz = (int(n) for n in data["shape"])
     try:
-        grid = VoxelGrid(data["origin"], scalar(data["voxel_size"]), (nx, ny, nz))
+        grid = VoxelGrid(data["origin"], get_scalar(data["voxel_size"]), (nx, ny, nz))
         check_size(grid)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -161,4 +161,4 @@ def read_cloud(path: Path) -> VoxelCloud:
         raise InputError(f"{path}: indices are not ascending; expected {what}")
     colour = data["colour"].astype(np.uint8) if "colour" in data else None
     probability = data["probability"].astype(np.float32)
-    return VoxelCloud(grid, indices, probability, colour, scalar(data["volume"]))
+    return VoxelCloud(grid, indices, probability, colour, get_scalar(data["volume"]))

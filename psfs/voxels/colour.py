@@ -6,7 +6,7 @@ import numpy as np
 
 from cl import Array, Device
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.voxels.config import ColourConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.surface import SurfaceList
@@ -42,7 +42,7 @@ class SurfaceColour:
         self._depths = device.empty((views, height, width), np.uint32, "the z-buffers")
         self._geometry = device.empty(4, np.float32, "the grid's position")
         cameras = device.to_device(rig.packed(), "the cameras")
-        extents = footprints(rig, grid.voxel_size).astype(np.float32)
+        extents = voxel_footprints(rig, grid.voxel_size).astype(np.float32)
         defines = {"WIDTH": width, "HEIGHT": height, "N_CAMERAS": views, "NY": ny, "NZ": nz}
         defines |= rig.defines
         tolerance = float((config or ColourConfig()).tolerance)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psfs.cameras.rig_geometry import enough_cameras
+from psfs.cameras.rig_geometry import required_cameras
 from psfs.common.ranges import check_range
 
 
@@ -33,7 +33,7 @@ class OccupancyConfig:
         """Return how many of `n_cameras` must see a voxel."""
         if self.min_cameras is not None:
             return self.min_cameras
-        return enough_cameras(n_cameras, self.camera_share, self.least_cameras)
+        return required_cameras(n_cameras, self.camera_share, self.least_cameras)
 
     def probabilities(self, n_cameras: int, step: float) -> np.ndarray:
         """Return the occupancy for every sum of evidence counts from -127 V to 127 V, (254 V + 1,).

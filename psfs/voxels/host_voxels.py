@@ -52,7 +52,7 @@ def voxel_silhouette(
 ) -> np.ndarray:
     """Return the silhouette (H, W) bool of voxels with `centres` (N, 3) m in a picture of `shape`.
 
-    footprint: (2,) px m, see `psfs.cameras.footprints.footprints`.
+    footprint: (2,) px m, see `psfs.cameras.footprints.voxel_footprints`.
     """
     _, low, high, _ = pixel_boxes(camera, centres, footprint)
     (x0, y0), (x1, y1) = low.T, high.T

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import axes_meet_ahead
-from psfs.common.regions import largest_part_box
+from psfs.cameras.rig_geometry import intersect_axes_ahead
+from psfs.common.regions import find_largest_region_box
 from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -42,7 +42,7 @@ def reachable_box(
     camera stands from it. With `floor` rigs of people's size stand on one: nothing below z = -0.1.
     """
     config = config or VolumeConfig()
-    target = axes_meet_ahead(rig)
+    target = intersect_axes_ahead(rig)
     reach = float(np.median(np.linalg.norm(rig.centres - target, axis=1)))
     low, high = target - reach, target + reach
     if (
@@ -72,7 +72,7 @@ def largest_parts_box(
         for frame, maps in enumerate(evidence):
             votes[frame, seen] += _widened(maps[view], covered).ravel()[pixels]
     occupied = (votes > 0) & (seeing >= min_cameras)
-    parts = [largest_part_box(frame.reshape(grid.shape)) for frame in occupied]
+    parts = [find_largest_region_box(frame.reshape(grid.shape)) for frame in occupied]
     corners = np.array([part for part in parts if part is not None])
     if not len(corners):
         return None

@@ -6,8 +6,8 @@ import numpy as np
 
 from cl import Array, Device, InputError
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.footprints import footprints
-from psfs.common.edge_distance import LOT, distance_defines, tiles_of
+from psfs.cameras.footprints import voxel_footprints
+from psfs.common.edge_distance import LOT, count_tiles, distance_defines
 from psfs.voxels.config import EdgeConfig, ForegroundJoinConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.foreground_join import MARK, ForegroundJoin
@@ -69,7 +69,7 @@ class Reprojection:
         group = self._defines["GROUP"]
         self._edges = device.launch(
             device.kernel("reconstruction/reprojection", "edge_proximity", **self._defines),
-            (tiles_of(self._defines) * group, views),
+            (count_tiles(self._defines) * group, views),
             (group, 1),
             silhouette=self._silhouette.view(np.uint8),
             sizes=sizes,
@@ -85,7 +85,7 @@ class Reprojection:
             self._grid = voxels.grid
             geometry = np.array([*voxels.grid.origin, voxels.grid.voxel_size], np.float32)
             self._geometry.set(geometry)
-            self._extents.set(footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
+            self._extents.set(voxel_footprints(self.rig, voxels.grid.voxel_size).astype(np.float32))
         self._silhouette.fill(0)
         self._splat()
         if self._join is not None and voxels.evidence is not None:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.suite import Job, Outcome, done
-from apf.cluster.connection import embedded_cluster, joined_cluster
+from apf.cluster.connection import connect_cluster, start_cluster
 from apf.cluster.pool import Pool, Task
 from apf.cluster.task_side import TaskProgress
-from apf.cluster.workers import shares_of_machine, worker_device
+from apf.cluster.workers import select_worker_device, share_machine
 from cl import Device, DeviceError, UserError
 
 
@@ -24,8 +24,8 @@ def workers_of(
     one of so many processes on the named device."""
     if scheduler is not None:
         out.mkdir(parents=True, exist_ok=True)
-        return joined_cluster(scheduler, out.resolve())
-    return embedded_cluster(shares_of_machine(device, processes))
+        return connect_cluster(scheduler, out.resolve())
+    return start_cluster(share_machine(device, processes))
 
 
 def do_jobs(
@@ -57,7 +57,7 @@ def do_jobs(
 
 def do_job(progress: TaskProgress, job: Job) -> Outcome | UserError:
     """Do a job on a worker."""
-    device = worker_device("auto")
+    device = select_worker_device("auto")
     assert isinstance(device, Device)
     return _attempted(device, job, lambda: progress("tracking"))
 

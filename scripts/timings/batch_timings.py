@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 from apf.cli.batch.take import TakeDone, TakeJob, do_take
-from apf.cluster.connection import embedded_cluster
+from apf.cluster.connection import start_cluster
 from apf.cluster.pool import Pool, Task
-from apf.cluster.workers import Share, own_cores, shares_of_machine
+from apf.cluster.workers import Share, list_own_cores, share_machine
 from apf.synthetic.generate import generate
 from apf.synthetic.scene import SceneConfig
 from cl import Device, InputError
@@ -96,12 +96,12 @@ def clusters(quick: bool, at_once: Sequence[int] = _AT_ONCE) -> dict[str, list[S
     """The workers of every cluster that is measured, by its label. at_once: takes on a GPU."""
     n_gpus = sum(place.cores is None for place in places())
     if n_gpus:
-        found = {f"1 GPU, {n} at once": shares_of_machine("gpu:0", n) for n in at_once}
+        found = {f"1 GPU, {n} at once": share_machine("gpu:0", n) for n in at_once}
         if n_gpus > 1:
-            found |= {f"2 GPUs, {2 * n} at once": shares_of_machine("gpu", 2 * n)
+            found |= {f"2 GPUs, {2 * n} at once": share_machine("gpu", 2 * n)
                       for n in at_once[-2:]}  # fmt: skip
         return found
-    cores = own_cores()
+    cores = list_own_cores()
     found = {}
     n = 1
     while n <= len(cores):
@@ -135,7 +135,7 @@ def compiling(
 ) -> dict[str, float]:
     """s that the first takes take, one of each at once on workers with this share."""
     began = time.perf_counter()
-    with embedded_cluster([share] * len(takes)) as client:
+    with start_cluster([share] * len(takes)) as client:
         list(_done(Pool(client), [_task(take, out, take.name, flags, True) for take in takes]))
     return {"seconds": time.perf_counter() - began}
 
@@ -160,7 +160,7 @@ def throughput(
                 began = time.perf_counter()
             yield task("take", number, given)
 
-    with embedded_cluster(shares) as client:
+    with start_cluster(shares) as client:
         short = [task("short", number, True, "--frames=0:3") for number in range(n_workers)]
         took = sum(sum(one.seconds.values()) for one in _done(Pool(client), short)) / n_workers
         with closing(_done(Pool(client), one_after_another(took / n_workers))) as without_end:

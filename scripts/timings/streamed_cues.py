@@ -10,7 +10,7 @@ from apf.body.kinematics import posed_points
 from apf.body.model import Joint
 from apf.filters.config import KEYPOINTS_ON
 from apf.initialisation.from_joints import fit_to_joints
-from apf.keypoints.landmarks import points_on
+from apf.keypoints.landmarks import locate_points
 from apf.likelihood.keypoint_model import KeypointModel
 from apf.likelihood.observations import PointObservations
 from timings.bench_scene import there_and_back
@@ -66,7 +66,7 @@ def streamed_cues(
 def keypoints_of(problem: Problem) -> Sightings:
     """What keypoints in all cameras say of the body in the frame played at a place: those of the
     true joints' poses, with noise."""
-    points = points_on(problem.body, COCO)
+    points = locate_points(problem.body, COCO)
     n_points = len(points)
     own = np.arange(n_points)
     one = np.ones(n_points)
@@ -88,7 +88,7 @@ def _seen(problem: Problem, joints: np.ndarray, random: np.random.Generator) -> 
     """(V, K, 3) keypoints of one frame: px and confidence."""
     named = dict(zip(problem.scene.joint_names, joints, strict=True))
     body, pose, _ = fit_to_joints(problem.body, named)
-    points = points_on(body, COCO)
+    points = locate_points(body, COCO)
     fixed = [Joint(*of) for of in zip(points.names, points.bones, points.offsets, strict=True)]
     world = posed_points(body, pose[None], fixed)[0]
     seen = np.full((len(problem.scene.rig), len(COCO), 3), np.nan)

@@ -14,8 +14,8 @@ from helpers import faults
 def quick_preview(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six shaded views take seconds, and no fault is in them."""
     picture = np.zeros((4, 6, 3), np.uint8)
-    monkeypatch.setattr("psfs.cli.reconstruct.preview", lambda *_: picture)
-    monkeypatch.setattr("psfs.cli.view.preview", lambda *_: picture)
+    monkeypatch.setattr("psfs.cli.reconstruct.draw_preview", lambda *_: picture)
+    monkeypatch.setattr("psfs.cli.view.draw_preview", lambda *_: picture)
 
 
 @pytest.fixture(scope="session")

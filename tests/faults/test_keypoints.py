@@ -21,7 +21,7 @@ from apf.body import load_body
 from apf.keypoints import Keypoints
 from apf.keypoints.readers.orders import COCO_17
 from cl import InputError
-from psfs.common.names import printable
+from psfs.common.names import escape_unprintable
 
 FRAMES = 4
 #: Files of a stock of keypoints, by format.
@@ -64,7 +64,7 @@ def not_opened(path: Path, said: str) -> None:
     """Assert that what is wrong with the keypoints is said in one line."""
     with pytest.raises(InputError) as error:
         Keypoints.open(path, footage.rig(3))
-    line = printable(str(error.value))
+    line = escape_unprintable(str(error.value))
     assert said in line and len(line) < 2000 and "\n" not in line
 
 

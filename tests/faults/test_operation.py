@@ -26,7 +26,7 @@ from apf.cli.takes.kept_parts import Keeper
 from apf.tracking.track import PARTS, Track
 from cl import pocl_wheel
 from cl.listing import device_info, working_devices
-from psfs.common.outputs import unfinished
+from psfs.common.outputs import find_unfinished_command
 from psfs.voxels.clouds import read_cloud
 
 BOX = ["--all-cameras", "--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9"]
@@ -78,10 +78,10 @@ def test_a_full_disk(stock: Path, monkeypatch: pytest.MonkeyPatch, files: int) -
     last = outcome.err.strip().splitlines()[-1]
     assert outcome.code == 2 and "No space left on device" in last and "Traceback" not in last
     readable(stock / "new")
-    assert unfinished(stock / "new") is not None
+    assert find_unfinished_command(stock / "new") is not None
     monkeypatch.undo()
     again = run(reconstruct(stock, "--device", "numpy"))
-    assert again.code == 0 and unfinished(stock / "new") is None
+    assert again.code == 0 and find_unfinished_command(stock / "new") is None
 
 
 def test_a_full_disk_for_real(stock: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_device_that_is_lost(
     assert outcome.code == 2 and "DEVICE_NOT_AVAILABLE" in last, outcome
     assert "2 of 3 frames are in" in last and "Traceback" not in outcome.err
     readable(stock / "new")
-    assert unfinished(stock / "new") is not None
+    assert find_unfinished_command(stock / "new") is not None
     if command is track:
         assert len(Track.open(stock / "new")) == 2
 
@@ -152,7 +152,7 @@ def test_a_device_that_is_lost(
 def test_a_decoder_that_hangs(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import psfs.footage.media as media
 
-    monkeypatch.setattr(threads, "PATIENCE", 0.3)
+    monkeypatch.setattr(threads, "TIMEOUT_S", 0.3)
     read = media.ImagesDecoder.read
 
     def hangs(self: Any, index: int, *into: Any) -> np.ndarray:
@@ -185,7 +185,7 @@ def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.Monke
     found = Track.open(stock / "new")
     np.testing.assert_array_equal(found.poses, whole.poses)
     np.testing.assert_array_equal(found.covariance, whole.covariance)
-    assert unfinished(stock / "new") is not None
+    assert find_unfinished_command(stock / "new") is not None
     monkeypatch.undo()
     assert run(track(stock, "--seed", "3")).code == 0
     np.testing.assert_array_equal(Track.open(stock / "new").poses, whole.poses)
@@ -212,7 +212,7 @@ def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> N
     readable(stock / "new")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     warned = run(["psfs", "view", str(stock / "new"), "--png", str(stock / "x.png")])
-    assert warned.code == 0 and "did not come to its end" in warned.err
+    assert warned.code == 0 and "did not finish" in warned.err
 
 
 def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,10 +225,10 @@ def test_an_interrupt_on_the_way_back(stock: Path, monkeypatch: pytest.MonkeyPat
     outcome = run(track(stock))
     assert outcome.code == 130 and "3 of 3 frames are in" in outcome.err, outcome
     readable(stock / "new")
-    assert unfinished(stock / "new") is not None
+    assert find_unfinished_command(stock / "new") is not None
     assert Track.open(stock / "new").interrupted
     monkeypatch.undo()
-    assert run(track(stock)).code == 0 and unfinished(stock / "new") is None
+    assert run(track(stock)).code == 0 and find_unfinished_command(stock / "new") is None
     assert not Track.open(stock / "new").interrupted
 
 

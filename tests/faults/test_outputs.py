@@ -13,9 +13,9 @@ from psfs.common.outputs import (
     MANIFEST,
     Manifest,
     OutputFolder,
+    find_unfinished_command,
     output_folder,
     temporary_name,
-    unfinished,
 )
 
 
@@ -72,14 +72,14 @@ def test_a_file_of_the_user_in_the_way(tmp_path: Path, manifest: bool) -> None:
 def test_incomplete_first_and_whole_last(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), output_folder(tmp_path, "a run"):
         write(tmp_path / "a.txt")
-        assert unfinished(tmp_path) == "a run"
+        assert find_unfinished_command(tmp_path) == "a run"
         raise KeyboardInterrupt
-    assert unfinished(tmp_path) == "a run" and (tmp_path / "a.txt").exists()
+    assert find_unfinished_command(tmp_path) == "a run" and (tmp_path / "a.txt").exists()
     with output_folder(tmp_path, "a check", addition=True):
         write(tmp_path / "check.json")
-    assert unfinished(tmp_path) == "a run"
+    assert find_unfinished_command(tmp_path) == "a run"
     run(tmp_path, "a.txt")
-    assert unfinished(tmp_path) is None and files(tmp_path) == {MANIFEST, "a.txt"}
+    assert find_unfinished_command(tmp_path) is None and files(tmp_path) == {MANIFEST, "a.txt"}
 
 
 def test_additions_replace_those_of_the_same_command(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.calibration import read_calibration
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.names import LONGEST_NAME, check_name, printable
+from psfs.common.names import LONGEST_NAME, check_name, escape_unprintable
 from psfs.common.pictures import read_picture
 from psfs.footage.settings import Settings
 from psfs.voxels.clouds import read_cloud, write_npz
@@ -60,7 +60,7 @@ def clear(read: Any, *arguments: Any) -> Any:
     try:
         return read(*arguments)
     except InputError as error:
-        assert str(error) and "\n" not in printable(str(error))
+        assert str(error) and "\n" not in escape_unprintable(str(error))
         return None
 
 
@@ -221,11 +221,11 @@ def test_damaged_files(
 def test_names(name: str) -> None:
     """A name that passes is a file's inside a folder, and prints as it is."""
     if clear(check_name, name, "a camera") is not None:
-        assert 0 < len(name) <= LONGEST_NAME and printable(name) == name
+        assert 0 < len(name) <= LONGEST_NAME and escape_unprintable(name) == name
         assert Path("folder", name).parent == Path("folder") and name not in ("", ".", "..")
 
 
 @settings(QUICK, max_examples=200)
 @given(text=st.text())
 def test_what_is_printed_is_one_line(text: str) -> None:
-    assert printable(text).isprintable()
+    assert escape_unprintable(text).isprintable()

@@ -1,4 +1,4 @@
-"""Bodies for the tests of the tracker, beside the one that is shipped."""
+"""Bodies for the tests of the tracker."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ def from_text(text: str) -> BodyModel:
 
 
 def named(name: str) -> BodyModel:
-    """`stick`, or a body that is shipped."""
+    """Return `stick`, or a shipped body."""
     return from_text(STICK) if name == "stick" else load_body(name)
 
 
 def random_poses(body: BodyModel, n: int, seed: int = 0, wild: bool = False) -> np.ndarray:
-    """(n, D) poses around rest; wild ones anywhere within the limits, else +-3."""
+    """Draw poses (n, D) around rest; wild: anywhere within the limits, else +-3."""
     random = np.random.default_rng(seed)
     if wild:
         low, high = np.maximum(body.lower, -3), np.minimum(body.upper, 3)
@@ -99,7 +99,7 @@ def random_poses(body: BodyModel, n: int, seed: int = 0, wild: bool = False) -> 
 
 
 def surface_points(body: BodyModel, pose: np.ndarray, n: int) -> np.ndarray:
-    """Points (n, 3) on the sides of the cones of `pose`, the same number on each."""
+    """Return points (n, 3) on the sides of the cones of `pose`, equally many on each."""
     random = np.random.default_rng(5)
     cones = posed_cones(body, pose[None])[0][random.integers(len(body.cones), size=n)]
     t, angle = random.uniform(0.05, 0.95, (n, 1)), random.uniform(0, 2 * np.pi, (n, 1))

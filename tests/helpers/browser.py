@@ -1,4 +1,4 @@
-"""A headless Chromium, where one is installed."""
+"""A headless Chromium, if one is installed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshade
 
 @contextmanager
 def browser() -> Iterator[Any]:
-    """Give the browser (playwright's); skip the test where there is none."""
+    """Yield the browser (playwright's); skip the test if there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = next((found for name in NAMES if (found := shutil.which(name))), None)
     if path is None:

@@ -1,4 +1,4 @@
-"""Boards and wands rendered into cameras of known places, as footage to calibrate from."""
+"""Render boards and wands into known cameras, as footage to calibrate from."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ Pose = np.ndarray
 def ring(
     views: int = 6, size: tuple[int, int] = SIZE, focal: float = 380.0, step: float = 60.0
 ) -> list[Camera]:
-    """Cameras of different focal lengths, `step` degrees apart around the origin, 3 m away."""
+    """Return cameras of different focal lengths, `step` degrees apart around the origin, 3 m
+    away."""
     cameras = []
     for k in range(views):
         angle = np.radians(step) * k + 0.2
@@ -42,7 +43,8 @@ def ring(
 
 
 def facing(rng: np.random.Generator, towards: np.ndarray, reach: float = 0.6) -> Pose:
-    """A pose (4, 4), target to world, of a board that roughly faces the point `towards` (3,) m."""
+    """Return a pose (4, 4), target to world, of a board that roughly faces the point `towards` (3,)
+    m."""
     place = np.array([*rng.uniform(-reach, reach, 2), rng.uniform(0.6, 1.6)])
     z = place - towards + rng.normal(0, 0.4, 3)
     z /= np.linalg.norm(z)
@@ -52,14 +54,14 @@ def facing(rng: np.random.Generator, towards: np.ndarray, reach: float = 0.6) ->
 
 
 def anyhow(rng: np.random.Generator, reach: float = 0.7) -> Pose:
-    """A pose (4, 4) in any direction."""
+    """Return a pose (4, 4) in a random direction."""
     Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     place = np.array([*rng.uniform(-reach, reach, 2), rng.uniform(0.4, 1.6)])
     return rigid(Q * np.sign(np.linalg.det(Q)), place)
 
 
 def flat(turn: float, x: float = 0.0, y: float = 0.0) -> Pose:
-    """A pose (4, 4) on the floor, the board's picture upwards: its Z axis points down."""
+    """Return a pose (4, 4) of a board that lies face up on the floor: its Z axis points down."""
     c, s = np.cos(turn), np.sin(turn)
     return rigid(np.array([[c, s, 0], [s, -c, 0], [0, 0, -1.0]]), np.array([x, y, 0]))
 
@@ -104,7 +106,7 @@ def board_picture(
 
 
 def finished(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The picture (h, w) uint8 with blur and noise."""
+    """Add blur and noise to a picture (h, w) uint8."""
     image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.7)
     image += _NOISE * rng.standard_normal(image.shape, np.float32)
     return np.clip(image, 0, 255).astype(np.uint8)
@@ -113,8 +115,8 @@ def finished(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def wand_picture(
     points: np.ndarray, noise: float = 0.3
 ) -> Callable[[Camera, Pose, np.random.Generator], np.ndarray]:
-    """A renderer of a wand's markers: bright blobs, `noise` px beside where they should be, and a
-    lamp that stands still."""
+    """Return a renderer of a wand's markers, with `noise` px of error, and of a lamp that does not
+    move."""
 
     def render(camera: Camera, pose: Pose, rng: np.random.Generator) -> np.ndarray:
         image = np.full(camera.size[::-1], 40.0)
@@ -137,7 +139,8 @@ def film(
     at: int = 0,
     seed: int = 0,
 ) -> None:
-    """Write images/<camera>/NNN.pgm. later: cameras that take over from frame `at` on, by view."""
+    """Write images/<camera>/NNN.pgm; later: cameras that replace the first ones from frame `at`
+    on."""
     rng = np.random.default_rng(seed)
     for frame, pose in enumerate(poses):
         for view, camera in enumerate(cameras):
@@ -148,13 +151,13 @@ def film(
 
 
 def moved(camera: Camera, by: np.ndarray) -> Camera:
-    """The camera with its centre moved, m."""
+    """Return the camera with its centre moved, m."""
     return replace(camera, t=camera.t - camera.R @ by)
 
 
 def differences(found: list[Camera], true: list[Camera]) -> tuple[np.ndarray, float]:
-    """Distances (V,) mm of the cameras' centres after the best rigid motion, and by what share all
-    distances between them are too long."""
+    """Return distances (V,) mm between the camera centres after the best rigid alignment, and the
+    relative scale error."""
     A, B = (np.stack([camera.centre for camera in rig]) for rig in (found, true))
     a, b = A - A.mean(0), B - B.mean(0)
     U, _, Vt = np.linalg.svd(a.T @ b)
@@ -186,5 +189,5 @@ def sighted(
 
 
 def unplaced(cameras: list[Camera]) -> list[Camera]:
-    """The cameras with their intrinsics only."""
+    """Return the cameras with their intrinsics only."""
     return [replace(camera, R=np.eye(3), t=np.zeros(3)) for camera in cameras]

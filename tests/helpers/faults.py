@@ -1,4 +1,4 @@
-"""A command given something wrong: what it must do, and small stocks to break."""
+"""Run commands with invalid input and check their errors; small data to corrupt."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ WRONG: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command did. tree: all files with their contents, after it."""
+    """The result of a command; tree: all files with their contents afterwards."""
 
     code: int
     out: str
@@ -58,7 +58,7 @@ def run(words: list[str]) -> Outcome:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return all files below a folder."""
+    """Return all files below a folder with their contents."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -82,7 +82,7 @@ def refused(words: list[str], folder: Path, *said: str) -> None:
 
 
 def masks_folder(folder: Path, frames: int = 3) -> Path:
-    """A sequence of a standing body, as masks of five cameras; nobody is in the first frame."""
+    """Write a sequence of a standing body as masks of five cameras; the first frame is empty."""
     rig = scenes.ring(5, size=(160, 120))
     footage.write_toml(folder / "calibration.toml", footage.tables(rig))
     for camera, mask in zip(rig, scenes.masks_of(rig), strict=True):
@@ -95,8 +95,8 @@ def masks_folder(folder: Path, frames: int = 3) -> Path:
 
 
 def stock(folder: Path) -> Path:
-    """All that commands read, small: walk/ (videos), seq/ (masks), out/ (of seq), track/,
-    truth.npz, truth.trc."""
+    """Write all that commands read, small: walk/ (videos), seq/ (masks), out/ (of seq), track/,
+    truth files."""
     footage.native(folder / "walk", frames=20)
     masks_folder(folder / "seq")
     done = run(["psfs", "reconstruct", str(folder / "seq"), "-o", str(folder / "out"),

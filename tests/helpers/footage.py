@@ -1,4 +1,4 @@
-"""Tiny sequences on disk for the tests: calibrations, videos and images made on the spot."""
+"""Write tiny sequences for the tests: calibrations, videos and images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LOSS = 5
 
 
 def rig(views: int = 3) -> CameraRig:
-    """Cameras of one size, as the videos need it."""
+    """Return cameras of one size, as videos require."""
     cameras = []
     for k in range(views):
         angle = 2 * np.pi * k / views + 0.3
@@ -28,12 +28,13 @@ def rig(views: int = 3) -> CameraRig:
 
 
 def grey(frame: int, view: int) -> int:
-    """The grey level of a frame in a view; neighbouring frames differ by more than `LOSS`."""
+    """Return the grey level of a frame in a view; neighbouring frames differ by more than
+    `LOSS`."""
     return 20 + 12 * (frame % 16) + 3 * view
 
 
 def tables(cameras: CameraRig) -> dict:
-    """The rig as Pose2Sim's TOML tables."""
+    """Return the rig as Pose2Sim's TOML tables."""
     return {
         camera.name: {
             "name": camera.name,
@@ -56,7 +57,7 @@ def write_toml(path: Path, values: dict) -> None:
 def write_video(
     path: Path, levels: list[int], fps: float = 25.0, size: tuple[int, int] = SIZE
 ) -> None:
-    """Frames of one grey level each."""
+    """Write frames of one grey level each."""
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
     assert writer.isOpened()
@@ -71,7 +72,7 @@ def write_image(path: Path, level: int, size: tuple[int, int] = SIZE) -> None:
 
 
 def native(folder: Path, views: int = 3, frames: int = 12) -> Path:
-    """A native folder with videos and background videos."""
+    """Write a native folder with videos and background videos."""
     cameras = rig(views)
     write_toml(folder / "calibration.toml", tables(cameras))
     for view, camera in enumerate(cameras):

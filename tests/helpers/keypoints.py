@@ -1,11 +1,11 @@
-"""Keypoints of a body that is known, as a network without errors would give them."""
+"""Keypoints of a known body, as a network without errors would detect them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from apf.body import BodyModel, bone_matrices
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.cameras.camera import CameraRig
 
@@ -33,8 +33,8 @@ def of_poses(
 
 
 def world_points(body: BodyModel, poses: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """(F, K, 3) m, where the keypoints are; NaN for those that the body has no point for."""
-    on = points_on(body, names)
+    """Return the keypoints' positions (F, K, 3) m; NaN for those that the body lacks."""
+    on = locate_points(body, names)
     rotations, origins = bone_matrices(body, poses)
     places = np.full((len(poses), len(names), 3), np.nan)
     places[:, on.columns] = origins[:, on.bones] + np.einsum(

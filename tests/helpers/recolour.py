@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.footprints import footprints, pixel_boxes
+from psfs.cameras.footprints import pixel_boxes, voxel_footprints
 from psfs.voxels.grid import VoxelCloud
 
 
@@ -18,7 +18,7 @@ def recoloured(cloud: VoxelCloud, camera: Camera) -> tuple[np.ndarray, np.ndarra
     if cloud.colour is None:
         raise ValueError("expected a cloud with colours")
     width, height = camera.size
-    footprint = footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0]
+    footprint = voxel_footprints(CameraRig((camera,)), cloud.grid.voxel_size)[0]
     boxes = pixel_boxes(camera, cloud.centres, footprint)
     far_to_near = np.argsort(-boxes[3], kind="stable")
     shown, low, end = (values[far_to_near] for values in boxes[:3])

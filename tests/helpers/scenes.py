@@ -32,7 +32,7 @@ def looking_at(
 
 
 def ring(views: int = 4, size: tuple[int, int] = (97, 75), radius: float = 3.0) -> CameraRig:
-    """Cameras around the origin's axis at about eye level, of odd and different sizes."""
+    """Return cameras of different odd sizes around the vertical axis at about eye level."""
     cameras = []
     for k in range(views):
         angle = 2 * np.pi * k / max(views, 1) + 0.3
@@ -51,14 +51,14 @@ def small_grid(voxel_size: float = 0.06) -> VoxelGrid:
 
 
 def solid(points: np.ndarray) -> np.ndarray:
-    """Is a point (..., 3) inside the test body: a ball on a leaning block?"""
+    """Return whether points (..., 3) lie in the test body: a ball on a leaning block."""
     ball = ((points - [0.1, 0.0, 1.3]) ** 2).sum(-1) < 0.3**2
     low, high = np.array([-0.2, -0.25, 0.2]), np.array([0.25, 0.15, 1.2])
     return ball | ((points >= low) & (points <= high)).all(-1)
 
 
 def masks_of(rig: CameraRig) -> np.ndarray:
-    """(V, H, W) uint8 silhouettes of the test body, by a dense cloud of points."""
+    """Render silhouettes (V, H, W) uint8 of the test body from a dense cloud of points."""
     axes = [np.arange(-0.3, 0.5, 0.012), np.arange(-0.4, 0.4, 0.012), np.arange(0.1, 1.7, 0.012)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     points = points[solid(points)]
@@ -70,7 +70,7 @@ def masks_of(rig: CameraRig) -> np.ndarray:
 
 
 def pictures_of(rig: CameraRig, seed: int = 0) -> tuple[Frame, Background]:
-    """A noisy picture of the test body before a textured background, and that background."""
+    """Return a noisy picture of the test body before a textured background, and that background."""
     random = np.random.default_rng(seed)
     shape = (len(rig), rig.height, rig.width, 3)
     mean = random.uniform(20, 230, shape).astype(np.float32)

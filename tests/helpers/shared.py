@@ -1,4 +1,4 @@
-"""Where things are: the repository, and the folders of real data beside it."""
+"""Locations of the repository and of the shared data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHARED = ROOT.parent / "shared" / "data"
 
 
 def shared_data(name: str) -> Path:
-    """The folder `name` of the shared data; the test is skipped where it is absent."""
+    """Return the folder `name` of the shared data; skip the test if it is absent."""
     folder = SHARED / name
     if not folder.is_dir():
         pytest.skip(f"needs the data folder {folder}")

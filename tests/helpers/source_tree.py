@@ -1,4 +1,4 @@
-"""What modules import, read from their text."""
+"""Read imports from the text of modules."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ast
 
 
 def imports(tree: ast.AST) -> list[tuple[str, str | None]]:
-    """(module, alias) of every import, those inside functions too."""
+    """Return (module, alias) of every import, including those inside functions."""
     found: list[tuple[str, str | None]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""Small tracks and truths for the tests of what becomes of them."""
+"""Small tracks and truths for the tests of outputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from apf.tracking.track import Track
 
 
 def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
-    """The default body walking a curve, swinging its limbs."""
+    """Return a track of the default body walking a curve and swinging its limbs."""
     body = load_body("song31")
     phase = np.linspace(0, 4, frames)
     poses = np.tile(body.rest_pose, (frames, 1))
@@ -40,6 +40,6 @@ def walker(frames: int = 30, start: int = 0, fps: float = 60.0) -> Track:
 
 
 def truth_of(track: Track) -> JointSeries:
-    """The track's own joints, in the order of EVALUATED_JOINTS."""
+    """Return the track's own joints, in the order of EVALUATED_JOINTS."""
     columns = [track.joint_names.index(name) for name in EVALUATED_JOINTS]
     return JointSeries(EVALUATED_JOINTS, track.joints[:, columns].copy(), track.fps, track.frames)

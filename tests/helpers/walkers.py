@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from apf.body import load_body
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.initialisation.kept_voxels import StoredVoxels
 from cl import Device
@@ -16,7 +16,8 @@ GRID = VoxelGrid.covering(np.array([-0.8, -0.7, -0.1]), np.array([1.9, 0.7, 1.9]
 
 
 def walker(frame: int, jump: float = 0.0) -> np.ndarray:
-    """A pose (31,) of one who walks along x with an arm out, so that his front shows."""
+    """Return a pose (31,) of a person walking along x with one arm out, so that the front is
+    recognisable."""
     pose = SONG.rest_pose.copy()
     for name, value in (
         ("pelvis.tx", 0.012 * frame + jump),
@@ -29,10 +30,10 @@ def walker(frame: int, jump: float = 0.0) -> np.ndarray:
 
 
 def surface_voxels(device: Device, pose: np.ndarray | None) -> StoredVoxels:
-    """The surface voxels of a pose; none of None."""
+    """Return the surface voxels of a pose; none for None."""
     indices = np.zeros(0, np.int32)
     if pose is not None:
-        distance = distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
+        distance = cone_distances(GRID.centres(), posed_cones(SONG, pose[None])[0]).min(1)
         shell = (distance < 0) & (distance > -1.2 * GRID.voxel_size)
         indices = np.flatnonzero(shell).astype(np.int32)
     return StoredVoxels(device, VoxelCloud(GRID, indices, np.ones(len(indices), np.float32)))

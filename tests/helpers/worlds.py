@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.scene import Scene
@@ -42,9 +42,9 @@ class World:
 
     def twin(self, frame: int) -> HostVoxels:
         cones = posed_cones(self.body, self.pose(frame)[None])[0]
-        inside = distances(self.grid.centres(), cones).min(1) < 0
+        inside = cone_distances(self.grid.centres(), cones).min(1) < 0
         shell = inside & (
-            distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
+            cone_distances(self.grid.centres(), cones).min(1) > -1.2 * self.grid.voxel_size
         )
         return HostVoxels(
             self.grid, inside.reshape(self.grid.shape).astype(float), np.flatnonzero(shell), 0

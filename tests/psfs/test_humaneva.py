@@ -1,4 +1,4 @@
-"""HumanEva's folders, made on the spot: takes, cameras, their beginning together, empty rooms."""
+"""HumanEva's folders: takes, cameras, synchronisation, empty rooms."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_what_is_not_there(tmp_path: Path) -> None:
     folder = subject(tmp_path)
     with pytest.raises(InputError, match=r"no `take` is stated; expected one of Box_1, Walking_1"):
         Sequence.open(folder)
-    with pytest.raises(InputError, match="take 'Jog_1' is none of its; expected one of Box_1"):
+    with pytest.raises(InputError, match="there is no take 'Jog_1'; expected one of Box_1"):
         Sequence.open(folder, take="Jog_1")
     (folder / "Sync_Data/Box_1_(C1).ofs").write_text("1 2")
     with pytest.raises(InputError, match=r"Box_1_\(C1\)\.ofs: 2 numbers; expected three"):

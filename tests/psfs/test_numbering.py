@@ -1,4 +1,4 @@
-"""Pictures that go together by the numbers in their names, where one camera lacks some."""
+"""Pairing of pictures by the numbers in their names, where one camera lacks some."""
 
 from __future__ import annotations
 

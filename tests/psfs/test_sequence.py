@@ -24,7 +24,7 @@ from psfs.background.gaussian import (
 )
 from psfs.footage import memory
 from psfs.footage.media import VideoDecoder, open_media
-from psfs.footage.prefetch import prefetched
+from psfs.footage.prefetch import prefetch
 from psfs.sequence import Sequence
 
 
@@ -109,7 +109,7 @@ def test_frames_that_are_kept_are_decoded_once(
     # Those that were sought are not kept.
     assert sorted(decoded) == sorted(3 * [5, *range(12)])
     # Nothing is kept of a sequence that is too long for the memory.
-    monkeypatch.setattr("psfs.sequence.room_for_frames", lambda: 12 * 3 * 3 * 48 * 64 - 1)
+    monkeypatch.setattr("psfs.sequence.frame_memory_limit", lambda: 12 * 3 * 3 * 48 * 64 - 1)
     longer = Sequence.open(folder)
     longer.keep_frames()
     decoded.clear()
@@ -120,7 +120,7 @@ def test_the_room_for_frames_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(memory.os, "cpu_count", lambda: 16)
     for there, room in ((2**34, 2**28), (2**40, 2**30)):
         monkeypatch.setattr(memory, "physical_memory", lambda there=there: there)
-        assert memory.room_for_frames() == room
+        assert memory.frame_memory_limit() == room
 
 
 def test_memory_of_frames_serves_the_next_sequence() -> None:
@@ -297,14 +297,14 @@ def test_prefetch_stops_cleanly_and_passes_errors_on() -> None:
             closed.set()
 
     before = threading.active_count()
-    ahead = prefetched(numbers(), 2)
+    ahead = prefetch(numbers(), 2)
     assert [next(ahead), next(ahead)] == [0, 1]
     ahead.close()
     assert closed.is_set() and threading.active_count() == before
     closed.clear()
     seen = []
     with pytest.raises(InputError, match="no 3"):
-        for value in prefetched(numbers(3), 2):
+        for value in prefetch(numbers(3), 2):
             seen.append(value)
     assert seen == [0, 1, 2] and closed.is_set() and threading.active_count() == before
 
@@ -317,7 +317,7 @@ def test_prefetch_is_bounded() -> None:
             made.append(i)
             yield i
 
-    ahead = prefetched(numbers(), 3)
+    ahead = prefetch(numbers(), 3)
     assert next(ahead) == 0
     time.sleep(0.15)
     assert len(made) <= 5  # one taken, three waiting, one in hand

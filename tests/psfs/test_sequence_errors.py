@@ -36,7 +36,7 @@ def cut(path: Path, share: float) -> None:
 
 
 def cut_after_the_index(path: Path) -> None:
-    """A video whose index lies in front (as for streaming) and promises more than is there."""
+    """Write a truncated video whose leading index (as for streaming) promises more frames."""
     data = path.read_bytes()
     start, header = data.index(b"mdat") - 4, data.index(b"moov") - 4
     moov = bytearray(data[header:])
@@ -132,7 +132,7 @@ def test_one_line_and_exit_code_2(
 
 
 def test_no_noise_from_the_decoders(walk: Path) -> None:
-    """In a process of its own, where nothing has silenced FFmpeg before psfs is imported."""
+    """Runs in its own process, where FFmpeg was not muted before psfs is imported."""
     cut(walk / "videos/cam02.mp4", 0.5)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("OPENCV")}
     result = subprocess.run(
@@ -157,7 +157,7 @@ def test_a_file_that_breaks_while_it_is_read(walk: Path) -> None:
 
 
 class SlowDecoder:
-    """One of two views: the first is still being read when the second fails."""
+    """A decoder of one of two views that is still reading when the other fails."""
 
     reading = closed_while_reading = False
 
@@ -199,7 +199,7 @@ def test_images_that_change_size_or_are_no_images(tmp_path: Path) -> None:
 
 
 def test_a_header_that_promises_two_frames_too_many(tmp_path: Path) -> None:
-    """As Utrecht's: the few frames that decode are the length, and no error."""
+    """As in Utrecht's videos: the frames that decode are the length, without an error."""
     folder = footage.native(tmp_path / "walk", views=1, frames=30)
     path = folder / "videos/cam01.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, footage.SIZE)

@@ -18,11 +18,11 @@ from apf.cli.first_pose import found_start
 from apf.cli.method_flags import chosen_method
 from apf.cli.takes.job import TrackJob
 from apf.cli.track import finish_take, write_files, write_track_settings
-from apf.cluster.chunks import ChunksConfig, cut, joined, millimetres, seam
-from apf.cluster.courses import Course
+from apf.cluster.chunks import ChunksConfig, cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.courses import Workflow
 from apf.cluster.pool import Task
-from apf.cluster.task_side import TaskProgress, logged_to
-from apf.cluster.workers import worker_device
+from apf.cluster.task_side import TaskProgress, log_to
+from apf.cluster.workers import select_worker_device
 from apf.formats.pose import read_pose, write_pose
 from apf.tracking.take import Take
 from apf.tracking.track import Track
@@ -39,7 +39,7 @@ PARTS = "parts"
 START = "start.txt"
 
 
-def course_of(job: TakeJob) -> Course:
+def course_of(job: TakeJob) -> Workflow:
     """Return the tasks of a take, one after the other: itself; or, where it is to be cut and long
     enough, its start, its chunks, and how they are joined."""
     if job.part_frames is not None:
@@ -55,16 +55,16 @@ def course_of(job: TakeJob) -> Course:
 def cut_take(progress: TaskProgress, job: TakeJob, part_frames: int) -> tuple[TakeJob, ...]:
     """Find the person in a take and return the jobs of its chunks, which share body, volume and
     cameras; none of a take too short to be cut."""
-    with logged_to(job.log, f"{job.name}: cutting {job.source}"):
+    with log_to(job.log, f"{job.name}: cutting {job.source}"):
         progress.begin("opening")
         args = job.arguments()
         args.folder = str(job.source)
         if args.seeds is not None:
             raise InputError("--seeds and --part-frames; expected one of them")
-        session = _examined(args, worker_device(args.device)).session
+        session = _examined(args, select_worker_device(args.device)).session
         frames = selected_frames(args, session.sequence)
         overlap = round(ChunksConfig().overlap * session.rate)
-        chunks = cut(frames, part_frames, overlap)
+        chunks = cut_chunks(frames, part_frames, overlap)
         if len(chunks) < 2:
             print(f"{len(frames)} frames are too few for parts of {part_frames} that overlap")
             return ()
@@ -129,16 +129,16 @@ def _frames(frames: range) -> str:
 def join_chunks(progress: TaskProgress, job: TakeJob, chunks: Sequence[TakeJob]) -> TakeDone:
     """Write the take out of its chunks. One that does not agree with the chunk before it anywhere
     is tracked again, from that one's last pose that both have."""
-    with logged_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
+    with log_to(job.log, f"{job.name}: joining {len(chunks)} parts"):
         tracks = [Track.open(chunks[0].out)]
         for chunk in chunks[1:]:
             track = Track.open(chunk.out)
-            if seam(tracks[-1], track).distance > ChunksConfig().agreement:
+            if find_seam(tracks[-1], track).distance > ChunksConfig().agreement:
                 print(f"{chunk.name}: does not agree with the part before; tracked again")
                 track = _tracked_on(progress, chunk, tracks[-1])
             tracks.append(track)
-        whole, seams = joined(tracks)
-        apart = ", ".join(f"{millimetres(s.distance)} at {s.frame}" for s in seams)
+        whole, seams = join_tracks(tracks)
+        apart = ", ".join(f"{to_millimetres(s.distance)} at {s.frame}" for s in seams)
         print(f"parts are joined with mm between them: {apart}")
 
         def write(args: argparse.Namespace, device: Any) -> Take:

@@ -14,17 +14,17 @@ from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
 from apf.cli.takes.job import take_names
 from apf.cli.track import add_output_flag, add_track_flags
-from apf.cluster.connection import dask_distributed, embedded_cluster, joined_cluster
-from apf.cluster.courses import done_courses
+from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
+from apf.cluster.courses import run_workflows
 from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
-from apf.cluster.workers import WorkerConfig, shares_of_machine
+from apf.cluster.workers import WorkerConfig, share_machine
 from apf.tracking.motion_files import EXPORTS
 from cl import InputError
 from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
 from psfs.common.ranges import check_range
 
@@ -78,12 +78,12 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    dask_distributed()  # before anything that takes time
+    import_distributed()  # before anything that takes time
     if args.part_frames is not None:
         check_range("--part-frames", args.part_frames, 2, ends=True)
     jobs = jobs_of(args)
     if args.scheduler is None and args.workers is not None:
-        shares_of_machine(args.device, args.workers)  # before anything is written
+        share_machine(args.device, args.workers)  # before anything is written
     inputs = [job.source for job in jobs]
     with output_folder(args.output, "apf batch", inputs, ("index.html", "takes.csv")) as out:
         out.begin()
@@ -103,7 +103,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
     with _cluster(args, len(jobs)) as client:
         courses = {job.name: course_of(job) for job in jobs}
         pool = Pool(client, report.progress)
-        with closing(done_courses(pool, courses)) as outcomes:
+        with closing(run_workflows(pool, courses)) as outcomes:
             for name, outcome in outcomes:
                 report.add(name, outcome)
     for job in jobs:  # nobody works on them any more, here or elsewhere
@@ -113,7 +113,7 @@ def _do(args: argparse.Namespace, jobs: list[TakeJob], report: BatchReport) -> N
 def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
     """Return a job for each take, by its name. Raises InputError where two have the same, OUT lies
     in a take or is one, or a take has a flag that `apf track` has not."""
-    out, takes = full_path(args.output), listed_takes(args.folders)
+    out, takes = resolve_path(args.output), listed_takes(args.folders)
     found = iter(take_names([take.source for take in takes if take.name is None]))
     words = stated_words(args, without=_OWN)
     jobs: dict[str, TakeJob] = {}
@@ -138,9 +138,9 @@ def jobs_of(args: argparse.Namespace) -> list[TakeJob]:
 @contextmanager
 def _cluster(args: argparse.Namespace, n_takes: int) -> Iterator[Any]:
     if args.scheduler is not None:
-        with joined_cluster(args.scheduler, full_path(args.output)) as client:
+        with connect_cluster(args.scheduler, resolve_path(args.output)) as client:
             yield client
         return
-    shares = shares_of_machine(args.device, args.workers)
-    with embedded_cluster(shares[:n_takes] if args.workers is None else shares) as client:
+    shares = share_machine(args.device, args.workers)
+    with start_cluster(shares[:n_takes] if args.workers is None else shares) as client:
         yield client

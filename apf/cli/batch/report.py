@@ -16,7 +16,7 @@ from apf.cli.takes.take_report import reports_of
 from apf.cluster.page import LOGS, write_index
 from apf.cluster.take_row import TakeRow
 from apf.cluster.task_side import Progress
-from apf.cluster.whole_folder import final_names
+from apf.cluster.whole_folder import replace_temporary_names
 from cl import InputError
 from psfs.cli.commandline import progress_bar, stderr, stdout
 
@@ -73,7 +73,7 @@ class BatchReport(AbstractContextManager["BatchReport"]):
             self._done[name] = outcome
             text = "finished already" if outcome.kept else _told(outcome)
         else:
-            text = final_names(str(outcome)) or type(outcome).__name__
+            text = replace_temporary_names(str(outcome)) or type(outcome).__name__
             self._failed[name] = TakeRow(name, status="failed", error=text)
             text = f"failed: {text}"
         self._remove_lines(name)

@@ -13,11 +13,11 @@ from typing import Any, NoReturn
 from apf.cli import export, track
 from apf.cli.method_flags import chosen_method
 from apf.cli.takes.job import chosen_seeds, seed_folders
-from apf.cluster.record import FileFacts, TakeRecord, files_in
+from apf.cluster.record import FileFacts, TakeRecord, list_files
 from apf.cluster.take_row import TakeRow, write_thumbnail
-from apf.cluster.task_side import TaskProgress, logged_to
-from apf.cluster.whole_folder import whole_folder
-from apf.cluster.workers import worker_device
+from apf.cluster.task_side import TaskProgress, log_to
+from apf.cluster.whole_folder import replace_folder
+from apf.cluster.workers import select_worker_device
 from apf.tracking.take import Take
 from cl import Device, InputError, NumpyDevice
 from psfs.cli.commandline import CommandParser
@@ -58,10 +58,10 @@ class TakeJob:
         return args
 
     def record(self, known: TakeRecord | None = None) -> TakeRecord:
-        """Return what the results depend on; see `TakeRecord.of_take`."""
+        """Return what the results depend on; see `TakeRecord.describe_take`."""
         own = {"part_frames": self.part_frames, "exports": self.exports}
         settings = settings_of(self.arguments()) | own
-        return TakeRecord.of_take(self.source, settings, known)
+        return TakeRecord.describe_take(self.source, settings, known)
 
 
 class _Refused(Exception):
@@ -88,10 +88,10 @@ def finished(job: TakeJob) -> TakeDone | None:
     """Return the take if it was finished with the same contents and settings and all is there. Only
     files that look changed are read."""
     before = TakeRecord.read(job.out)
-    if before is None or not before.holds(job.out):
+    if before is None or not before.is_complete(job.out):
         return None
     try:
-        same = before.same_take(job.record(before))
+        same = before.is_same_take(job.record(before))
     except InputError:  # the take says so when it is done
         return None
     return TakeDone(before.rows, kept=True) if same else None
@@ -106,7 +106,7 @@ def do_take(progress: TaskProgress, job: TakeJob) -> TakeDone:
     done = finished(job)
     if done is not None:
         return done
-    with logged_to(job.log, f"{job.name}: {job.source}"):
+    with log_to(job.log, f"{job.name}: {job.source}"):
         return written_take(progress, job, lambda args, on: track.track_one(args, on, progress))
 
 
@@ -121,9 +121,9 @@ def written_take(
     progress.begin("reading")
     wanted = job.record()
     began = time.monotonic()
-    with whole_folder(job.out) as partial, output_folder(partial, "apf batch"):
+    with replace_folder(job.out) as partial, output_folder(partial, "apf batch"):
         args = job.arguments(partial)
-        device = worker_device(args.device)
+        device = select_worker_device(args.device)
         take = write(args, device)
         progress.begin("exports")
         for folder in _folders(args) if job.exports else ():
@@ -132,7 +132,7 @@ def written_take(
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
         rows = tuple(_written_rows(job, args, take, facts))
-        written = [path for path in files_in(partial) if path.name != MANIFEST]
+        written = [path for path in list_files(partial) if path.name != MANIFEST]
         outputs = {str(path.relative_to(partial)): FileFacts.of(path) for path in written}
         replace(wanted, outputs=outputs, rows=rows).write(partial)
     progress.end()

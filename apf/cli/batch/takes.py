@@ -9,7 +9,7 @@ from typing import Any
 
 from cl import InputError
 from psfs.cli.commandline import warn
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 from psfs.common.toml import read_toml
 
 
@@ -33,7 +33,7 @@ def listed_takes(folders: list[str]) -> list[ListedTake]:
         elif given.is_file():
             warn(f"{given}: no folder; left out")  # `takes/*` finds notes, too
         else:
-            takes.append(ListedTake(full_path(given)))
+            takes.append(ListedTake(resolve_path(given)))
     if not takes:
         raise InputError("no take is named; expected folders, or a TOML list of them")
     return takes
@@ -54,7 +54,7 @@ def _of_list(path: Path) -> list[ListedTake]:
         folder, name = settings.pop("folder", None), settings.pop("name", None)
         if not isinstance(folder, str) or not isinstance(name, str | None):
             raise InputError(f"{where}: folder = {folder!r}, name = {name!r}; expected text")
-        source = full_path(path.parent / folder)
+        source = resolve_path(path.parent / folder)
         words = _words(settings, path.parent, where)
         listed.append(ListedTake(source, name, words, where))
     return listed
@@ -78,7 +78,7 @@ def _words(settings: Mapping[str, Any], folder: Path, where: str) -> tuple[str, 
         if isinstance(value, bool):
             words += [f"--{name}"] * value
         elif isinstance(value, str) and ("/" in value or "." in value):
-            named = full_path(folder / value)
+            named = resolve_path(folder / value)
             words.append(f"--{name}={named if named.exists() else value}")
         elif isinstance(value, str | int | float):
             words.append(f"--{name}={value}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.estimation import Estimation, estimate_keypoints, write_openpose
+from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_openpose
 from apf.keypoints.network import check_network
 from cl import InputError
 from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
@@ -70,7 +70,7 @@ def _found(args: argparse.Namespace, sequence: Sequence) -> dict[str, int]:
     """Write the keypoints of every camera when it is done, and return in how many of its frames the
     person was found."""
     crop = sequence.empty_scene and not args.no_crop
-    job = Estimation(Path(args.folder), stated(args), args.device if crop else None)
+    job = EstimationJob(Path(args.folder), stated(args), args.device if crop else None)
     bar = progress_bar()
     task = bar.add_task("keypoints", total=len(sequence) * len(sequence.rig))
 

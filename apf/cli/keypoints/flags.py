@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from apf.keypoints import Keypoints
-from apf.keypoints.agreement import disagreements
+from apf.keypoints.agreement import find_disagreements
 from psfs.cli.commandline import path_or_name, remark, warn
 from psfs.cli.sequence_flags import stated
 from psfs.sequence import Sequence
@@ -37,10 +37,10 @@ def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | No
     else:  # some cameras: which belongs to which may show only with all of them
         flags = {name: value for name, value in stated(args).items() if name != "cameras"}
         every = Sequence.open(sequence.folder, **flags)
-        keypoints = Keypoints.open(path, every).of_cameras(sequence.rig.names)
+        keypoints = Keypoints.open(path, every).select_cameras(sequence.rig.names)
     for note in keypoints.notes:
         remark("note", "cyan", note)
-    wrong = disagreements(keypoints, sequence.rig)
+    wrong = find_disagreements(keypoints, sequence.rig)
     for text in wrong:
         warn(f"{path}: {text}")
     args.remarks = [*getattr(args, "remarks", ()), *wrong]

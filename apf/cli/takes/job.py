@@ -11,7 +11,7 @@ from apf.cli.method_flags import chosen_method
 from apf.filters.method import Method
 from apf.tracking.trackers import seeded
 from cl import Device, InputError, NumpyDevice
-from psfs.common.files import full_path
+from psfs.common.files import resolve_path
 
 #: Runs that --seeds may ask for.
 MOST_SEEDS = 1000
@@ -58,7 +58,7 @@ def seed_folders(args: argparse.Namespace, seeds: list[int]) -> list[Path]:
 def take_names(folders: list[Path]) -> list[str]:
     """Return a name for each of the takes: its folder's, with as many of the folders above as
     distinguish them. Raises InputError if one is given twice."""
-    paths = [full_path(folder) for folder in folders]
+    paths = [resolve_path(folder) for folder in folders]
     for path in paths:
         if paths.count(path) > 1:
             raise InputError(f"{path} is given twice; expected different takes")

@@ -11,7 +11,7 @@ from typing import Protocol
 from rich.progress import Progress
 from rich.table import Table
 
-from apf.report.agreement import shown_rows
+from apf.report.agreement import choose_rows
 from apf.report.quality import Quality
 from apf.tracking.take import Take
 from apf.tracking.track import Track
@@ -24,7 +24,7 @@ _BY_FRAMES = ("tracking", "tracking back", "overlay", "judging")
 def reports_of(stage: str, n_frames: int) -> int | None:
     """Return how often a stage of so many frames reports; None where it does not go by frames."""
     if stage == "judging":
-        return len(shown_rows(n_frames))
+        return len(choose_rows(n_frames))
     return n_frames if stage in _BY_FRAMES else None
 
 

@@ -1,1 +1,1 @@
-"""A reader per format of keypoints; each gives `RawKeypoints`."""
+"""Readers of keypoint files, one per format; each returns `RawKeypoints`."""

@@ -1,4 +1,4 @@
-"""Keypoints in NumPy files: `keypoints.npz`, FreeMoCap's and other arrays of 2-D points."""
+"""Read keypoints from NumPy files: `keypoints.npz`, FreeMoCap's and other arrays of 2-D points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from apf.keypoints.readers.orders import order_of
+from apf.keypoints.readers.orders import find_order
 from apf.keypoints.readers.raw import LARGEST_SCORE, RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
@@ -18,19 +18,21 @@ _ARRAYS = {
     "keypoint_names": Values(None, "text", needed=False),
     "camera_names": Values(None, "text", needed=False),
 }
-#: Array files of FreeMoCap: x, y and, in newer ones, a depth, which is no confidence.
+#: FreeMoCap's array files: x, y and, in newer ones, a depth, which is not a confidence.
 FREEMOCAP = "*2dData*pixelXY.npy"
 _DIMENSIONS = "(cameras, frames, points, 2 or 3), or (frames, points, 2 or 3) for one camera"
 
 
 def read_keypoints_npz(path: Path) -> RawKeypoints:
-    """Read an npz with `keypoints` (V, F, K, 3), and the names of keypoints and cameras, without
-    which their numbers must tell. Raises InputError, or MissingFileError."""
+    """Read an npz with `keypoints` (V, F, K, 3) and optionally the names of keypoints and cameras.
+
+    Without keypoint names, their number determines them. Raises InputError, or MissingFileError.
+    """
     data = read_npz(path, _ARRAYS, f"an npz with {_NPZ}")
-    views = _views(path, data["keypoints"])
+    views = _to_views(path, data["keypoints"])
     names, cameras = data.get("keypoint_names"), data.get("camera_names")
     if names is None:
-        names = np.array(order_of(str(path), views))
+        names = np.array(find_order(str(path), views))
         views = views[:, :, : len(names)]
     for key, found, wanted in (
         ("keypoint_names", names, views.shape[2]),
@@ -41,23 +43,24 @@ def read_keypoints_npz(path: Path) -> RawKeypoints:
                 f"{path}: {key} has shape {found.shape}; expected ({wanted},), for keypoints of "
                 f"shape {data['keypoints'].shape}"
             )
-    return _raw(path, views, tuple(map(str, names)), cameras)
+    return _build_raw(path, views, tuple(map(str, names)), cameras)
 
 
 def read_array(path: Path) -> RawKeypoints:
-    """Read an npy (V, F, K, 2 or 3) or (F, K, 2 or 3), whose keypoints their number tells."""
-    return _array_of(path, {"": path})
+    """Read an npy (V, F, K, 2 or 3) or (F, K, 2 or 3); the number of keypoints determines their
+    names."""
+    return _read_files(path, {"": path})
 
 
 def read_arrays(folder: Path, paths: list[Path]) -> RawKeypoints:
     """Read an npy (F, K, 2 or 3) per camera, named as the camera."""
-    return _array_of(folder, {path.stem: path for path in paths})
+    return _read_files(folder, {path.stem: path for path in paths})
 
 
-def _array_of(path: Path, files: dict[str, Path]) -> RawKeypoints:
+def _read_files(path: Path, files: dict[str, Path]) -> RawKeypoints:
     wanted = Values(None, finite=False)
     arrays = {
-        name: _views(file, read_npy(file, wanted, f"an array {_DIMENSIONS}"))
+        name: _to_views(file, read_npy(file, wanted, f"an array {_DIMENSIONS}"))
         for name, file in files.items()
     }
     counts = {name: array.shape[2] for name, array in arrays.items()}
@@ -68,21 +71,24 @@ def _array_of(path: Path, files: dict[str, Path]) -> RawKeypoints:
     several = [str(files[name]) for name, array in arrays.items() if not one and len(array) > 1]
     if several:
         raise InputError(f"{listed(several)}: holds several cameras; expected one per file")
-    names = order_of(
+    names = find_order(
         str(path), np.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays.values()])
     )
     notes: list[str] = []
     for name, array in arrays.items():
-        notes += _without_depth(files[name], array[:, :, : len(names)])
+        notes += _drop_depth(files[name], array[:, :, : len(names)])
     if one:
-        return _raw(path, arrays[""][:, :, : len(names)], names, None, tuple(notes))
+        return _build_raw(path, arrays[""][:, :, : len(names)], names, None, tuple(notes))
     views = {name: array[0][:, None, : len(names)] for name, array in arrays.items()}
     return RawKeypoints(path, names, views, shares=_are_shares(views), notes=tuple(notes))
 
 
-def _without_depth(path: Path, views: np.ndarray) -> list[str]:
-    """Set the confidences of keypoints (V, F, K, 3) to 1 where the third number is none: FreeMoCap
-    has a depth there. Return notes."""
+def _drop_depth(path: Path, views: np.ndarray) -> list[str]:
+    """Set the confidences of keypoints (V, F, K, 3) to 1 if the third number is not one; return
+    notes.
+
+    In FreeMoCap's files it is a depth.
+    """
     scores = views[..., 2][np.isfinite(views[..., 2])]
     depth = path.match(FREEMOCAP)
     if not depth and (not scores.size or (scores.min() >= 0 and scores.max() <= LARGEST_SCORE)):
@@ -90,13 +96,12 @@ def _without_depth(path: Path, views: np.ndarray) -> list[str]:
     views[..., 2] = np.where(np.isfinite(views[..., :2]).all(-1), 1.0, np.nan)
     if depth:
         return []
-    return [
-        f"{path}: the third number is no confidence, {scores.min():g} to {scores.max():g}: left out"
-    ]
+    return [f"{path}: the third number is {scores.min():g} to {scores.max():g}, not a confidence"]
 
 
-def _views(path: Path, array: np.ndarray) -> np.ndarray:
-    """Return keypoints (V, F, K, 3) float64 of an array with or without cameras and confidences."""
+def _to_views(path: Path, array: np.ndarray) -> np.ndarray:
+    """Convert an array with or without cameras and confidences to keypoints (V, F, K, 3)
+    float64."""
     views = array[None] if array.ndim == 3 else array
     if array.dtype.kind not in "fiu" or views.ndim != 4 or views.shape[-1] not in (2, 3):
         raise InputError(
@@ -111,14 +116,14 @@ def _views(path: Path, array: np.ndarray) -> np.ndarray:
     return views
 
 
-def _raw(
+def _build_raw(
     path: Path,
     views: np.ndarray,
     names: tuple[str, ...],
     cameras: np.ndarray | None,
     notes: tuple[str, ...] = (),
 ) -> RawKeypoints:
-    """Keypoints (V, F, K, 3) of one person."""
+    """Build the raw keypoints of one person from (V, F, K, 3)."""
     keys = [f"{view + 1}" for view in range(len(views))] if cameras is None else cameras
     by_camera = {str(key): view[:, None] for key, view in zip(keys, views, strict=True)}
     if len(by_camera) < len(views):
@@ -127,7 +132,7 @@ def _raw(
 
 
 def _are_shares(views: dict[str, np.ndarray]) -> bool:
-    """Are x and y shares of the picture, as MediaPipe gives them, not pixels?"""
+    """Return whether x and y are shares of the picture, as MediaPipe's are, instead of pixels."""
     places = np.concatenate([view[..., :2].ravel() for view in views.values()])
     places = np.abs(places[np.isfinite(places)])
     return bool(places.size) and float(np.quantile(places, 0.99)) < 2.0

@@ -1,7 +1,8 @@
-"""DeepLabCut's tables: a file per camera, columns by scorer, (individual,) part and coordinate.
+"""Read DeepLabCut's tables: a file per camera, columns by scorer, (individual,) part and
+coordinate.
 
-A csv has these names in its first rows, one row per level; an h5 is a pandas table, read with
-pandas, which is an extra of its own.
+A csv has these names in its first rows, one row per level; an h5 is a pandas table and needs the
+extra `deeplabcut`.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ import numpy as np
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 
 #: Endings of the files.
 ENDINGS = (".csv", ".h5", ".hdf5")
 _LEVELS = ("individuals", "bodyparts", "coords")
 _COORDINATES = ("x", "y", "likelihood")
 _EXPECTED = "DeepLabCut's header rows scorer, bodyparts, coords"
-#: What the files' names have after the video's: cam1DLC_resnet50_...
+#: What follows the video's name in a file's name: cam1DLC_resnet50_...
 _SCORER = "DLC"
 
 #: A column: individual, body part, coordinate.
@@ -31,7 +32,7 @@ Column = tuple[str, str, str]
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Return whether a .csv begins as DeepLabCut's do; an .h5 is taken for one."""
+    """Return whether a .csv begins as DeepLabCut's do; an .h5 is assumed to be one."""
     if path.suffix.lower() != ".csv":
         return path.suffix.lower() in ENDINGS
     try:
@@ -42,8 +43,11 @@ def is_deeplabcut(path: Path) -> bool:
 
 
 def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
-    """Read the tables of all cameras; `path` is what errors name. Where a table is there as .csv
-    and as .h5, the .csv is read. Raises InputError naming the file that is wrong."""
+    """Read the tables of all cameras; path: named in errors.
+
+    If a table exists as .csv and as .h5, the .csv is read. Raises InputError naming the file that
+    is wrong.
+    """
     by_stem: dict[str, Path] = {}
     for file in sorted(files, key=lambda file: ENDINGS.index(file.suffix.lower())):
         by_stem.setdefault(file.stem, file)
@@ -54,7 +58,7 @@ def read_deeplabcut(path: Path, files: Sequence[Path]) -> RawKeypoints:
         name = stem.split(_SCORER)[0].rstrip("_-. ") or stem
         if name in views:
             raise InputError(f"{path}: {listed(by_stem)} are several tables of one video, {name}")
-        parts_of[name], views[name] = _arranged(file, columns, values)
+        parts_of[name], views[name] = _arrange_columns(file, columns, values)
     first = next(iter(parts_of.values()))
     for name, parts in parts_of.items():
         if set(parts) != set(first):
@@ -72,7 +76,7 @@ def _read_csv(path: Path) -> tuple[list[Column], np.ndarray]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a table: {error}") from None
     heads: dict[str, list[str]] = {}
@@ -99,7 +103,7 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     """Return columns and values (F, C) of a pandas table. Raises InputError."""
     try:
         import pandas
-        import tables  # noqa: F401  which pandas reads them with
+        import tables  # noqa: F401  pandas needs it for reading
     except ImportError:
         raise InputError(
             f"{path}: reading DeepLabCut's .h5 needs pandas and tables "
@@ -108,9 +112,9 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     try:
         table: Any = pandas.read_hdf(path)
     except FileNotFoundError as error:
-        raise unreadable(path, error) from None
-    except Exception as error:  # of pandas, tables, HDF5: almost anything
-        raise InputError(f"{path}: no table of pandas: {' '.join(str(error).split())}") from None
+        raise unreadable_error(path, error) from None
+    except Exception as error:  # pandas, tables and HDF5 raise almost anything
+        raise InputError(f"{path}: not a pandas table: {' '.join(str(error).split())}") from None
     names = list(getattr(table.columns, "names", []))
     if not {"bodyparts", "coords"} <= set(names):
         raise InputError(f"{path}: its columns are by {listed(map(str, names))}; no {_EXPECTED}")
@@ -121,10 +125,10 @@ def _read_h5(path: Path) -> tuple[list[Column], np.ndarray]:
     return columns, table.to_numpy(np.float64)  # type: ignore[return-value]
 
 
-def _arranged(
+def _arrange_columns(
     path: Path, columns: list[Column], values: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the body parts (K,) and their values (F, N, K, 3), N individuals."""
+    """Return the body parts (K,) and their values (F, N, K, 3) of N individuals."""
     where = {column: number for number, column in enumerate(columns)}
     parts = tuple(dict.fromkeys(part for _, part, _ in columns))
     individuals = list(dict.fromkeys(individual for individual, _, _ in columns))

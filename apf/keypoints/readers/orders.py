@@ -20,7 +20,7 @@ COCO_17 = (
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
     "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
 )  # fmt: skip
-#: OpenPose's model of 18, not COCO's order.
+#: OpenPose's model of 18, not in COCO's order.
 COCO_18 = (
     "Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
     "RHip", "RKnee", "RAnkle", "LHip", "LKnee", "LAnkle", "REye", "LEye", "REar", "LEar",
@@ -44,7 +44,8 @@ _WHOLE_BODY = (
     "right_big_toe", "right_small_toe", "right_heel",
 )  # fmt: skip
 
-#: Orders by the number of keypoints; of larger ones the first are the body's, then come hands and
+#: Orders by the number of keypoints; in the longer ones the body comes first, hands and face follow
+#: and are dropped.
 #: face, which are left out.
 _BY_COUNT = {
     17: COCO_17,
@@ -63,22 +64,22 @@ _KNOWN = (
 )
 
 
-def order_of(where: str, points: np.ndarray) -> tuple[str, ...]:
+def find_order(where: str, points: np.ndarray) -> tuple[str, ...]:
     """Return the names of the first keypoints of `points` (..., K, 3), by their number.
 
-    Of the two orders of 25, BODY_25B is known by its second point, an eye, near the nose. Raises
-    InputError, naming `where`, for a number that no network has.
+    Of the two orders of 25, BODY_25B is recognised by its second point, an eye, near the nose.
+    Raises InputError, naming `where`, for a number that no network has.
     """
     count = points.shape[-2]
     if count not in _BY_COUNT:
         raise InputError(f"{where}: {count} keypoints without names; expected {_KNOWN}")
-    if count == len(BODY_25) and _from_nose(points, 1) < _from_nose(points, 15):
+    if count == len(BODY_25) and _distance_from_nose(points, 1) < _distance_from_nose(points, 15):
         return BODY_25B
     return _BY_COUNT[count]
 
 
-def _from_nose(points: np.ndarray, index: int) -> float:
-    """Return the median distance, px, of a keypoint from the first; infinite where never seen."""
+def _distance_from_nose(points: np.ndarray, index: int) -> float:
+    """Return the median distance, px, of a keypoint from the first; infinite if never seen."""
     away = np.hypot(*np.moveaxis(points[..., index, :2] - points[..., 0, :2], -1, 0))
     away = away[np.isfinite(away)]
     return float(np.median(away)) if away.size else np.inf

@@ -1,8 +1,9 @@
-"""Keypoints of several persons per frame: OpenPose's JSON, and the pickles of OpenCap.
+"""Read keypoints of several persons per frame: OpenPose's JSON, and OpenCap's pickles.
 
 OpenPose writes a file per camera and frame, `{"people": [{"pose_keypoints_2d": [x, y, c, ...]}]}`;
-so do Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose. OpenCap keeps the same
-lists in a pickle per camera and trial (`Videos/Cam0/OutputPkl_default/jump/jump_rotated_pp.pkl`).
+so do Pose2Sim (`pose/cam01_json/cam01_000000.json`), Sports2D and AlphaPose. OpenCap stores the
+same lists in a pickle per camera and trial
+(`Videos/Cam0/OutputPkl_default/jump/jump_rotated_pp.pkl`).
 """
 
 from __future__ import annotations
@@ -16,26 +17,26 @@ from typing import Any
 
 import numpy as np
 
-from apf.keypoints.readers.orders import order_of
+from apf.keypoints.readers.orders import find_order
 from apf.keypoints.readers.raw import RawKeypoints
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.files import unreadable
+from psfs.common.files import unreadable_error
 
 #: `cam01.0000`, `cam01_000000_keypoints`: the camera, and the frame.
 _STEM = re.compile(r"(?P<camera>.*?)[._-]?(?P<frame>\d+)(?:[._-]keypoints)?")
-#: OpenCap's pickles: of its own pipeline, and of what it gives for download.
+#: OpenCap's pickles: of its own pipeline, and of its downloads.
 OPENCAP = ("*_rotated_pp.pkl", "*_keypoints.pkl")
 _POINTS = "pose_keypoints_2d"
-#: Frames that may be without a file, as a multiple of those with one.
+#: Most frames without a file, as a multiple of those with one.
 _MOST_GAPS = 20
 
 
 def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
-    """Read the JSON files of OpenPose, `paths` in `folder` or below; None if none of them is.
+    """Read OpenPose's JSON files, `paths` in `folder` or below; None if none of them is.
 
-    Files belong to one camera that have the same folder and begin; the number at the end is the
-    frame's. Frames without a file are missing. Raises InputError naming the file that is wrong.
+    Files with the same folder and the same beginning belong to one camera; the number at the end is
+    the frame's. Frames without a file are missing. Raises InputError naming the file that is wrong.
     """
     cameras: dict[tuple[str, ...], dict[int, Path]] = {}
     for path in paths:
@@ -49,7 +50,7 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
             raise InputError(f"{path}: has the frame number of {other}; expected one file a frame")
         files[int(found["frame"])] = path
     views = {
-        parts: {frame: _people(path, _json(path)) for frame, path in files.items()}
+        parts: {frame: _parse_persons(path, _read_json(path)) for frame, path in files.items()}
         for parts, files in cameras.items()
         if _is_openpose(next(iter(files.values())))
     }
@@ -57,58 +58,60 @@ def read_openpose(folder: Path, paths: Sequence[Path]) -> RawKeypoints | None:
         return None
     first = min(min(frames) for frames in views.values())
     base = first if first > 1 else min(first, 1)  # networks count from 0 or 1; cut videos from more
-    people = {parts: _in_order(folder, frames, base) for parts, frames in views.items()}
-    return _raw(folder, people)
+    people = {parts: _order_frames(folder, frames, base) for parts, frames in views.items()}
+    return _build_raw(folder, people)
 
 
 def read_opencap(folder: Path, paths: Sequence[Path]) -> RawKeypoints:
-    """Read OpenCap's pickles (frames, persons) with OpenPose's lists; nothing but lists, numbers
-    and texts is unpickled. Raises InputError naming the file that is wrong."""
+    """Read OpenCap's pickles (frames, persons) with OpenPose's lists.
+
+    Only lists, numbers and texts are unpickled. Raises InputError naming the file that is wrong.
+    """
     people = {}
     for path in paths:
-        frames = _unpickled(path)
+        frames = _unpickle(path)
         if not isinstance(frames, list):
             raise InputError(f"{path}: holds a {type(frames).__name__}; expected a list of frames")
         parts = (*path.relative_to(folder).parent.parts, path.stem)
-        people[parts] = [_people(path, {"people": frame}) for frame in frames]
-    return _raw(folder, people)
+        people[parts] = [_parse_persons(path, {"people": frame}) for frame in frames]
+    return _build_raw(folder, people)
 
 
 def _is_openpose(path: Path) -> bool:
-    """Is this a file of keypoints, not some other JSON?"""
-    content = _json(path)
+    """Return whether this is a file of keypoints and not some other JSON."""
+    content = _read_json(path)
     return isinstance(content, dict) and "people" in content
 
 
-def _json(path: Path) -> Any:
+def _read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except (ValueError, RecursionError) as error:  # also of text that is not UTF-8
         raise InputError(f"{path}: malformed JSON: {' '.join(str(error).split())}") from None
 
 
 class _PlainUnpickler(pickle.Unpickler):
-    """Loads built-in values alone: nothing of a file is run."""
+    """Unpickler of built-in values only, so that a file cannot run code."""
 
     def find_class(self, module: str, name: str) -> Any:
         raise pickle.UnpicklingError(f"it names {module}.{name}")
 
 
-def _unpickled(path: Path) -> Any:
+def _unpickle(path: Path) -> Any:
     try:
         with path.open("rb") as file:
             return _PlainUnpickler(file).load()
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     except Exception as error:  # a broken pickle raises almost anything
         wanted = "lists of frames, persons and pose_keypoints_2d"
-        raise InputError(f"{path}: no pickle of plain {wanted}: {error}") from None
+        raise InputError(f"{path}: not a pickle of plain {wanted}: {error}") from None
 
 
-def _people(path: Path, content: Any) -> list[np.ndarray]:
-    """Return the persons (K, 3) of a frame. Raises InputError."""
+def _parse_persons(path: Path, content: Any) -> list[np.ndarray]:
+    """Parse the persons (K, 3) of a frame. Raises InputError."""
     persons = content.get("people") if isinstance(content, dict) else None
     if not isinstance(persons, list):
         raise InputError(f"{path}: lacks the list people; expected OpenPose's JSON")
@@ -121,18 +124,18 @@ def _people(path: Path, content: Any) -> list[np.ndarray]:
             points = np.zeros(())
         if points.ndim != 1 or points.size % 3:
             raise InputError(
-                f"{path}: {_POINTS} of person {number} is no list x, y, confidence, x, ...; "
+                f"{path}: {_POINTS} of person {number} is not a list x, y, confidence, x, ...; "
                 f"found {points.size if points.ndim else type(values).__name__} values"
             )
-        if points.size:  # OpenPose leaves it empty where it looked for hands alone
+        if points.size:  # OpenPose leaves it empty if it only searched for hands
             found.append(points.reshape(-1, 3))
     return found
 
 
-def _in_order(
+def _order_frames(
     folder: Path, frames: dict[int, list[np.ndarray]], base: int
 ) -> list[list[np.ndarray]]:
-    """Return the persons of every frame from number `base` on; none where there is no file."""
+    """List the persons of every frame from number `base` on; none for frames without a file."""
     n_frames = max(frames) - base + 1
     if n_frames > _MOST_GAPS * len(frames):
         raise InputError(
@@ -142,7 +145,7 @@ def _in_order(
     return [frames.get(base + number, []) for number in range(n_frames)]
 
 
-def _raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]) -> RawKeypoints:
+def _build_raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]) -> RawKeypoints:
     """Stack persons (K, 3) of all frames of all cameras."""
     counts = sorted({len(p) for frames in people.values() for frame in frames for p in frame})
     if not counts:
@@ -155,15 +158,15 @@ def _raw(path: Path, people: dict[tuple[str, ...], list[list[np.ndarray]]]) -> R
         view = np.full((len(frames), max([1, *map(len, frames)]), counts[0], 3), np.nan)
         for row, frame in zip(view, frames, strict=True):
             row[: len(frame)] = np.array(frame).reshape(-1, counts[0], 3)
-        view[(view[..., 2] == 0) | np.isnan(view).any(-1)] = np.nan  # what was not found
+        view[(view[..., 2] == 0) | np.isnan(view).any(-1)] = np.nan  # not found
         views[name] = view
     points = np.concatenate([view.reshape(-1, counts[0], 3) for view in views.values()])
-    names = order_of(str(path), points)
+    names = find_order(str(path), points)
     return RawKeypoints(path, names, {name: v[:, :, : len(names)] for name, v in views.items()})
 
 
 def _short_names(paths: list[tuple[str, ...]]) -> list[str]:
-    """Return names for these parts of paths without what all have in common at begin and end."""
+    """Shorten these paths to names, without the parts that all share at the beginning or end."""
     parts = [list(path) for path in paths]
     for end in (0, -1):
         while min(map(len, parts)) > 1 and len({path[end] for path in parts}) == 1:

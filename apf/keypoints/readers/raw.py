@@ -1,4 +1,4 @@
-"""What a file of keypoints holds, before cameras, frames and persons are chosen."""
+"""The contents of a keypoint file, before cameras, frames and persons are chosen."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class RawKeypoints:
 
     names: (K,). views: by the camera's name in the file, (F, N, K, 3) x, y px and confidence of N
     persons, NaN where missing; F and N differ from camera to camera. named: whether these names
-    say which camera it is, or are but numbers. shares: whether x and y are shares of the picture's
-    width and height. notes: what was guessed or left out.
+    identify the camera, or are only numbers. shares: whether x and y are shares of the picture's
+    width and height. notes: remarks on what was guessed or left out.
     """
 
     path: Path
@@ -38,7 +38,7 @@ class RawKeypoints:
 
 
 def check_view(where: str, view: np.ndarray) -> None:
-    """Raise InputError unless x, y, confidence (..., 3) are numbers that keypoints can have."""
+    """Raise InputError unless x, y, confidence (..., 3) are plausible keypoints."""
     known = view[np.isfinite(view).all(-1)]
     if np.isinf(view).any():
         raise InputError(f"{where}: holds an infinite number; expected pixels, or NaN for missing")
@@ -52,7 +52,7 @@ def check_view(where: str, view: np.ndarray) -> None:
         )
 
 
-#: Networks' scores may exceed 1 by a little (heat maps, SimCC); much larger ones are no scores.
+#: Networks' scores may slightly exceed 1 (heat maps, SimCC); much larger numbers are not scores.
 LARGEST_SCORE = 3.0
-#: Pixels from the picture's corner: no keypoint is farther, not even one that a network guesses.
+#: Largest distance from the picture's corner, px, even of keypoints that a network guesses.
 FARTHEST = 1e6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import FAR_OUT, outlines
+from apf.body.cones import FAR_OUT, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.mesh import BodyMesh
 from apf.body.model import BodyModel
@@ -55,7 +55,7 @@ def flat_body(
     middles = (cones[:, 0:3] + cones[:, 4:7]) / 2
     away = np.linalg.norm(middles - camera.centre, axis=-1)
     for c in np.argsort(-away, kind="stable"):
-        corners = outlines(camera, cones[c])
+        corners = project_outlines(camera, cones[c])
         if np.isnan(corners).any():
             continue
         mine, inner = flat_part(corners, columns, rows, free[c], round_ends)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from apf.body.model import BodyModel
 from apf.likelihood.contour import DIAGONAL_REACH, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
 from apf.reference.likelihood.part_colour import hidden_by_trunk, looked_up
@@ -74,7 +74,7 @@ def contour_means(
 
     Rows of parts (R,) -1 count nothing, nor do samples that the trunk hides.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
     for (number, t, _, _), part in zip(rows, row_parts, strict=True):
         if part < 0:

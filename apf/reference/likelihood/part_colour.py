@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import PartColourConfig
@@ -64,7 +64,7 @@ def counted(rig: CameraRig, body: BodyModel, pose: np.ndarray, codes: np.ndarray
     t = ((np.arange(ROWS) + 0.5) / ROWS)[:, None, None]
     u = ((np.arange(COLUMNS) + 0.5) / COLUMNS)[:, None]
     for camera, view in zip(rig, codes, strict=True):
-        corners = outlines(camera, cones)[0]
+        corners = project_outlines(camera, cones)[0]
         for c, own in enumerate(corners):
             left, right = own[0] + t * (own[3] - own[0]), own[1] + t * (own[2] - own[1])
             pixels = left + u * (right - left)
@@ -125,7 +125,7 @@ def colour_means(
     Rows of parts (R,) -1 count nothing; nor do samples in the outline of the trunk's cone whose
     row lies further from the camera than the trunk's middle.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     sums, counts = np.zeros(len(cones)), np.zeros(len(cones))
     for (number, t, n_columns, _), part in zip(rows, row_parts, strict=True):
         if part < 0:

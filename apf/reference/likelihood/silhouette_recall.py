@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from psfs.cameras.camera import CameraRig
 
 
@@ -18,7 +18,7 @@ def uncovered_errors(rig: CameraRig, cones: np.ndarray, points: np.ndarray) -> n
     for camera in rig:
         seen = camera.project(points[camera.look_up(points)[0]])[0]
         if len(seen):
-            corners = outlines(camera, cones)
+            corners = project_outlines(camera, cones)
             shares.append([1 - covered(one, seen).mean() for one in corners])
     return np.mean(shares, axis=0) if shares else np.ones(len(cones))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from apf.body.cones import distances, outlines, overlap_errors
+from apf.body.cones import cone_distances, overlap_errors, project_outlines
 from apf.body.kinematics import posed_cones
 from apf.body.model import BodyModel
 from apf.likelihood.config import LikelihoodConfig
@@ -35,7 +35,7 @@ def image_errors(
     columns. The sums: edge error, edge samples, silhouette error, silhouette samples; samples
     outside the image, and cones with a corner that has no image, count nothing.
     """
-    corners = outlines(camera, cones)
+    corners = project_outlines(camera, cones)
     sums = np.zeros((*cones.shape[:2], 4))
     for c, (rows, columns) in enumerate(sampling):
         t = ((np.arange(rows) + 0.5) / rows)[:, None, None]
@@ -77,7 +77,7 @@ def surface_errors(points: np.ndarray, cones: np.ndarray, scale: float) -> np.nd
         return np.ones(len(cones))
     errors = []
     for particle in cones:
-        nearest = np.abs(distances(points, particle)).min(1)
+        nearest = np.abs(cone_distances(points, particle)).min(1)
         errors.append(np.mean(nearest**2 / (nearest**2 + scale**2)))
     return np.array(errors)
 

@@ -1,4 +1,4 @@
-"""The start of a calibration from a board, whose pose is known from each picture of it."""
+"""Initialise a calibration from a board, whose pose follows from each single picture of it."""
 
 from __future__ import annotations
 
@@ -8,91 +8,107 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from psfs.calibration.scene import Scene, errors, moved, placed, rigid
-from psfs.calibration.start.placing import chained
-from psfs.calibration.targets.target import Sighting, Target, by_frame
+from psfs.calibration.scene import (
+    CalibrationScene,
+    place_camera,
+    reprojection_errors,
+    rigid_transform,
+    transform_points,
+)
+from psfs.calibration.start.placing import chain_poses
+from psfs.calibration.targets.target import Sighting, Target, group_by_frame
 from psfs.cameras.camera import Camera
 
-#: Frames of a pair of cameras from which its relative pose is proposed.
+#: Most frames of a camera pair that propose its relative pose.
 _PROPOSALS = 24
-#: px of error per picture with which a pose is taken without looking for a better one.
-_FITS = 1.0
+#: Error per picture, px, below which a proposed pose is accepted without trying the others.
+_GOOD_ENOUGH_PX = 1.0
 
 
-def board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray:
-    """Return the board's pose (4, 4), board to camera: the better of the two that a plane allows
-    (cv2.SOLVEPNP_IPPE), refined."""
+def estimate_board_pose(camera: Camera, target: Target, sighting: Sighting) -> np.ndarray:
+    """Estimate the board's pose (4, 4), board to camera.
+
+    The better of a plane's two solutions (cv2.SOLVEPNP_IPPE), refined.
+    """
     points = np.ascontiguousarray(target.points[sighting.ids])
     pixels = np.ascontiguousarray(sighting.pixels)
     known = points, pixels, camera.K, camera.distortion
     _, turns, shifts, _ = cv2.solvePnPGeneric(*known, flags=cv2.SOLVEPNP_IPPE)
     turn, shift = cv2.solvePnPRefineLM(*known, turns[0], shifts[0])
-    return rigid(turn, shift)
+    return rigid_transform(turn, shift)
 
 
-def board_scene(
+def place_cameras_by_board(
     cameras: Sequence[Camera],
     target: Target,
     sightings: Sequence[Sighting],
     pairs: Sequence[tuple[int, int]],
-) -> tuple[Scene, list[Sighting]]:
-    """Return cameras, placed along the `pairs`, and the board's poses; and the sightings with
-    their points in the order that fits."""
+) -> tuple[CalibrationScene, list[Sighting]]:
+    """Place the cameras along the `pairs` and estimate the board's poses.
+
+    Returns them with the sightings, their points in the order that fits.
+    """
     seen = {(s.frame, s.view): s for s in sightings}
-    poses = {key: board_pose(cameras[s.view], target, s) for key, s in seen.items()}
-    relative = {pair: _relative(pair, cameras, target, seen, poses) for pair in pairs}
-    places = chained(pairs, relative)
-    rig = tuple(placed(camera, places[view]) for view, camera in enumerate(cameras))
+    poses = {key: estimate_board_pose(cameras[s.view], target, s) for key, s in seen.items()}
+    relative = {pair: _estimate_relative_pose(pair, cameras, target, seen, poses) for pair in pairs}
+    places = chain_poses(pairs, relative)
+    rig = tuple(place_camera(camera, places[view]) for view, camera in enumerate(cameras))
     found: dict[int, np.ndarray] = {}
     ordered: list[Sighting] = []
-    for frame, here in by_frame(sightings).items():
+    for frame, here in group_by_frame(sightings).items():
         proposed = [np.linalg.inv(places[s.view]) @ poses[frame, s.view] for s in here]
-        found[frame], fitting = best_pose(rig, target, here, proposed)
+        found[frame], fitting = choose_best_pose(rig, target, here, proposed)
         ordered += fitting
-    return Scene(rig, found), ordered
+    return CalibrationScene(rig, found), ordered
 
 
-def best_pose(
+def choose_best_pose(
     rig: Sequence[Camera],
     target: Target,
     sightings: Sequence[Sighting],
     proposed: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, list[Sighting]]:
-    """Return the one of the proposed poses (4, 4) that fits a frame's sightings best, and these
-    with their points in the order that fits it."""
+    """Choose the proposed pose (4, 4) that fits a frame's sightings best.
+
+    Returns it with the sightings, their points in the order that fits it.
+    """
     best: tuple[float, np.ndarray, list[Sighting]] | None = None
     for pose in proposed:
-        scene = Scene(tuple(rig), {sightings[0].frame: pose})
+        scene = CalibrationScene(tuple(rig), {sightings[0].frame: pose})
         fitting, cost = [], 0.0
         for sighting in sightings:
-            choices = [sighting.ordered(order) for order in target.orders]
-            off = [float(np.median(errors(scene, target, choice))) for choice in choices]
+            choices = [sighting.reorder(order) for order in target.orders]
+            off = [
+                float(np.median(reprojection_errors(scene, target, choice))) for choice in choices
+            ]
             fitting.append(choices[int(np.argmin(off))])
-            cost += min(min(off), 100.0)  # one camera that is far off does not decide
+            cost += min(min(off), 100.0)  # one camera with a large error must not decide
         if best is None or cost < best[0]:
             best = cost, pose, fitting
-        if cost < _FITS * len(sightings):
+        if cost < _GOOD_ENOUGH_PX * len(sightings):
             break
     assert best is not None
     return best[1], best[2]
 
 
-def _relative(
+def _estimate_relative_pose(
     pair: tuple[int, int],
     cameras: Sequence[Camera],
     target: Target,
     seen: Mapping[tuple[int, int], Sighting],
     poses: Mapping[tuple[int, int], np.ndarray],
 ) -> np.ndarray:
-    """Return the motion (4, 4) from the first camera of a pair to the second: of those that single
-    frames propose, the one with the least median error in all of them."""
+    """Estimate the transform (4, 4) from the first camera of a pair to the second.
+
+    Every chosen frame proposes one; the one with the least median error over all frames is taken.
+    """
     a, b = pair
     frames = [frame for frame, view in seen if view == a and (frame, b) in seen]
     picked = np.unique(np.linspace(0, len(frames) - 1, _PROPOSALS).round().astype(int))
     proposals = []
     for frame in (frames[k] for k in picked):
         for order in target.orders:
-            pose = poses[frame, b] @ np.linalg.inv(_symmetry(target, order))
+            pose = poses[frame, b] @ np.linalg.inv(_symmetry_transform(target, order))
             proposals.append(pose @ np.linalg.inv(poses[frame, a]))
     camera = replace(cameras[b], R=np.eye(3), t=np.zeros(3))
 
@@ -102,7 +118,7 @@ def _relative(
             board = motion @ poses[frame, a]
             least = np.inf
             for order in target.orders:
-                points = moved(board, target.points[order[seen[frame, b].ids]])
+                points = transform_points(board, target.points[order[seen[frame, b].ids]])
                 pixels, _ = camera.project(points)
                 away = np.linalg.norm(pixels - seen[frame, b].pixels, axis=-1)
                 least = min(least, float(np.median(away)))
@@ -112,10 +128,10 @@ def _relative(
     return min(proposals, key=cost)
 
 
-def _symmetry(target: Target, order: np.ndarray) -> np.ndarray:
-    """Return the motion (4, 4) that takes each of the target's points k to point order[k]."""
+def _symmetry_transform(target: Target, order: np.ndarray) -> np.ndarray:
+    """Return the transform (4, 4) that takes each of the target's points k to point order[k]."""
     before, after = target.points, target.points[order]
     U, _, Vt = np.linalg.svd((before - before.mean(0)).T @ (after - after.mean(0)))
     flip = np.diag([1, 1, np.linalg.det(Vt.T @ U.T)])
     R = Vt.T @ flip @ U.T
-    return rigid(R, after.mean(0) - R @ before.mean(0))
+    return rigid_transform(R, after.mean(0) - R @ before.mean(0))

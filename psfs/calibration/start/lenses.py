@@ -1,4 +1,4 @@
-"""Intrinsics of a camera from pictures of a board, or none yet."""
+"""Estimate a camera's intrinsics from pictures of a board, or assume usual ones."""
 
 from __future__ import annotations
 
@@ -11,49 +11,55 @@ import numpy as np
 from psfs.calibration.targets.target import Sighting, Target
 from psfs.cameras.camera import Camera
 
-#: Focal length of a camera of which nothing is known, of the longer side of its picture.
-_USUAL = 1.1
-#: Focal lengths, of the longer side, beyond which pictures of a board did not tell it.
-_FOCALS = (0.3, 10.0)
-#: Pictures of the board that are used, and below which the lens is taken to be plain.
+#: Default focal length of an unknown camera, in units of the longer side of its picture.
+_DEFAULT_FOCAL = 1.1
+#: Range of plausible focal lengths, in longer sides; outside it the estimate is rejected.
+_FOCAL_RANGE = (0.3, 10.0)
+#: Most pictures of the board that are used; with fewer than the second number, a simple lens is
+#: assumed.
 _MOST, _FEW = 40, 4
-#: Times the median error of a picture that is left out.
-_OFF = 3.0
+#: A picture is left out if its error exceeds this times the median.
+_MAX_RELATIVE_ERROR = 3.0
 
 
-def usual_camera(name: str, size: tuple[int, int], focal: float = _USUAL) -> Camera:
-    """Return a camera at the origin whose focal length is `focal` of the longer side, without
-    distortion."""
+def default_camera(name: str, size: tuple[int, int], focal: float = _DEFAULT_FOCAL) -> Camera:
+    """Return a camera at the origin without distortion; focal: in units of the longer side."""
     f = focal * max(size)
     K = np.array([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1.0]])
     return Camera(name, K, np.zeros(5), np.eye(3), np.zeros(3), size)
 
 
-def camera_from_boards(
+def estimate_camera_from_boards(
     name: str, size: tuple[int, int], target: Target, sightings: Sequence[Sighting]
 ) -> Camera:
-    """Return the camera that sees the board so (cv2.calibrateCamera; k1 k2 p1 p2); the usual one
-    where the pictures do not tell."""
-    usual = usual_camera(name, size)
+    """Estimate a camera from pictures of the board (cv2.calibrateCamera; k1 k2 p1 p2).
+
+    Returns the default camera if the pictures do not determine it.
+    """
+    usual = default_camera(name, size)
     picked = np.unique(np.linspace(0, len(sightings) - 1, _MOST).round().astype(int))
     chosen = [sightings[k] for k in picked] if sightings else []
     if len(chosen) < 3:
         return usual
     try:
-        K, lens, off = _calibrated(size, target, chosen)
-        sound = off < max(_OFF * float(np.median(off)), 1.0)  # false detections bend the lens
+        K, lens, off = _calibrate(size, target, chosen)
+        sound = off < max(
+            _MAX_RELATIVE_ERROR * float(np.median(off)), 1.0
+        )  # false detections spoil the lens
         if 3 <= sound.sum() < len(chosen):
             chosen = [sighting for sighting, good in zip(chosen, sound, strict=True) if good]
-            K, lens, _ = _calibrated(size, target, chosen)
-    except cv2.error:  # of boards that are all parallel to the picture
+            K, lens, _ = _calibrate(size, target, chosen)
+    except cv2.error:  # all boards are parallel to the picture
         return usual
     focal = np.array([K[0, 0], K[1, 1]]) / max(size)
-    if not (np.isfinite(K).all() and focal.min() > _FOCALS[0] and focal.max() < _FOCALS[1]):
+    if not (
+        np.isfinite(K).all() and focal.min() > _FOCAL_RANGE[0] and focal.max() < _FOCAL_RANGE[1]
+    ):
         return usual
     return Camera(name, K, lens[:5], np.eye(3), np.zeros(3), size)
 
 
-def _calibrated(
+def _calibrate(
     size: tuple[int, int], target: Target, sightings: Sequence[Sighting]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return K (3, 3), distortion (5,) and every picture's error, px."""

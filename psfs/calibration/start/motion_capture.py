@@ -1,4 +1,4 @@
-"""Markers whose places a motion-capture system measured (C3D): cameras in its frame."""
+"""Place cameras by markers whose positions a motion-capture system measured (C3D)."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import cv2
 import numpy as np
 
 from cl import InputError, MissingFileError
-from psfs.calibration.scene import Scene, placed, rigid
-from psfs.calibration.start.board import best_pose
-from psfs.calibration.targets.target import Sighting, Target, by_view, wand
+from psfs.calibration.scene import CalibrationScene, place_camera, rigid_transform
+from psfs.calibration.start.board import choose_best_pose
+from psfs.calibration.targets.target import Sighting, Target, group_by_view, make_wand
 from psfs.cameras.camera import Camera
 from psfs.cameras.names import listed
 from psfs.cameras.units import metres_per_unit
 
-#: Focal lengths that are tried where none is known, of the longer side of the picture.
+#: Focal lengths to try for an unknown lens, in longer sides of the picture.
 _FOCALS = np.geomspace(0.5, 3.0, 25)
-#: Errors of points that agree with a place, px, and of those that nearly agree with a guessed lens.
-_AGREES, _NEARLY = 4.0, 15.0
-#: Frames of which a camera must see the markers.
+#: Inlier thresholds, px: with a known lens, and with a guessed one.
+_INLIER_PX, _GUESSED_LENS_INLIER_PX = 4.0, 15.0
+#: Fewest frames in which a camera must see the markers.
 _FEWEST = 6
 
 
-def measured_wand(
+def read_measured_wand(
     path: Path, markers: Sequence[str] | None, frames: Sequence[int], fps: float, begins: float
 ) -> Target:
-    """Return the wand with the places, m, that a C3D file gives its markers in the frames.
+    """Read the positions, m, of the wand's markers in the frames from a C3D file.
 
-    markers: their names along the wand; all of the file where there are two or three. fps: frames
-    per second of the pictures; begins: s after the first of them at which the file does. Raises
-    InputError for a file that is no C3D, or has not these markers.
+    markers: their names along the wand; default: all of the file, if two or three. fps: frames per
+    second of the pictures. begins: time of the file's start after the first picture, s. Raises
+    InputError if the file is not C3D or lacks these markers.
     """
-    names, points, rate, unit = _read(path)
+    names, points, rate, unit = _read_c3d(path)
     chosen = list(markers) if markers is not None else names
     missing = [name for name in chosen if name not in names]
     if missing or not 2 <= len(chosen) <= 3:
@@ -62,12 +62,12 @@ def measured_wand(
             f"{listed(chosen)} at the time of no picture; expected some"
         )
     lengths = np.linalg.norm(np.diff(np.stack(list(known.values())), axis=1), axis=-1)
-    return replace(wand([float(length) for length in np.median(lengths, axis=0)]), known=known)
+    return replace(make_wand([float(length) for length in np.median(lengths, axis=0)]), known=known)
 
 
-def _read(path: Path) -> tuple[list[str], np.ndarray, float, str]:
-    """Return names, points (F, P, 3), NaN where missing, rate and unit of a C3D file."""
-    import ezc3d  # takes a while to load
+def _read_c3d(path: Path) -> tuple[list[str], np.ndarray, float, str]:
+    """Read names, points (F, P, 3) with NaN where missing, rate and unit from a C3D file."""
+    import ezc3d  # slow to import
 
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file; expected a C3D file")
@@ -86,35 +86,41 @@ def _read(path: Path) -> tuple[list[str], np.ndarray, float, str]:
     return names, points, rate, unit
 
 
-def scene_in_frame(
+def place_cameras_by_markers(
     cameras: Sequence[Camera],
     target: Target,
     sightings: Sequence[Sighting],
     lenses_known: bool,
-) -> tuple[Scene, list[Sighting]]:
-    """Return the cameras in the frame of the measured markers; and the sightings with their points
-    in the order that fits. Raises InputError for a camera that does not see enough of them."""
+) -> tuple[CalibrationScene, list[Sighting]]:
+    """Place the cameras in the frame of the measured markers.
+
+    Returns them with the sightings, their points in the order that fits. Raises InputError for a
+    camera that does not see enough of the markers.
+    """
     assert target.known is not None
     rig = []
-    for camera, own in zip(cameras, by_view(sightings, len(cameras)), strict=True):
+    for camera, own in zip(cameras, group_by_view(sightings, len(cameras)), strict=True):
         if len(own) < _FEWEST:
             raise InputError(
                 f"too few views: {camera.name} sees the measured markers in {len(own)} frames; "
                 f"expected {_FEWEST} or more"
             )
-        rig.append(_placed(camera, target, own, lenses_known))
+        rig.append(_place_by_markers(camera, target, own, lenses_known))
     poses = {frame: np.eye(4) for frame in target.known}
     ordered = []
     for sighting in sightings:
-        ordered += best_pose(rig, target, [sighting], [np.eye(4)])[1]
-    return Scene(tuple(rig), poses), ordered
+        ordered += choose_best_pose(rig, target, [sighting], [np.eye(4)])[1]
+    return CalibrationScene(tuple(rig), poses), ordered
 
 
-def _placed(
+def _place_by_markers(
     camera: Camera, target: Target, sightings: Sequence[Sighting], lens_known: bool
 ) -> Camera:
-    """Return the camera where most of the markers agree with it, by RANSAC over the orders in which
-    it may have taken them; of an unknown lens, with the focal length of the best."""
+    """Place a camera where most markers agree with it, by RANSAC over the possible orders of
+    points.
+
+    Of an unknown lens the focal length with most inliers is taken.
+    """
     assert target.known is not None
     points = np.concatenate(
         [target.known[s.frame][order] for s in sightings for order in target.orders]
@@ -130,10 +136,11 @@ def _placed(
         cv2.setRNGSeed(0)
         found, turn, shift, inliers = cv2.solvePnPRansac(
             points, pixels, tried.K, tried.distortion, iterationsCount=500, confidence=0.9999,
-            reprojectionError=_AGREES if lens_known else _NEARLY, flags=cv2.SOLVEPNP_SQPNP,
+            reprojectionError=_INLIER_PX if lens_known else _GUESSED_LENS_INLIER_PX,
+            flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
         if found and inliers is not None and (best is None or len(inliers) > best[0]):
-            best = len(inliers), placed(tried, rigid(turn, shift))
+            best = len(inliers), place_camera(tried, rigid_transform(turn, shift))
     if best is None or best[0] < len(sightings):
         raise InputError(
             f"the markers that {camera.name} sees are not where the C3D file has them; expected "

@@ -1,4 +1,4 @@
-"""Places of the cameras from the target that pairs of them see together, as a start."""
+"""Place the cameras from pairs that see the target together."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from cl import InputError
-from psfs.calibration.targets.target import Sighting, by_frame
+from psfs.calibration.targets.target import Sighting, group_by_frame
 
 Pair = tuple[int, int]
 
 
-def shared_frames(sightings: Sequence[Sighting], views: int) -> np.ndarray:
-    """Return in how many frames two cameras see the target together (V, V); alone on the
-    diagonal."""
+def count_shared_frames(sightings: Sequence[Sighting], views: int) -> np.ndarray:
+    """Count the frames in which two cameras see the target together (V, V); diagonal: one camera
+    alone."""
     counts = np.zeros((views, views), int)
-    for found in by_frame(sightings).values():
+    for found in group_by_frame(sightings).values():
         here = [sighting.view for sighting in found]
         counts[np.ix_(here, here)] += 1
     return counts
 
 
 def check_linked(counts: np.ndarray, fewest: int, names: Sequence[str], what: str) -> None:
-    """Raise InputError unless all cameras are linked by pairs that share `fewest` frames with the
-    target, `what`."""
+    """Raise InputError unless pairs that share `fewest` frames with the target link all cameras."""
     shared = counts - np.diag(np.diag(counts))
     groups, group = connected_components(csr_matrix(shared >= fewest), directed=False)
     if groups == 1:
@@ -55,9 +54,12 @@ def check_linked(counts: np.ndarray, fewest: int, names: Sequence[str], what: st
     )
 
 
-def spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
-    """Return pairs of cameras (known, new) that lead from one camera to all others: a tree with as
-    many shared frames as can be. The first pair begins at the camera that shares most."""
+def find_spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
+    """Return pairs of cameras (known, new) that form a tree over all cameras with most shared
+    frames.
+
+    The first pair begins at the camera that shares most.
+    """
     shared = np.where(counts >= fewest, counts, 0)
     np.fill_diagonal(shared, 0)
     weights = np.divide(1.0, shared, out=np.zeros(shared.shape), where=shared > 0)
@@ -67,9 +69,13 @@ def spanning_pairs(counts: np.ndarray, fewest: int) -> list[Pair]:
     return [(int(before[view]), int(view)) for view in order[1:]]
 
 
-def chained(pairs: Sequence[Pair], relative: Mapping[Pair, np.ndarray]) -> dict[int, np.ndarray]:
-    """Return the poses (4, 4) of all cameras, the world being that of the first one's. relative:
-    the motion from the known camera of a pair to the new one."""
+def chain_poses(
+    pairs: Sequence[Pair], relative: Mapping[Pair, np.ndarray]
+) -> dict[int, np.ndarray]:
+    """Return the poses (4, 4) of all cameras in the frame of the first one.
+
+    relative: transform from the known camera of a pair to the new one.
+    """
     poses = {pairs[0][0]: np.eye(4)}
     for known, new in pairs:
         poses[new] = relative[known, new] @ poses[known]

@@ -1,4 +1,4 @@
-"""Readers for calibration files, one small module per format."""
+"""Read camera calibrations: one module per file format."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from pathlib import Path
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration.camera_files import SUFFIXES, read_camera_files
 from psfs.cameras.calibration.colmap import read_colmap
-from psfs.cameras.calibration.common import Calibration, Size, Sizes, naming, read_text
+from psfs.cameras.calibration.common import Calibration, Size, Sizes, name_file_in_errors, read_text
 from psfs.cameras.calibration.filestorage import read_easymocap, read_filestorage
-from psfs.cameras.calibration.handedness import LEFT_HANDED, check_one_world, handedness
+from psfs.cameras.calibration.handedness import (
+    LEFT_HANDED,
+    check_same_handedness,
+    record_handedness,
+)
 from psfs.cameras.calibration.humaneva import read_humaneva
 from psfs.cameras.calibration.matlab import read_matlab
 from psfs.cameras.calibration.middlebury import read_middlebury
@@ -44,9 +48,9 @@ __all__ = [
 ]
 
 _STORAGE = (".xml", ".yml", ".yaml", ".json")
-#: Beginnings of names of text files that are no cameras.
+#: Text files whose names begin like this hold no cameras.
 _NO_CAMERAS = ("readme", "license", "sequence", "settings", "original_readme")
-#: Names by which a calibration is looked for inside a folder, the surest first.
+#: Usual names of a calibration inside a folder, the most specific pattern first.
 _PATTERNS = (
     "calibration.toml",
     "[Cc]alib*.toml",
@@ -70,9 +74,9 @@ _PATTERNS = (
 
 
 def find_calibration(folder: Path) -> Path | None:
-    """Return the calibration file or folder inside `folder` by its usual names, or None.
+    """Find the calibration file or folder inside `folder` by its usual names; None without one.
 
-    Raises InputError when several have equal claims.
+    Raises InputError when one pattern matches several.
     """
     for pattern in _PATTERNS:
         found = sorted(folder.glob(pattern.rstrip("/")))
@@ -92,19 +96,19 @@ def find_calibration(folder: Path) -> Path | None:
 def read_calibration(
     path: str | Path, unit: Unit | None = None, sizes: Sizes = None
 ) -> Calibration:
-    """Return the cameras of a calibration file or folder, its format recognised, in metres.
+    """Read a calibration file or folder of any supported format, converted to metres.
 
-    unit: what the numbers mean, for files that do not say; else the format's own. sizes:
-    picture sizes where the file has none. The axes stay as in the file. Raises InputError
-    naming the file, what was found and what was expected; MissingFileError if there is none.
+    unit: length unit of a file that does not state its own; None: the usual one of the format.
+    sizes: picture sizes, for files without them. The axes stay as in the file. Raises InputError
+    with the file, what was found and what was expected; MissingFileError if there is no file.
     """
     path = Path(path)
     if not path.exists():
         raise MissingFileError(f"{path}: no such calibration file")
-    with handedness() as left:
+    with record_handedness() as left:
         rig = _read(path, unit, sizes)
-    with naming(path):
-        check_one_world(left)
+    with name_file_in_errors(path):
+        check_same_handedness(left)
     return replace(rig, notes=(*rig.notes, LEFT_HANDED)) if any(left) else rig
 
 
@@ -149,11 +153,11 @@ def _holds_cameras(folder: Path) -> bool:
 
 
 def _camera_files(folder: Path) -> list[Path]:
-    """Return the files of one camera each in a folder, in natural order of their names."""
+    """List the files in a folder that hold one camera each, in natural order of their names."""
     suffixes = (".cal", *TSAI, *_STORAGE, *SUFFIXES)
     files = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
     files = [path for path in files if not path.stem.lower().startswith(_NO_CAMERAS)]
-    if any(path.suffix.lower() == ".pa" for path in files):  # among pictures and other things
+    if any(path.suffix.lower() == ".pa" for path in files):  # beside pictures and other files
         files = [path for path in files if path.suffix.lower() == ".pa"]
     return sorted(files, key=lambda path: natural_key(path.name))
 

@@ -1,6 +1,7 @@
-"""A text file per camera, or per image (`.txt`, `.pa`, `.krt`, `.krtd`, `.cam`), of numbers only:
-K (9), R (9), t (3) and perhaps the distortion; K (9) and [R | t] (3x4 or 4x4); or a projection
-matrix (3x4). Words at the beginning (`CONTOUR`) and lines from `#` on are passed over.
+"""Read text files of numbers, one per camera or per image (`.txt`, `.pa`, `.krt`, `.krtd`, `.cam`).
+
+A file holds K (9), R (9), t (3) and optionally the distortion; or K (9) and [R | t] (3x4 or 4x4);
+or a projection matrix (3x4). Leading words (`CONTOUR`) and comments after `#` are ignored.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    numbers,
+    build_rig,
+    name_file_in_errors,
+    parse_numbers,
+    parse_rotation,
     read_text,
-    rig_of,
-    rotation_matrix,
 )
-from psfs.cameras.calibration.projections import decomposed, facing
+from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
 from psfs.cameras.camera import Camera
 from psfs.cameras.units import Unit
 
@@ -34,21 +35,25 @@ def read_camera_files(
 ) -> Calibration:
     """Read one camera per path, named after the file. Metres unless `unit` says otherwise."""
     by_name = {path.stem: path for path in paths}
-    values = {name: _values(path) for name, path in by_name.items()}
+    values = {name: _read_numbers(path) for name, path in by_name.items()}
 
     def camera(name: str, size: Size) -> Camera:
-        with naming(by_name[name]):
-            return camera_of(name, values[name], size)
+        with name_file_in_errors(by_name[name]):
+            return build_camera(name, values[name], size)
 
-    rig = rig_of(list(by_name), sizes, camera, unit, default="m")
-    return facing(rig) if all(len(rows.ravel()) == 12 for rows in values.values()) else rig
+    rig = build_rig(list(by_name), sizes, camera, unit, default="m")
+    return (
+        mirror_if_facing_away(rig)
+        if all(len(rows.ravel()) == 12 for rows in values.values())
+        else rig
+    )
 
 
-def camera_of(name: str, values: np.ndarray, size: Size) -> Camera:
-    """Return the camera of 12, 21, 25, or more numbers. Raises InputError for other counts."""
+def build_camera(name: str, values: np.ndarray, size: Size) -> Camera:
+    """Build a camera from 12, 21, 25 or more numbers. Raises InputError for other counts."""
     count = values.size
     if count == 12:
-        return decomposed(name, values.reshape(3, 4), size)
+        return decompose_projection(name, values.reshape(3, 4), size)
     if count not in (21, 25) and not 23 <= count <= 21 + 14:
         raise InputError(f"{count} numbers; {_WANTED}")
     K, rest = values[:9].reshape(3, 3), values[9:]
@@ -62,7 +67,7 @@ def camera_of(name: str, values: np.ndarray, size: Size) -> Camera:
     else:
         joint = np.column_stack([rest[:9].reshape(3, 3), rest[9:12]])
         distortion = rest[12:]
-    R = rotation_matrix(joint[:, :3], f"camera {name}: R")
+    R = parse_rotation(joint[:, :3], f"camera {name}: R")
     return Camera(name, K / K[2, 2], distortion, R, joint[:, 3], size)
 
 
@@ -70,14 +75,14 @@ def _is_rotation(R: np.ndarray) -> bool:
     return bool(np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
 
-def _values(path: Path) -> np.ndarray:
-    """Return all numbers (N,) of a file."""
+def _read_numbers(path: Path) -> np.ndarray:
+    """Read all numbers (N,) of a file."""
     lines = [line.split("#")[0].replace(",", " ").split() for line in read_text(path).splitlines()]
     words = [word.strip("[];") for line in lines for word in line]
     while words and not _is_number(words[0]):
         words.pop(0)
-    with naming(path):
-        return numbers([word for word in words if word], "a camera")
+    with name_file_in_errors(path):
+        return parse_numbers([word for word in words if word], "a camera")
 
 
 def _is_number(word: str) -> bool:

@@ -1,8 +1,9 @@
-"""COLMAP's text model: `cameras.txt` (CAMERA_ID MODEL WIDTH HEIGHT PARAMS...) and `images.txt`
-(IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points), world to camera.
+"""Read COLMAP's text model.
 
-COLMAP's pixel centres lie at 0.5: half a pixel is taken off the principal point. Every image is a
-camera of its own, named after its file, or its folder where each folder has one image.
+`cameras.txt` has lines CAMERA_ID MODEL WIDTH HEIGHT PARAMS...; `images.txt` has lines IMAGE_ID QW
+QX QY QZ TX TY TZ CAMERA_ID NAME (world to camera), each followed by a line of points. COLMAP puts
+pixel centres at 0.5, so half a pixel is subtracted from the principal point. Every image is a
+camera of its own, named after its file, or after its folder if each folder holds one image.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ from scipy.spatial.transform import Rotation
 from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
-    in_metres,
-    naming,
-    numbers,
+    check_whole_size,
+    convert_to_metres,
+    name_file_in_errors,
+    parse_numbers,
     read_text,
-    whole_size,
 )
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import listed, natural_key
 from psfs.cameras.units import Unit
 
-#: Where K's fx, fy, cx, cy and k1, k2, p1, p2, k3 stand among a model's parameters; -1: zero.
+#: Index of fx, fy, cx, cy, k1, k2, p1, p2, k3 among a model's parameters; -1 means zero.
 _MODELS = {
     "SIMPLE_PINHOLE": (0, 0, 1, 2, -1, -1, -1, -1, -1),
     "PINHOLE": (0, 1, 2, 3, -1, -1, -1, -1, -1),
@@ -37,34 +38,36 @@ _MODELS = {
 
 
 def read_colmap(folder: Path, unit: Unit | None = None) -> Calibration:
-    """Read the cameras of the images in natural order of their names. COLMAP has no unit: metres
-    unless `unit` says otherwise."""
-    with naming(folder / "cameras.txt"):
+    """Read one camera per image, in natural order of their names.
+
+    COLMAP states no unit: metres unless `unit` says otherwise.
+    """
+    with name_file_in_errors(folder / "cameras.txt"):
         lines = [line.split() for line in _lines(folder / "cameras.txt") if line.strip()]
         intrinsics = {words[0]: _intrinsics(words) for words in lines}
-    with naming(folder / "images.txt"):
+    with name_file_in_errors(folder / "images.txt"):
         images = [line.split(maxsplit=9) for line in _lines(folder / "images.txt")[::2]]
         images = [words for words in images if words]
         if not images or any(len(words) != 10 for words in images):
             raise InputError("expected lines IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
-        names = camera_names([words[9] for words in images])
+        names = name_cameras([words[9] for words in images])
         cameras = []
         for name, words in zip(names, images, strict=True):
             if words[8] not in intrinsics:
                 raise InputError(f"image {name}: no camera {words[8]}; cameras.txt has "
                                  f"{listed(intrinsics)}")  # fmt: skip
             size, K, distortion = intrinsics[words[8]]
-            pose = numbers(words[1:8], f"image {name}")
+            pose = parse_numbers(words[1:8], f"image {name}")
             if not np.linalg.norm(pose[:4]) > 0:
                 raise InputError(f"image {name}: the quaternion is zero; expected a rotation")
             R = Rotation.from_quat(pose[[1, 2, 3, 0]]).as_matrix()
             cameras.append(Camera(name, K, distortion, R, pose[4:], size))
         cameras.sort(key=lambda camera: natural_key(camera.name))
-        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
-def camera_names(paths: list[str]) -> list[str]:
-    """Return a name for each image's camera: its folder's where those differ, else its own."""
+def name_cameras(paths: list[str]) -> list[str]:
+    """Name each image's camera after its folder if the folders differ, else after its file."""
     folders = [PurePosixPath(path).parent.name for path in paths]
     if all(folders) and len(set(folders)) == len(folders) > 1:
         return folders
@@ -79,7 +82,7 @@ def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarr
     if len(words) < 4 or words[1] not in _MODELS:
         model = words[1] if len(words) > 1 else "nothing"
         raise InputError(f"camera model {model}; expected one of {listed(_MODELS)}")
-    values = numbers(words[2:], f"camera {words[0]}")
+    values = parse_numbers(words[2:], f"camera {words[0]}")
     places, parameters = _MODELS[words[1]], values[2:]
     if parameters.size <= max(places):
         raise InputError(f"camera {words[0]}: {parameters.size} parameters for {words[1]}")
@@ -87,5 +90,5 @@ def _intrinsics(words: list[str]) -> tuple[tuple[int, int], np.ndarray, np.ndarr
         raise InputError(f"camera {words[0]}: rational distortion; expected k1 k2 p1 p2 k3 alone")
     fx, fy, cx, cy, *distortion = (parameters[place] if place >= 0 else 0.0 for place in places)
     K = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
-    size = whole_size(values[0], values[1], f"camera {words[0]}")
+    size = check_whole_size(values[0], values[1], f"camera {words[0]}")
     return size, K, np.array(distortion)

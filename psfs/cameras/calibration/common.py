@@ -1,4 +1,4 @@
-"""What the calibration readers share."""
+"""Parse numbers, rotations, sizes and units for all calibration readers."""
 
 from __future__ import annotations
 
@@ -12,37 +12,39 @@ import cv2
 import numpy as np
 
 from cl import InputError
-from psfs.cameras.calibration.handedness import right_handed
+from psfs.cameras.calibration.handedness import make_right_handed
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.cameras.units import Unit, metres_per_unit, scaled_rig
+from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
 
 Size = tuple[int, int]
-#: Picture sizes (width, height) for files that lack them: one for all, one per camera name, or
-#: a function from all the names to their sizes.
+#: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,
+#: or a function from all names to their sizes.
 Sizes = Size | Mapping[str, Size] | Callable[[Sequence[str]], Sequence[Size]] | None
 
-#: Of a calibration: those of 64 cameras take less than 100 kB.
+#: Largest calibration file that is read; one of 64 cameras takes less than 100 kB.
 MOST_BYTES = 4 * 2**20
-#: Numbers that a value has, at most; a camera's distortion is the longest.
+#: Most numbers in one value; the longest value is the distortion.
 _MOST_NUMBERS = 64
 
-#: Deviations of R from a rotation up to this are rounding in the file, and are mended.
+#: Up to this deviation from a rotation, R is taken for a rounded rotation and corrected.
 ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(CameraRig):
-    """A rig as a file gave it, in metres. unit: what the file's numbers were taken for. notes: what
-    was guessed, or mended."""
+    """A camera rig as read from a file, in metres.
+
+    unit: length unit assumed for the file's numbers. notes: remarks on guesses and corrections.
+    """
 
     unit: Unit = "m"
     notes: tuple[str, ...] = ()
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before every InputError raised inside; its class stays."""
+def name_file_in_errors(path: Path) -> Iterator[None]:
+    """Put the file's name before the text of every InputError raised inside; keep its class."""
     try:
         yield
     except InputError as error:
@@ -50,13 +52,13 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
+    """Read the text of a file. Raises InputError naming it, MissingFileError if it is absent."""
     text: str = files.read_text(path, "a calibration", MOST_BYTES)
     return text
 
 
-def numbers(words: Sequence[str], what: str) -> np.ndarray:
-    """Return the words as float64. Raises InputError naming the first that is no number."""
+def parse_numbers(words: Sequence[str], what: str) -> np.ndarray:
+    """Convert words to float64. Raises InputError naming the first that is not a number."""
     values = []
     for word in words:
         try:
@@ -67,8 +69,8 @@ def numbers(words: Sequence[str], what: str) -> np.ndarray:
     return np.array(values)
 
 
-def array(value: Any, count: int | None, what: str) -> np.ndarray:
-    """Return `value` as `count` finite float64 numbers; None for any number of them."""
+def parse_array(value: Any, count: int | None, what: str) -> np.ndarray:
+    """Convert `value` to `count` finite float64 numbers; count None: any number of them."""
     shown = repr(value) if len(repr(value)) < 100 else f"{repr(value)[:100]}..."
     try:
         plain = np.asarray(value)
@@ -84,33 +86,35 @@ def array(value: Any, count: int | None, what: str) -> np.ndarray:
     return flat
 
 
-def whole_size(width: float, height: float, what: str) -> Size:
+def check_whole_size(width: float, height: float, what: str) -> Size:
     """Return the size of a picture, px. Raises InputError unless both are whole numbers."""
     if width != int(width) or height != int(height):
         raise InputError(f"{what} is {width:g} x {height:g}; expected whole numbers of pixels")
     return int(width), int(height)
 
 
-def rotation_matrix(value: Any, what: str) -> np.ndarray:
-    """Return (3, 3) from a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major).
+def parse_rotation(value: Any, what: str) -> np.ndarray:
+    """Convert a Rodrigues vector (3 numbers) or a matrix (9 numbers, row-major) to R (3, 3).
 
-    A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); others are
-    passed on for `Camera` to refuse. One of a left-handed world is mended, see `right_handed`.
+    A matrix within `ROUNDING` of a rotation becomes the nearest rotation (by SVD); any other is
+    returned unchanged, for `Camera` to reject. `make_right_handed` mirrors that of a left-handed
+    world.
     """
-    flat = array(value, None, what)
+    flat = parse_array(value, None, what)
     if flat.size == 3:
-        return right_handed(cv2.Rodrigues(flat)[0])  # so that mixed worlds are noticed
+        # A Rodrigues vector is right-handed: this records it, so that mixed worlds are noticed.
+        return make_right_handed(cv2.Rodrigues(flat)[0])
     if flat.size != 9:
         raise InputError(f"{what} has {flat.size} numbers; expected 3 (Rodrigues) or 9 (a matrix)")
     R = flat.reshape(3, 3)
     if np.abs(R @ R.T - np.eye(3)).max() < ROUNDING:
         left, _, right = np.linalg.svd(R)
-        R = right_handed(left @ right)
+        R = make_right_handed(left @ right)
     return R
 
 
-def sizes_for(names: Sequence[str], sizes: Sizes) -> list[Size]:
-    """Return the size of each named camera. Raises InputError where it is not known."""
+def find_sizes(names: Sequence[str], sizes: Sizes) -> list[Size]:
+    """Return the size of each named camera. Raises InputError for a camera without a size."""
     if callable(sizes):
         return list(sizes(names))
     if isinstance(sizes, Mapping):
@@ -123,19 +127,19 @@ def sizes_for(names: Sequence[str], sizes: Sizes) -> list[Size]:
     return [sizes] * len(names)
 
 
-def rig_of(
+def build_rig(
     names: Sequence[str],
     sizes: Sizes,
     camera: Callable[[str, Size], Camera],
     unit: Unit | None,
     default: Unit,
 ) -> Calibration:
-    """Return the rig, in metres, of what `camera(name, size)` makes of each of the names."""
-    pairs = zip(names, sizes_for(names, sizes), strict=True)
-    return in_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
+    """Build a rig in metres from the cameras that `camera(name, size)` returns for each name."""
+    pairs = zip(names, find_sizes(names, sizes), strict=True)
+    return convert_to_metres(CameraRig(tuple(camera(*pair) for pair in pairs)), unit, default)
 
 
-def in_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> Calibration:
-    """Return the rig as read, in `unit` or the format's `default` unit, converted to metres."""
+def convert_to_metres(rig: CameraRig, unit: Unit | None, default: Unit) -> Calibration:
+    """Convert the rig from `unit`, or from the format's `default` unit, to metres."""
     given = default if unit is None else unit
-    return Calibration(scaled_rig(rig, metres_per_unit(given)).cameras, given)
+    return Calibration(scale_rig(rig, metres_per_unit(given)).cameras, given)

@@ -1,4 +1,5 @@
-"""OpenCV FileStorage (xml, yml, json): one file per camera, or EasyMocap's intri.yml + extri.yml.
+"""Read OpenCV FileStorage (xml, yml, json): one file per camera, or EasyMocap's intri.yml +
+extri.yml.
 
 x_cam = R X + T, the rotation as a matrix or a Rodrigues vector.
 """
@@ -19,13 +20,13 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    array,
-    in_metres,
-    naming,
+    check_whole_size,
+    convert_to_metres,
+    find_sizes,
+    name_file_in_errors,
+    parse_array,
+    parse_rotation,
     read_text,
-    rotation_matrix,
-    sizes_for,
-    whole_size,
 )
 from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
 from psfs.cameras.names import listed, natural_key
@@ -50,7 +51,7 @@ _WIDTH, _HEIGHT = (
 )
 
 
-#: Levels of brackets or tags; OpenCV crashes on thousands, and a calibration has four.
+#: Most levels of brackets or tags; OpenCV crashes on thousands, and a calibration has four.
 _DEEPEST = 32
 _MOST_ITEMS = 64
 
@@ -68,13 +69,13 @@ def _check_nesting(text: str, suffix: str) -> None:
 
 
 class Storage:
-    """An open FileStorage. `matrix(names)` looks a matrix up under several names."""
+    """An open FileStorage file whose values are looked up under alternative names."""
 
     def __init__(self, path: Path) -> None:
         text = read_text(path)
         _check_nesting(text, path.suffix.lower())
         try:
-            # From memory: OpenCV crashes on a name that is no UTF-8.
+            # From memory: OpenCV crashes on a file name that is not UTF-8.
             self._storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
             opened = self._storage.isOpened() and self._storage.root().isMap()
             self.keys: list[str] = list(self._storage.root().keys()) if opened else []
@@ -87,26 +88,27 @@ class Storage:
         return next((self._storage.getNode(name) for name in names if name in self.keys), None)
 
     def matrix(self, names: Sequence[str]) -> np.ndarray:
-        """Return the first of `names` that is there, float64. Raises InputError when none is."""
+        """Return the matrix under the first of `names` that exists, float64. Raises InputError if
+        none does."""
         node = self._node(names)
         if node is None:
             raise InputError(f"no {names[0]} among {listed(self.keys)}; expected one of {names}")
         what = f"the value of {names[0]}"
         try:
             if node.isMap():
-                return array(node.mat(), None, what)
+                return parse_array(node.mat(), None, what)
             items = [node.at(i) for i in range(min(node.size(), _MOST_ITEMS + 1))]
         except (cv2.error, SystemError):
-            raise InputError(f"{what} is no matrix; expected numbers") from None
+            raise InputError(f"{what} is not a matrix; expected numbers") from None
         if len(items) > _MOST_ITEMS or not all(item.isReal() or item.isInt() for item in items):
-            raise InputError(f"{what} is no list of numbers; expected a matrix")
-        return array([item.real() for item in items], None, what)
+            raise InputError(f"{what} is not a list of numbers; expected a matrix")
+        return parse_array([item.real() for item in items], None, what)
 
     def strings(self, name: str) -> list[str]:
         node = self._node([name])
         items = [] if node is None else [node.at(i) for i in range(node.size())]
         if len(items) > MOST_CAMERAS or not all(item.isString() for item in items):
-            raise InputError(f"{name} is no list of at most {MOST_CAMERAS} texts")
+            raise InputError(f"{name} is not a list of at most {MOST_CAMERAS} texts")
         return [item.string() for item in items]
 
     def number(self, names: Sequence[str]) -> float | None:
@@ -114,8 +116,8 @@ class Storage:
         if node is None:
             return None
         if not (node.isReal() or node.isInt()):
-            raise InputError(f"{names[0]} is no number; expected pixels")
-        return float(array(node.real(), 1, names[0])[0])
+            raise InputError(f"{names[0]} is not a number; expected pixels")
+        return float(parse_array(node.real(), 1, names[0])[0])
 
 
 def read_filestorage(
@@ -124,51 +126,58 @@ def read_filestorage(
     sizes: Sizes = None,
     names: Sequence[str] | None = None,
 ) -> Calibration:
-    """Read one camera per path, named after its file or by `names`. The format has no unit: metres
-    unless `unit` says otherwise. Sizes come from image_width, image_height where present."""
+    """Read one camera per path, named after its file or by `names`.
+
+    The format states no unit: metres unless `unit` says otherwise. Sizes come from image_width and
+    image_height where present, else from `sizes`.
+    """
     names = list(names or [path.stem for path in paths])
     cameras = []
     for index, (name, path) in enumerate(zip(names, paths, strict=True)):
-        with naming(path):
+        with name_file_in_errors(path):
             storage = Storage(path)
             width, height = storage.number(_WIDTH), storage.number(_HEIGHT)
-            size = whole_size(width, height, "the picture's size") if width and height else None
-            cameras.append(_camera(storage, name, size or sizes_for(names, sizes)[index]))
-    return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+            size = (
+                check_whole_size(width, height, "the picture's size") if width and height else None
+            )
+            cameras.append(_camera(storage, name, size or find_sizes(names, sizes)[index]))
+    return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
 def _camera(storage: Storage, name: str, size: Size) -> Camera:
     return Camera(
         name=name,
-        K=array(storage.matrix(_K), 9, f"camera {name}: camera matrix"),
+        K=parse_array(storage.matrix(_K), 9, f"camera {name}: camera matrix"),
         distortion=storage.matrix(_DISTORTION),
-        R=rotation_matrix(storage.matrix(_ROTATION), f"camera {name}: rotation"),
-        t=array(storage.matrix(_TRANSLATION), 3, f"camera {name}: translation"),
+        R=parse_rotation(storage.matrix(_ROTATION), f"camera {name}: rotation"),
+        t=parse_array(storage.matrix(_TRANSLATION), 3, f"camera {name}: translation"),
         size=size,
     )
 
 
 def read_easymocap(folder: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
-    """Read EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n); metres
-    unless `unit` says otherwise."""
-    with naming(folder / "intri.yml"):
+    """Read EasyMocap's intri.yml (K_n, dist_n) and extri.yml (R_n Rodrigues, Rot_n, T_n).
+
+    Metres unless `unit` says otherwise.
+    """
+    with name_file_in_errors(folder / "intri.yml"):
         intrinsic = Storage(folder / "intri.yml")
         names = intrinsic.strings("names")
         if not names:
             raise InputError("no list `names`; expected EasyMocap's camera names")
-    with naming(folder / "extri.yml"):
+    with name_file_in_errors(folder / "extri.yml"):
         extrinsic = Storage(folder / "extri.yml")
     names.sort(key=natural_key)
     cameras = []
     for index, name in enumerate(names):
-        with naming(folder / "intri.yml"):
-            K = array(intrinsic.matrix([f"K_{name}"]), 9, f"camera {name}: K")
+        with name_file_in_errors(folder / "intri.yml"):
+            K = parse_array(intrinsic.matrix([f"K_{name}"]), 9, f"camera {name}: K")
             distortion = intrinsic.matrix([f"dist_{name}", f"D_{name}"])
             width, height = intrinsic.number([f"W_{name}"]), intrinsic.number([f"H_{name}"])
-            size = whole_size(width, height, f"camera {name}") if width and height else None
-            size = size or sizes_for(names, sizes)[index]
-        with naming(folder / "extri.yml"):
-            R = rotation_matrix(extrinsic.matrix([f"Rot_{name}", f"R_{name}"]), f"camera {name}")
-            t = array(extrinsic.matrix([f"T_{name}"]), 3, f"camera {name}: T")
+            size = check_whole_size(width, height, f"camera {name}") if width and height else None
+            size = size or find_sizes(names, sizes)[index]
+        with name_file_in_errors(folder / "extri.yml"):
+            R = parse_rotation(extrinsic.matrix([f"Rot_{name}", f"R_{name}"]), f"camera {name}")
+            t = parse_array(extrinsic.matrix([f"T_{name}"]), 3, f"camera {name}: T")
             cameras.append(Camera(name, K, distortion, R, t, size))
-    return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+    return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")

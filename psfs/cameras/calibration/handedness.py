@@ -1,4 +1,4 @@
-"""Left-handed worlds: recognised by the determinant of the rotations, and mended."""
+"""Detect left-handed worlds by the determinant of the rotations, and mirror them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 from cl import InputError
 
-#: Takes a left-handed world to a right-handed one: X is negated.
+#: Takes a left-handed world to a right-handed one: negates X.
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 LEFT_HANDED = "the calibration's world is left-handed: its X axis is negated"
 
-#: Of the calibration that is being read: is each rotation so far left-handed?
+#: One entry per rotation of the calibration being read: whether it is left-handed.
 _seen: ContextVar[list[bool] | None] = ContextVar("handedness", default=None)
 
 
-def right_handed(R: np.ndarray) -> np.ndarray:
-    """Return R (3, 3), orthogonal, for the mirrored world if its determinant is -1."""
+def make_right_handed(R: np.ndarray) -> np.ndarray:
+    """Return R (3, 3), orthogonal, in the mirrored world if its determinant is -1."""
     left = bool(np.linalg.det(R) < 0)
     seen = _seen.get()
     if seen is not None:
@@ -28,8 +28,8 @@ def right_handed(R: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def handedness() -> Iterator[list[bool]]:
-    """Collect which of the rotations that are read inside are left-handed."""
+def record_handedness() -> Iterator[list[bool]]:
+    """Collect for each rotation that is read inside whether it is left-handed."""
     seen: list[bool] = []
     token = _seen.set(seen)
     try:
@@ -38,8 +38,8 @@ def handedness() -> Iterator[list[bool]]:
         _seen.reset(token)
 
 
-def check_one_world(seen: list[bool]) -> None:
-    """Raise InputError if some of the rotations are left-handed and some are not."""
+def check_same_handedness(seen: list[bool]) -> None:
+    """Raise InputError if some rotations are left-handed and others are not."""
     if any(seen) and not all(seen):
         raise InputError(
             f"{sum(seen)} of {len(seen)} rotations have determinant -1, the others 1; expected "

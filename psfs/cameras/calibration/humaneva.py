@@ -1,7 +1,7 @@
-"""HumanEva and bodytrack `.cal`: one camera per file, one number after another.
+"""Read the `.cal` files of HumanEva and bodytrack: one camera per file, one number after another.
 
-fc(2) cc(2) alpha kc(5 = k1 k2 p1 p2 k3) R row-major(9) T(3), mm, x_cam = R X + T; further
-numbers may follow and are ignored.
+fc(2) cc(2) alpha kc(5 = k1 k2 p1 p2 k3) R row-major(9) T(3), mm, x_cam = R X + T; further numbers
+are ignored.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    numbers,
+    build_rig,
+    name_file_in_errors,
+    parse_numbers,
+    parse_rotation,
     read_text,
-    rig_of,
-    rotation_matrix,
 )
 from psfs.cameras.camera import Camera
 from psfs.cameras.units import Unit
@@ -35,14 +35,14 @@ def read_humaneva(
     by_name = {path.stem: path for path in paths}
 
     def camera(name: str, size: Size) -> Camera:
-        with naming(by_name[name]):
+        with name_file_in_errors(by_name[name]):
             return _camera(by_name[name], size)
 
-    return rig_of([path.stem for path in paths], sizes, camera, unit, default="mm")
+    return build_rig([path.stem for path in paths], sizes, camera, unit, default="mm")
 
 
 def _camera(path: Path, size: Size) -> Camera:
-    values = numbers(read_text(path).replace(",", " ").split(), "HumanEva calibration")
+    values = parse_numbers(read_text(path).replace(",", " ").split(), "HumanEva calibration")
     if values.size < _COUNT:
         raise InputError(f"{values.size} numbers; expected at least {_COUNT} (HumanEva)")
     fx, fy, cx, cy, alpha = values[:5]
@@ -50,7 +50,7 @@ def _camera(path: Path, size: Size) -> Camera:
         name=path.stem,
         K=np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]]),
         distortion=values[5:10],
-        R=rotation_matrix(values[10:19], f"camera {path.stem}: R"),
+        R=parse_rotation(values[10:19], f"camera {path.stem}: R"),
         t=values[19:22],
         size=size,
     )

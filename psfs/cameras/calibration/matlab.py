@@ -1,5 +1,6 @@
-"""MATLAB `.mat` files (up to version 7.2): a cell array, a struct array or a stack of projection
-matrices 3x4; or of K, R and t.
+"""Read MATLAB `.mat` files (up to version 7.2).
+
+They hold 3x4 projection matrices as a cell array, struct array or stack, or K, R and t alike.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    rig_of,
-    rotation_matrix,
+    build_rig,
+    name_file_in_errors,
+    parse_rotation,
 )
-from psfs.cameras.calibration.projections import decomposed, facing
+from psfs.cameras.calibration.projections import decompose_projection, mirror_if_facing_away
 from psfs.cameras.camera import MOST_CAMERAS, Camera
 from psfs.cameras.names import listed
 from psfs.cameras.units import Unit
@@ -28,52 +29,56 @@ _K, _R, _T = ("K", "KK", "intrinsic"), ("R", "Rc", "rotation"), ("t", "T", "Tc",
 
 
 def read_matlab(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
-    """Read the cameras, named cam01, cam02, ... in their order, or after the cells of a variable
-    `names`. Metres unless `unit` says otherwise. No distortion."""
-    with naming(path):
-        found = _variables(path)
-        names = _names(found)
-        parts = [_stack(found, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))]
+    """Read the cameras, without distortion. Metres unless `unit` says otherwise.
+
+    The cells of a variable `names` name them; without it they are cam01, cam02, ... in order.
+    """
+    with name_file_in_errors(path):
+        found = _read_variables(path)
+        names = _read_names(found)
+        parts = [
+            _find_stack(found, keys, (3, width)) for keys, width in ((_K, 3), (_R, 3), (_T, 1))
+        ]
         if all(part is not None for part in parts):
             K, R, t = (part for part in parts if part is not None)
             whole = np.concatenate([K, R, t], axis=2)
         else:
-            whole = _projections(found)
+            whole = _find_projections(found)
         names = names or [f"cam{index:02d}" for index in range(1, len(whole) + 1)]
         if len(names) != len(whole):
             raise InputError(f"{len(names)} names for {len(whole)} cameras")
         of_name = dict(zip(names, whole, strict=True))
-        rig = rig_of(names, sizes, lambda n, size: _camera(n, of_name[n], size), unit, "m")
-        return facing(rig) if whole.shape[2] == 4 else rig
+        rig = build_rig(names, sizes, lambda n, size: _camera(n, of_name[n], size), unit, "m")
+        return mirror_if_facing_away(rig) if whole.shape[2] == 4 else rig
 
 
 def _camera(name: str, values: np.ndarray, size: Size) -> Camera:
     if values.shape[1] == 4:
-        return decomposed(name, values, size)
+        return decompose_projection(name, values, size)
     K = values[:, :3]
-    R = rotation_matrix(values[:, 3:6], f"camera {name}: R")
+    R = parse_rotation(values[:, 3:6], f"camera {name}: R")
     return Camera(name, K / K[2, 2], np.zeros(5), R, values[:, 6], size)
 
 
-def _variables(path: Path) -> dict[str, Any]:
+def _read_variables(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             found = loadmat(file, struct_as_record=True)
     except NotImplementedError:
         raise InputError("a MATLAB 7.3 file; expected one saved with `save -v7`") from None
-    except Exception:  # scipy raises anything for bytes that are no MATLAB file
+    except Exception:  # scipy raises anything for bytes that are not a MATLAB file
         raise InputError("cannot be read; expected a MATLAB .mat file") from None
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _matrices(value: Any) -> list[np.ndarray]:
-    """Return the matrices in a variable: a cell or struct array of them, a stack, or one."""
+def _list_matrices(value: Any) -> list[np.ndarray]:
+    """List the matrices in a variable, which is a cell or struct array, a stack, or one matrix."""
     array = np.asarray(value)
     if array.dtype.names:
         fields = [np.asarray(array[name]).ravel() for name in array.dtype.names]
-        return [matrix for field in fields for item in field for matrix in _matrices(item)]
+        return [matrix for field in fields for item in field for matrix in _list_matrices(item)]
     if array.dtype == object:
-        return [matrix for item in array.ravel() for matrix in _matrices(item)]
+        return [matrix for item in array.ravel() for matrix in _list_matrices(item)]
     if array.dtype.kind not in "iuf" or array.size > 12 * MOST_CAMERAS:
         return []
     if array.ndim == 3:
@@ -81,18 +86,18 @@ def _matrices(value: Any) -> list[np.ndarray]:
     return [array.astype(float)] if array.ndim == 2 else []
 
 
-def _stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
-    """Return the first variable of `keys` as (N, *shape); None if none fits."""
+def _find_stack(found: dict[str, Any], keys: tuple[str, ...], shape: tuple[int, int]) -> Any:
+    """Return the first variable of `keys` that fits as (N, *shape); None if none fits."""
     for key in keys:
-        fitting = [m for m in _matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]
+        fitting = [m for m in _list_matrices(found.get(key, [])) if m.size == shape[0] * shape[1]]
         if fitting:
             return np.stack([matrix.reshape(shape) for matrix in fitting])
     return None
 
 
-def _projections(found: dict[str, Any]) -> np.ndarray:
+def _find_projections(found: dict[str, Any]) -> np.ndarray:
     fitting = {
-        name: [matrix for matrix in _matrices(value) if matrix.shape == (3, 4)]
+        name: [matrix for matrix in _list_matrices(value) if matrix.shape == (3, 4)]
         for name, value in found.items()
     }
     fitting = {name: matrices for name, matrices in fitting.items() if matrices}
@@ -110,6 +115,6 @@ def _projections(found: dict[str, Any]) -> np.ndarray:
     return np.stack(fitting[best[0]])
 
 
-def _names(found: dict[str, Any]) -> list[str]:
+def _read_names(found: dict[str, Any]) -> list[str]:
     cells = np.asarray(found.get("names", [])).ravel()
     return [str(np.asarray(cell).ravel()[0]) for cell in cells]

@@ -1,6 +1,8 @@
-"""Projection matrices as text: per camera a line of 12 numbers (3x4 by rows), with or without a
-name before them, or three lines of 4 numbers. By columns where a line says `# layout: columns`,
-where there are four lines of 3 numbers, or where no camera is possible otherwise.
+"""Read projection matrices (3x4) from text.
+
+A camera is a line of 12 numbers by rows, with or without a name before them, or three lines of 4
+numbers. The numbers are read by columns if a line says `# layout: columns`, if there are four lines
+of 3 numbers, or if only columns give a possible camera.
 """
 
 from __future__ import annotations
@@ -17,31 +19,37 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    numbers,
+    build_rig,
+    name_file_in_errors,
+    parse_numbers,
     read_text,
-    rig_of,
 )
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import Camera
-from psfs.cameras.rig_geometry import axes_meet
+from psfs.cameras.rig_geometry import intersect_axes
 from psfs.cameras.units import Unit
 
 
 def read_projections(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
-    """Read the cameras in the order of the file; without names they are cam01, cam02, ... The
-    format has no unit: metres unless `unit` says otherwise. No distortion."""
-    with naming(path):
-        matrices, notes = _matrices(read_text(path))
+    """Read the cameras in the order of the file; without names they are cam01, cam02, ...
+
+    The format states no unit: metres unless `unit` says otherwise. No distortion.
+    """
+    with name_file_in_errors(path):
+        matrices, notes = _parse_matrices(read_text(path))
         names = list(matrices)
-        rig = rig_of(names, sizes, lambda n, size: decomposed(n, matrices[n], size), unit, "m")
-        return facing(replace(rig, notes=(*rig.notes, *notes)))
+        rig = build_rig(
+            names, sizes, lambda n, size: decompose_projection(n, matrices[n], size), unit, "m"
+        )
+        return mirror_if_facing_away(replace(rig, notes=(*rig.notes, *notes)))
 
 
-def facing(rig: Calibration) -> Calibration:
-    """Return the rig of projection matrices, mirrored if its cameras look away from where their
-    axes meet: matrices of a left-handed world decompose into such."""
-    target = axes_meet(rig)
+def mirror_if_facing_away(rig: Calibration) -> Calibration:
+    """Mirror a rig of projection matrices if its cameras look away from where their axes meet.
+
+    Projection matrices of a left-handed world decompose into such cameras.
+    """
+    target = intersect_axes(rig)
     away = [camera.R[2] @ (target - camera.centre) < 0 for camera in rig]
     if len(rig) < 2 or sum(away) <= 0.7 * len(rig):
         return rig
@@ -49,8 +57,8 @@ def facing(rig: Calibration) -> Calibration:
     return replace(rig, cameras=cameras, notes=(*rig.notes, LEFT_HANDED))
 
 
-def _matrices(text: str) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the matrices (3, 4) by name, and remarks."""
+def _parse_matrices(text: str) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Parse the matrices (3, 4) by name; return them with remarks."""
     lines = [line.replace(",", " ").split() for line in text.splitlines()]
     lines = [words for words in lines if words and not words[0].startswith("#")]
     columns = re.search(r"^\s*#\s*layout:\s*columns", text, re.MULTILINE) is not None
@@ -67,20 +75,22 @@ def _matrices(text: str) -> tuple[dict[str, np.ndarray], list[str]]:
             raise InputError(f"matrix {index} has {len(words)} numbers; expected 12 (3x4)")
         if name in values:
             raise InputError(f"two matrices are called {name}")
-        values[name] = numbers(words, f"matrix {name}")
+        values[name] = parse_numbers(words, f"matrix {name}")
     if not values:
         raise InputError("no projection matrix; expected lines of 12 numbers")
     by_rows = {name: value.reshape(3, 4) for name, value in values.items()}
     by_columns = {name: value.reshape(4, 3).T for name, value in values.items()}
     if columns:
         return by_columns, []
-    if any(map(_possible, by_rows.values())) or not all(map(_possible, by_columns.values())):
+    if any(map(_is_possible_camera, by_rows.values())) or not all(
+        map(_is_possible_camera, by_columns.values())
+    ):
         return by_rows, []
     return by_columns, ["projection matrices are taken by columns: by rows they are no cameras"]
 
 
-def _possible(P: np.ndarray) -> bool:
-    """Could a camera have this matrix: pixels nearly square, little skew?"""
+def _is_possible_camera(P: np.ndarray) -> bool:
+    """Return whether a camera could have this matrix: pixels nearly square, little skew."""
     if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-12 * np.abs(P).max() ** 3:
         return False
     K = rq(P[:, :3])[0]
@@ -88,11 +98,11 @@ def _possible(P: np.ndarray) -> bool:
     return bool(0.3 * fy < fx < 3 * fy and abs(K[0, 1]) < 0.1 * fx)
 
 
-def decomposed(name: str, P: np.ndarray, size: Size) -> Camera:
-    """Return the camera with P ~ K [R t] up to scale, by RQ decomposition of P[:, :3].
+def decompose_projection(name: str, P: np.ndarray, size: Size) -> Camera:
+    """Decompose P ~ K [R t], known up to scale, into a camera by RQ decomposition of P[:, :3].
 
-    The signs are chosen so that K has a positive diagonal and det R = +1 (P and -P are the same
-    projection, so the overall sign is free).
+    P and -P are the same projection, so the signs are chosen such that K has a positive diagonal
+    and det R = +1.
     """
     if not np.isfinite(P).all():
         raise InputError(f"camera {name}: the matrix holds a number that is not finite")

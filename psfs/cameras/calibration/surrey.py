@@ -1,6 +1,8 @@
-"""Surrey's list (SurfCap, CVSSP3D): the number of cameras and of distortion coefficients, then for
-each camera first and last row, first and last column, `fx fy cx cy`, the coefficients k1, k2, ...,
-R by rows (9) and t (3), x_cam = R x + t. Numbers with any white space between them.
+"""Read Surrey's list of cameras (SurfCap, CVSSP3D).
+
+The numbers of cameras and of distortion coefficients; then for each camera its first and last row,
+first and last column, `fx fy cx cy`, the coefficients k1, k2, ..., R by rows (9) and t (3), with
+x_cam = R x + t. Numbers are separated by any white space.
 """
 
 from __future__ import annotations
@@ -13,19 +15,19 @@ from cl import InputError
 from psfs.cameras.calibration.common import (
     Calibration,
     Sizes,
-    in_metres,
-    naming,
-    numbers,
+    check_whole_size,
+    convert_to_metres,
+    name_file_in_errors,
+    parse_numbers,
+    parse_rotation,
     read_text,
-    rotation_matrix,
-    whole_size,
 )
 from psfs.cameras.camera import MOST_CAMERAS, Camera, CameraRig
 from psfs.cameras.units import Unit
 
 
 def looks_like_surrey(text: str) -> bool:
-    """Is the text as long as its first two numbers promise?"""
+    """Return whether the text has as many numbers as its first two numbers require."""
     words = text.split()
     try:
         count, order = int(words[0]), int(words[1])
@@ -36,15 +38,15 @@ def looks_like_surrey(text: str) -> bool:
 
 def read_surrey(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read the cameras, named cam01, cam02, ... Metres unless `unit` says otherwise."""
-    with naming(path):
+    with name_file_in_errors(path):
         text = read_text(path)
         if not looks_like_surrey(text):
             raise InputError("not as many numbers as its first line promises; expected Surrey's")
-        values = numbers(text.split(), "Surrey's calibration")
+        values = parse_numbers(text.split(), "Surrey's calibration")
         order = int(values[1])
         rows = values[2:].reshape(int(values[0]), 20 + order)
         cameras = [_camera(f"cam{index:02d}", row, order) for index, row in enumerate(rows, 1)]
-        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
 def _camera(name: str, row: np.ndarray, order: int) -> Camera:
@@ -60,7 +62,7 @@ def _camera(name: str, row: np.ndarray, order: int) -> Camera:
         name=name,
         K=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
         distortion=k,
-        R=rotation_matrix(row[8 + order : 17 + order], f"{name}: R"),
+        R=parse_rotation(row[8 + order : 17 + order], f"{name}: R"),
         t=row[17 + order :],
-        size=whole_size(last_column + 1, last_row + 1, f"{name}: the picture"),
+        size=check_whole_size(last_column + 1, last_row + 1, f"{name}: the picture"),
     )

@@ -1,7 +1,7 @@
-"""Pose2Sim, anipose and FreeMoCap: TOML with one table per camera.
+"""Read and write the TOML of Pose2Sim, anipose and FreeMoCap, one table per camera.
 
-Keys: name, size [w, h], matrix 3x3, distortions k1 k2 p1 p2 (k3), rotation = Rodrigues vector
-world -> camera, translation, fisheye; and ours, tsai_kappa, see `Camera.kappa`.
+Keys: name, size [w, h], matrix 3x3, distortions k1 k2 p1 p2 (k3), rotation (Rodrigues vector, world
+to camera), translation, fisheye; and our own tsai_kappa, see `Camera.kappa`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    in_metres,
-    naming,
-    rotation_matrix,
-    sizes_for,
-    whole_size,
+    check_whole_size,
+    convert_to_metres,
+    find_sizes,
+    name_file_in_errors,
+    parse_rotation,
 )
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.names import natural_key
@@ -49,15 +49,15 @@ class CameraTable(Table):
 def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
     """Read the cameras in natural order of their names. Metres unless `unit` says otherwise.
 
-    FreeMoCap files (they have world_position) come in any unit and say none, so they need
-    `unit`. Raises InputError naming file, camera and key.
+    FreeMoCap files (recognised by world_position) may be in any unit without stating it, so they
+    need `unit`. Raises InputError naming file, camera and key.
     """
     found = {
         name: table
         for name, table in read_toml(path).items()
         if isinstance(table, dict) and name.lower() not in _NOT_CAMERAS
     }
-    with naming(path):
+    with name_file_in_errors(path):
         if not found:
             raise InputError("no camera tables; expected [name] with matrix, rotation, ...")
         if unit is None and any("world_position" in table for table in found.values()):
@@ -69,9 +69,9 @@ def read_toml_tables(path: Path, unit: Unit | None = None, sizes: Sizes = None) 
         names = sorted(by_name, key=natural_key)
         measured: dict[str, Size] = {}
         if any(table.size is None for table in tables.values()):
-            measured = dict(zip(names, sizes_for(names, sizes), strict=True))
+            measured = dict(zip(names, find_sizes(names, sizes), strict=True))
         cameras = [_camera(name, by_name[name], measured.get(name)) for name in names]
-        return in_metres(CameraRig(tuple(cameras)), unit, default="m")
+        return convert_to_metres(CameraRig(tuple(cameras)), unit, default="m")
 
 
 def write_toml_tables(path: Path, rig: CameraRig) -> None:
@@ -99,13 +99,13 @@ def _camera(name: str, table: CameraTable, measured: Size | None) -> Camera:
     size = measured
     if table.size is not None:
         width, height = table.size
-        size = whole_size(width, height, f"camera {name}: size")
-    assert size is not None  # measured where any table lacks it
+        size = check_whole_size(width, height, f"camera {name}: size")
+    assert size is not None  # `measured` has it if any table lacks it
     return Camera(
         name=name,
         K=np.array(table.matrix).reshape(3, 3),
         distortion=np.array(table.distortions),
-        R=rotation_matrix(table.rotation, f"camera {name}: rotation"),
+        R=parse_rotation(table.rotation, f"camera {name}: rotation"),
         t=np.array(table.translation),
         size=size,
         kappa=table.tsai_kappa,

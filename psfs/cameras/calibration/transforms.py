@@ -1,6 +1,8 @@
-"""Blender's and NeRF's `transforms.json`: `transform_matrix` (4x4) leads from the camera to the
-world, its axes are OpenGL's (x right, y up, looking along -z); the lens is `camera_angle_x`, rad,
-or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` ... of the file or of a frame.
+"""Read the `transforms.json` of Blender and NeRF.
+
+`transform_matrix` (4x4) takes camera to world coordinates; the camera's axes are OpenGL's (x right,
+y up, looking along -z). The lens is `camera_angle_x`, rad, or `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`,
+`k1` ..., given for the file or for a frame.
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ import numpy as np
 from pydantic import Field
 
 from cl import InputError
-from psfs.cameras.calibration.colmap import camera_names
+from psfs.cameras.calibration.colmap import name_cameras
 from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    rig_of,
-    rotation_matrix,
-    whole_size,
+    build_rig,
+    check_whole_size,
+    name_file_in_errors,
+    parse_rotation,
 )
 from psfs.cameras.camera import MOST_CAMERAS, Camera
 from psfs.cameras.names import natural_key
@@ -34,7 +36,7 @@ _AXES = np.diag([1.0, -1.0, -1.0])
 
 
 class Lens(Table):
-    """What the file says of all cameras, or a frame of its own."""
+    """Lens parameters, given for all cameras or for a single frame."""
 
     camera_angle_x: Annotated[float, Field(gt=0, lt=math.pi)] | None = None
     camera_angle_y: Annotated[float, Field(gt=0, lt=math.pi)] | None = None
@@ -52,48 +54,55 @@ class Lens(Table):
 
 
 class View(Lens):
-    """One frame."""
+    """One entry of `frames`: a picture with its pose."""
 
     file_path: str
     transform_matrix: Annotated[list[float], flat(12, 16)]
 
 
 class Transforms(Lens):
-    """The file."""
+    """The whole file."""
 
     frames: Annotated[list[View], Field(min_length=1, max_length=MOST_CAMERAS)]
 
 
 def read_transforms(path: Path, unit: Unit | None = None, sizes: Sizes = None) -> Calibration:
-    """Read the cameras in natural order of their pictures' names. Metres unless `unit` says
-    otherwise; sizes are those of the pictures where the file has none."""
+    """Read the cameras in natural order of their pictures' names.
+
+    Metres unless `unit` says otherwise. `sizes` are used where the file has none.
+    """
     file = checked(Transforms, read_json(path, "NeRF's transforms.json"), path)
-    with naming(path):
+    with name_file_in_errors(path):
         views = dict(
-            zip(camera_names([v.file_path for v in file.frames]), file.frames, strict=True)
+            zip(name_cameras([v.file_path for v in file.frames]), file.frames, strict=True)
         )
         names = sorted(views, key=natural_key)
         if len(names) < len(file.frames):
             raise InputError("two frames have pictures of one name; expected a camera each")
-        stated = [_of(file, views[name], "w") and _of(file, views[name], "h") for name in names]
+        stated = [
+            _lens_value(file, views[name], "w") and _lens_value(file, views[name], "h")
+            for name in names
+        ]
         if all(stated):
             sizes = {name: _size(file, views[name], name) for name in names}
-        return rig_of(names, sizes, lambda n, size: _camera(n, file, views[n], size), unit, "m")
+        return build_rig(names, sizes, lambda n, size: _camera(n, file, views[n], size), unit, "m")
 
 
-def _of(file: Transforms, view: View, key: str) -> float | None:
+def _lens_value(file: Transforms, view: View, key: str) -> float | None:
     own = getattr(view, key) if key in view.model_fields_set else None
     value = own if own is not None else getattr(file, key)
     return None if value is None else float(value)
 
 
 def _size(file: Transforms, view: View, name: str) -> Size:
-    return whole_size(_of(file, view, "w") or 0, _of(file, view, "h") or 0, f"camera {name}")
+    return check_whole_size(
+        _lens_value(file, view, "w") or 0, _lens_value(file, view, "h") or 0, f"camera {name}"
+    )
 
 
 def _camera(name: str, file: Transforms, view: View, size: Size) -> Camera:
     def value(key: str) -> float | None:
-        return _of(file, view, key)
+        return _lens_value(file, view, key)
 
     width, height = size
     angle, angle_y = value("camera_angle_x"), value("camera_angle_y")
@@ -105,7 +114,7 @@ def _camera(name: str, file: Transforms, view: View, size: Size) -> Camera:
     # The middle of the picture is at w / 2 there, and at (w - 1) / 2 here.
     cx, cy = (width / 2 if cx is None else cx) - 0.5, (height / 2 if cy is None else cy) - 0.5
     to_world = np.array(view.transform_matrix[:12]).reshape(3, 4)
-    R = rotation_matrix(_AXES @ to_world[:, :3].T, f"camera {name}: transform_matrix")
+    R = parse_rotation(_AXES @ to_world[:, :3].T, f"camera {name}: transform_matrix")
     left_handed = np.linalg.det(to_world[:, :3]) < 0
     centre = to_world[:, 3] * ([-1, 1, 1] if left_handed else [1, 1, 1])
     distortion = np.array([value(key) for key in ("k1", "k2", "p1", "p2", "k3")])

@@ -1,14 +1,14 @@
-"""Tsai's cameras (Tsai 1987; Rymut 2016, 2.2), a text file each, as Willson's programs write them.
+"""Read Tsai's camera model (Tsai 1987; Rymut 2016, 2.2), one text file per camera.
 
-Two layouts: 17 numbers, with any white space between them, in the order of `_NAMES`, and perhaps
-the tangential p1 p2, which are 0; or lines `name value`, `name = value [unit]`, of these names in
-any order and case, where `dpx` and `dpy` may stand for the first six. Angles are radians, or what
-their line says, `[deg]`.
+Two layouts, as Willson's programs write them: 17 numbers in the order of `_NAMES`, separated by any
+white space, optionally followed by the tangential p1 p2, which must be 0; or lines `name value` or
+`name = value [unit]` in any order and case, where `dpx` and `dpy` may replace the first six. Angles
+are radians unless their line says `[deg]`.
 
 With R = Rz(rz) Ry(ry) Rx(rx) and p = R x + t (eq. 2.22), a point is seen at the distorted sensor
-coordinates d, mm, with f p_xy / p_z = d (1 + kappa1 |d|^2) (eq. 2.23-2.24): the root of a cubic,
-which `Camera.kappa` holds exactly. Its pixel is (sx d_x / dpx + cx, d_y / dpy + cy) (eq. 2.25-2.26,
-where the second sx is a misprint).
+coordinates d, mm, with f p_xy / p_z = d (1 + kappa1 |d|^2) (eq. 2.23-2.24). d is the root of a
+cubic; `Camera.kappa` represents it exactly. The pixel is (sx d_x / dpx + cx, d_y / dpy + cy) (eq.
+2.25-2.26, where the second sx is a misprint).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from psfs.cameras.calibration.common import (
     Calibration,
     Size,
     Sizes,
-    naming,
-    numbers,
+    build_rig,
+    name_file_in_errors,
+    parse_numbers,
     read_text,
-    rig_of,
 )
 from psfs.cameras.camera import Camera
 from psfs.cameras.units import Unit
@@ -37,12 +37,12 @@ _NAMES = (
     *("ncx", "nfx", "dx", "dy", "dpx", "dpy", "cx", "cy", "sx"),
     *("f", "kappa1", "tx", "ty", "tz", "rx", "ry", "rz"),
 )
-_OF_SENSOR = ("ncx", "nfx", "dx", "dy")
+_SENSOR_NAMES = ("ncx", "nfx", "dx", "dy")
 _LINE = re.compile(r"^\s*(\w+)\s*[=:\s]\s*([-+.\deE]+)\s*(?:\[?\s*(\S*?)\s*\]?)\s*$")
 
 
 def looks_like_tsai(text: str) -> bool:
-    """Is the text one of the two layouts?"""
+    """Return whether the text has one of the two layouts."""
     words = text.split()
     named = {match[1].lower() for match in map(_LINE.match, text.splitlines()) if match}
     if {"kappa1", "f", "tz", "rz"} <= named:
@@ -59,14 +59,14 @@ def read_tsai(paths: Sequence[Path], unit: Unit | None = None, sizes: Sizes = No
     by_name = {path.stem: path for path in paths}
 
     def camera(name: str, size: Size) -> Camera:
-        with naming(by_name[name]):
-            return _camera(name, _values(read_text(by_name[name])), size)
+        with name_file_in_errors(by_name[name]):
+            return _camera(name, _parse_parameters(read_text(by_name[name])), size)
 
-    return rig_of(list(by_name), sizes, camera, unit, default="mm")
+    return build_rig(list(by_name), sizes, camera, unit, default="mm")
 
 
-def _values(text: str) -> Mapping[str, float]:
-    """Return the parameters by name. Raises InputError where one is missing or no number."""
+def _parse_parameters(text: str) -> Mapping[str, float]:
+    """Parse the parameters by name. Raises InputError if one is missing or not a number."""
     if not looks_like_tsai(text):
         count = len(text.split())
         raise InputError(
@@ -75,18 +75,18 @@ def _values(text: str) -> Mapping[str, float]:
         )
     lines = [match for match in map(_LINE.match, text.splitlines()) if match]
     if not lines:
-        found = numbers(text.split(), "Tsai's calibration")
+        found = parse_numbers(text.split(), "Tsai's calibration")
         values = dict(zip(_NAMES, found.tolist(), strict=False))
     else:
         values = {}
         for name, number, of in (match.groups() for match in lines):
-            value = float(numbers([number], f"Tsai's {name}")[0])
+            value = float(parse_numbers([number], f"Tsai's {name}")[0])
             angle = name.lower() in ("rx", "ry", "rz") and of.lower().startswith("deg")
             values[name.lower()] = np.radians(value) if angle else value
     if "dpx" not in values and {"dx", "ncx", "nfx"} <= values.keys() and values["nfx"]:
         values["dpx"] = values["dx"] * values["ncx"] / values["nfx"]
     values.setdefault("dpy", values.get("dy", 0.0))
-    missing = [name for name in _NAMES if name not in values and name not in _OF_SENSOR]
+    missing = [name for name in _NAMES if name not in values and name not in _SENSOR_NAMES]
     if missing:
         raise InputError(f"Tsai's calibration lacks {', '.join(missing)}")
     return values

@@ -17,7 +17,7 @@ from types import FrameType
 import cv2
 
 from cl import UserError
-from psfs.common.names import printable
+from psfs.common.names import escape_unprintable
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 _LONGEST_LINE = 800
@@ -96,7 +96,7 @@ def _ended_as_interrupted() -> Iterator[None]:
 def _say(text: str) -> None:
     # A closed or full standard error must not hide the exit code.
     with contextlib.suppress(OSError):
-        line = printable(text)
+        line = escape_unprintable(text)
         if len(line) > _LONGEST_LINE:  # what was found may be a list of a thousand numbers
             line = f"{line[: _LONGEST_LINE // 2]} ... {line[-_LONGEST_LINE // 2 :]}"
         print(line, file=sys.stderr, flush=True)

@@ -1,4 +1,5 @@
-"""Folder layouts, one small module each; `recognised(folder)` is the one that a folder has."""
+"""Folder layouts, one small module each; `find_layout(folder)` returns the one that a folder
+has."""
 
 from __future__ import annotations
 
@@ -14,15 +15,17 @@ from psfs.footage.layouts.native import NATIVE
 from psfs.footage.layouts.utrecht import UTRECHT
 from psfs.footage.settings import Settings
 
-__all__ = ["LAYOUTS", "Footage", "Layout", "recognised"]
+__all__ = ["LAYOUTS", "Footage", "Layout", "find_layout"]
 
-#: The most specific first: flat takes whatever lies beside a calibration.
+#: The most specific first: flat accepts any pictures beside a calibration.
 LAYOUTS = (NATIVE, BODYTRACK, UTRECHT, HUMANEVA, MIDDLEBURY, FLAT)
 
 
-def recognised(folder: Path, settings: Settings) -> Layout:
-    """Return the layout of `folder`. Raises InputError if it has none, MissingFileError if there is
-    no such folder."""
+def find_layout(folder: Path, settings: Settings) -> Layout:
+    """Find the layout of `folder`.
+
+    Raises InputError if no layout matches, MissingFileError if there is no such folder.
+    """
     if not folder.is_dir():
         wanted = "expected a folder with calibrated views"
         if folder.exists():

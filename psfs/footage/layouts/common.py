@@ -1,4 +1,4 @@
-"""What a folder layout finds, and how pictures are assigned to cameras."""
+"""The contents of a folder layout, and the assignment of pictures to cameras."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from cl import InputError
 from psfs.cameras.calibration import Calibration, Size, Sizes, read_calibration
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import matched
+from psfs.cameras.names import match_files_to_cameras
 from psfs.cameras.units import Unit
-from psfs.footage.media import Media, opened_media, picture_size
+from psfs.footage.media import Media, open_all_media, read_picture_size
 from psfs.footage.settings import Settings
 
 #: Files by camera name, as found in a folder.
@@ -20,12 +20,10 @@ Found = Mapping[str, list[Path]]
 
 @dataclass(frozen=True)
 class Footage:
-    """What lies in a folder, one `Media` per camera of the rig (metres, the file's own axes).
+    """The media of a folder, one `Media` per camera of the rig (metres, the file's own axes).
 
-    unit: of the calibration's numbers. late: by how many of their frames cameras come late, as
-    files say, by name.
-
-    notes: remarks about guesses that were made, for `psfs info`.
+    unit: of the calibration's numbers. notes: remarks on guesses, for `psfs info`. late: by how
+    many of its own frames each camera starts late according to the files, by name.
     """
 
     rig: CameraRig
@@ -39,7 +37,7 @@ class Footage:
 
 @dataclass(frozen=True)
 class Layout:
-    """A kind of folder. `defaults` are what its makers' documentation says of the data."""
+    """A kind of folder; `defaults` are what its makers' documentation says of the data."""
 
     name: str
     matches: Callable[[Path, Settings], bool]
@@ -48,39 +46,39 @@ class Layout:
 
 
 def read_rig(path: Path, settings: Settings, found: Found, where: Path) -> Calibration:
-    """Return the calibration at `path`; sizes that it lacks are taken from the pictures `found`."""
-    return read_calibration(path, settings.unit, sizes_of(found, where, settings))
+    """Read the calibration at `path`; sizes that it lacks come from the pictures `found`."""
+    return read_calibration(path, settings.unit, make_size_lookup(found, where, settings))
 
 
-def sizes_of(found: Found, where: Path, settings: Settings) -> Sizes:
-    """Return what gives a calibration's names the sizes of the pictures that match them."""
-    return lambda names: measured_sizes(names, found, where, settings)
+def make_size_lookup(found: Found, where: Path, settings: Settings) -> Sizes:
+    """Return a function that maps camera names to the sizes of the pictures that match them."""
+    return lambda names: measure_sizes(names, found, where, settings)
 
 
-def measured_sizes(
+def measure_sizes(
     names: Sequence[str], found: Found, where: Path, settings: Settings
 ) -> list[Size]:
     """Return the size of each named camera's pictures."""
-    pairs, _ = matched(names, list(found), str(where), settings.cameras)
-    measured = {camera: picture_size(found[name][0]) for camera, name in pairs.items()}
-    # Cameras without pictures are among those that the subset leaves out.
+    pairs, _ = match_files_to_cameras(names, list(found), str(where), settings.cameras)
+    measured = {camera: read_picture_size(found[name][0]) for camera, name in pairs.items()}
+    # A camera without pictures is not among the chosen ones, so any size will do.
     return [measured.get(name) or next(iter(measured.values())) for name in names]
 
 
-def assigned(
+def assign_pictures(
     calibrated: CameraRig, found: Found, where: Path, settings: Settings, extras: bool = False
 ) -> tuple[tuple[Media, ...], list[str]]:
-    """Return the pictures of the chosen ones of the calibrated cameras, and remarks.
+    """Assign pictures to the chosen cameras; return them with remarks.
 
-    All that are calibrated are matched, so that pictures belong to the same cameras whichever are
-    chosen. With `extras`, files that belong to no camera are passed over. Raises InputError when
-    files and cameras do not fit, or a picture's size is not its camera's.
+    Pictures are matched to all calibrated cameras, so that the match does not depend on which
+    cameras are chosen. extras: ignore files that belong to no camera. Raises InputError if files
+    and cameras do not match, or if a picture's size differs from its camera's.
     """
     subset = extras or settings.cameras is not None
-    rig = chosen(calibrated, settings)
+    rig = choose_cameras(calibrated, settings)
     wanted = rig.names if subset else None
-    pairs, note = matched(calibrated.names, list(found), str(where), wanted)
-    media = opened_media({name: found[pairs[name]] for name in rig.names})
+    pairs, note = match_files_to_cameras(calibrated.names, list(found), str(where), wanted)
+    media = open_all_media({name: found[pairs[name]] for name in rig.names})
     for camera, item in zip(rig, media, strict=True):
         if item.size != camera.size:
             raise InputError(
@@ -90,6 +88,6 @@ def assigned(
     return media, [note] if note else []
 
 
-def chosen(rig: CameraRig, settings: Settings) -> CameraRig:
-    """Return the cameras that the settings name, or all."""
+def choose_cameras(rig: CameraRig, settings: Settings) -> CameraRig:
+    """Return the rig of the cameras that the settings name, or of all."""
     return rig if settings.cameras is None else rig.subset(settings.cameras)

@@ -1,5 +1,7 @@
-"""A flat folder: pictures beside a calibration, whose names contain the cameras' names, such as
-`silh_cam01_00023.pbm` for camera `cam01`. Several images of a camera are its frames, in order.
+"""A flat folder: a calibration and pictures whose names contain the cameras' names.
+
+`silh_cam01_00023.pbm` belongs to camera `cam01`. Several images of a camera are its frames, in
+order.
 """
 
 from __future__ import annotations
@@ -10,10 +12,16 @@ from typing import Any
 
 from cl import InputError
 from psfs.cameras.calibration import Size, find_calibration, read_calibration
-from psfs.cameras.names import contains_name, matched, name_tokens, natural_key
-from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, measured_sizes
-from psfs.footage.layouts.native import calibration_of
-from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, media_in
+from psfs.cameras.names import contains_name, match_files_to_cameras, name_tokens, natural_key
+from psfs.footage.layouts.common import (
+    Footage,
+    Layout,
+    assign_pictures,
+    choose_cameras,
+    measure_sizes,
+)
+from psfs.footage.layouts.native import find_settings_calibration
+from psfs.footage.media import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_media
 from psfs.footage.settings import Settings
 
 _MASK_WORDS = {"mask", "masks", "silh", "silhouette", "fg", "foreground"}
@@ -31,8 +39,8 @@ def _kind(path: Path) -> str:
     return "background" if words & _BACKGROUND_WORDS else "images"
 
 
-def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[Path]]]:
-    """Return files by kind and camera."""
+def _list_pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[Path]]]:
+    """List the files by kind and camera."""
     found: dict[str, dict[str, list[Path]]] = {"images": {}, "masks": {}, "background": {}}
     for path in sorted(folder.iterdir(), key=lambda path: natural_key(path.name)):
         if path.suffix.lower() not in IMAGE_SUFFIXES | VIDEO_SUFFIXES:
@@ -45,38 +53,43 @@ def _pictures(folder: Path, cameras: Sequence[str]) -> dict[str, dict[str, list[
     return found
 
 
-def _all_pictures(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, dict], str | None]:
-    """Return `_pictures`, and a remark: where no name contains a camera's, and there is a picture
-    or video for each of them, they are taken in order."""
-    found = _pictures(folder, cameras)
+def _assign_all_pictures(
+    folder: Path, cameras: Sequence[str]
+) -> tuple[dict[str, dict], str | None]:
+    """Return `_list_pictures` and a remark.
+
+    If no name contains a camera's, but there are as many pictures or videos as cameras, they are
+    assigned in order.
+    """
+    found = _list_pictures(folder, cameras)
     if any(found.values()):
         return found, None
-    files = media_in(folder)
+    files = list_media(folder)
     if len(files) != len(cameras) or any(len(paths) > 1 for paths in files.values()):
         return found, None
-    pairs, note = matched(cameras, list(files), str(folder))
+    pairs, note = match_files_to_cameras(cameras, list(files), str(folder))
     for camera, name in pairs.items():
         found[_kind(files[name][0])][camera] = files[name]
     return found, note
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
-    calibration = calibration_of(folder, settings)
+    calibration = find_settings_calibration(folder, settings)
 
     def sizes(names: Sequence[str]) -> list[Size]:
-        kinds, _ = _all_pictures(folder, names)
-        return measured_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
+        kinds, _ = _assign_all_pictures(folder, names)
+        return measure_sizes(names, {**kinds["masks"], **kinds["images"]}, folder, settings)
 
     calibrated = read_calibration(calibration, settings.unit, sizes)
-    rig = chosen(calibrated, settings)
+    rig = choose_cameras(calibrated, settings)
     notes = list(calibrated.notes)
     media: dict[str, Any] = {}
-    kinds, guess = _all_pictures(folder, calibrated.names)
+    kinds, guess = _assign_all_pictures(folder, calibrated.names)
     notes += [guess] if guess else []
     for kind, every in kinds.items():
         found = {name: files for name, files in every.items() if name in rig.names}
         if len(found) == len(rig):
-            media[kind], _ = assigned(rig, found, folder, settings)
+            media[kind], _ = assign_pictures(rig, found, folder, settings)
         elif found:
             missing = [name for name in rig.names if name not in found]
             notes.append(f"{kind} are not used: none for {', '.join(missing)}")

@@ -1,12 +1,12 @@
-"""A subject's folder of HumanEva (Sigal, Balan, Black 2010), its take chosen by `take`:
+"""A subject's folder of HumanEva (Sigal, Balan, Black 2010); `take` chooses the take.
 
-    Image_Data/<take>_(<camera>).avi   Calibration_Data/<camera>.cal
+Image_Data/<take>_(<camera>).avi   Calibration_Data/<camera>.cal
     Sync_Data/<take>_(<camera>).ofs    Mocap_Data/<take>.c3d
     Background/Background*_(<camera>).avi, here, beside it or in Image_Data
 
 A .cal is HumanEva's or Tsai's. An .ofs has three numbers: a frame of the video, the frame of the
 motion capture at that time, and frames of the motion capture per frame of the video, both counted
-from 1. The videos begin together where all have begun; a note says which frame of the motion
+from 1. The sequence begins when all videos have begun; a note says which frame of the motion
 capture that is.
 """
 
@@ -20,26 +20,34 @@ import numpy as np
 
 from cl import InputError
 from psfs.cameras.calibration import Calibration, read_calibration, read_humaneva
-from psfs.cameras.calibration.common import naming, numbers, read_text
+from psfs.cameras.calibration.common import name_file_in_errors, parse_numbers, read_text
 from psfs.cameras.calibration.tsai import looks_like_tsai, read_tsai
 from psfs.cameras.names import listed, natural_key
-from psfs.footage.layouts.common import Footage, Found, Layout, assigned, chosen, sizes_of
+from psfs.footage.layouts.common import (
+    Footage,
+    Found,
+    Layout,
+    assign_pictures,
+    choose_cameras,
+    make_size_lookup,
+)
 from psfs.footage.media import Media
 from psfs.footage.settings import Settings
 
-#: Of the videos, as their makers state it.
+#: Frame rate of the videos, as their makers state it.
 _FPS = 60.0
 _VIDEO = re.compile(r"(?P<take>.+?)_?\((?P<camera>[^()]+)\)\.avi$", re.IGNORECASE)
 
 
-def _inside(folder: Path, name: str) -> Path:
-    """Return the folder of that name in any case, or one that is not there."""
+def _find_subfolder(folder: Path, name: str) -> Path:
+    """Return the subfolder of that name in any case; if there is none, a path that does not
+    exist."""
     found = [path for path in folder.glob("*") if path.is_dir() and path.name.lower() == name]
     return found[0] if found else folder / name
 
 
-def _takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
-    """Return the videos by take and camera."""
+def _list_takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
+    """List the videos by take and camera."""
     found: dict[str, dict[str, list[Path]]] = defaultdict(dict)
     for path in sorted(folder.glob("*")):
         match = _VIDEO.match(path.name)
@@ -49,82 +57,89 @@ def _takes(folder: Path) -> dict[str, dict[str, list[Path]]]:
 
 
 def _matches(folder: Path, settings: Settings) -> bool:
-    calibration = _inside(folder, "calibration_data")
-    return calibration.is_dir() and bool(_takes(_inside(folder, "image_data")))
+    calibration = _find_subfolder(folder, "calibration_data")
+    return calibration.is_dir() and bool(_list_takes(_find_subfolder(folder, "image_data")))
 
 
-def _videos(folder: Path, take: str | None) -> tuple[str, Found]:
-    """Return the take's name, the only one's by default, and its videos. Raises InputError."""
+def _choose_take(folder: Path, take: str | None) -> tuple[str, Found]:
+    """Return the name and videos of the take, by default the only one. Raises InputError."""
     takes = {
         name: videos
-        for name, videos in _takes(folder).items()
+        for name, videos in _list_takes(folder).items()
         if not name.lower().startswith("background")
     }
     if take is None and len(takes) == 1:
         take = next(iter(takes))
     if take is None or take not in takes:
         names = listed(sorted(takes, key=natural_key))
-        found = "no `take` is stated" if take is None else f"take {take!r} is none of its"
+        found = "no `take` is stated" if take is None else f"there is no take {take!r}"
         raise InputError(f"{folder}: {found}; expected one of {names}")
     return take, takes[take]
 
 
-def _calibrated(
+def _read_cameras(
     folder: Path, videos: Found, where: Path, settings: Settings
 ) -> tuple[Calibration, Found, list[str]]:
-    """Return the cameras, the videos of those that are calibrated, and remarks on the others."""
+    """Return the cameras, the videos of the calibrated ones, and remarks on the others."""
     if settings.calibration is not None:
-        path, sizes = folder / settings.calibration, sizes_of(videos, where, settings)
+        path, sizes = folder / settings.calibration, make_size_lookup(videos, where, settings)
         return read_calibration(path, settings.unit, sizes), videos, []
-    place = _inside(folder, "calibration_data")
+    place = _find_subfolder(folder, "calibration_data")
     files = [p for p in sorted(place.glob("*.[cC][aA][lL]")) if p.stem in videos]
     if not files:
         raise InputError(f"{place}: no .cal of {listed(videos)}; expected one per camera")
     lacking = sorted(videos.keys() - {path.stem for path in files}, key=natural_key)
     notes = [f"{name} is not calibrated, and left out" for name in lacking]
     videos = {path.stem: videos[path.stem] for path in files}
-    sizes = sizes_of(videos, where, settings)
+    sizes = make_size_lookup(videos, where, settings)
     read = read_tsai if looks_like_tsai(read_text(files[0])) else read_humaneva
     return read(files, settings.unit, sizes), videos, notes
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
-    where = _inside(folder, "image_data")
-    take, videos = _videos(where, settings.take)
-    rig, videos, notes = _calibrated(folder, videos, where, settings)
-    images, remarks = assigned(rig, videos, where, settings, extras=True)
-    late, more = _late(_inside(folder, "sync_data"), take, images)
+    where = _find_subfolder(folder, "image_data")
+    take, videos = _choose_take(where, settings.take)
+    rig, videos, notes = _read_cameras(folder, videos, where, settings)
+    images, remarks = assign_pictures(rig, videos, where, settings, extras=True)
+    late, more = _compute_delays(_find_subfolder(folder, "sync_data"), take, images)
     notes += [*remarks, *more]
     background = None
-    plates = _plates(folder)
-    if set(chosen(rig, settings).names) <= plates.keys():
-        background, remarks = assigned(rig, plates, folder / "Background", settings, extras=True)
+    empty = _find_background_videos(folder)
+    if set(choose_cameras(rig, settings).names) <= empty.keys():
+        background, remarks = assign_pictures(
+            rig, empty, folder / "Background", settings, extras=True
+        )
         notes += remarks
-    rig_in_use = chosen(rig, settings)
+    rig_in_use = choose_cameras(rig, settings)
     return Footage(
         rig_in_use, rig.unit, images=images, background=background, notes=notes, late=late
     )
 
 
-def _plates(folder: Path) -> Found:
+def _find_background_videos(folder: Path) -> Found:
     """Return the first video of the empty room of every camera."""
     found: dict[str, list[Path]] = {}
-    places = [_inside(place, "background") for place in (folder, folder.parent)]
-    for place in (*places, _inside(folder, "image_data")):
-        for name, videos in _takes(place).items():
+    places = [_find_subfolder(place, "background") for place in (folder, folder.parent)]
+    for place in (*places, _find_subfolder(folder, "image_data")):
+        for name, videos in _list_takes(place).items():
             if name.lower().startswith("background"):
                 found = {**videos, **found}
     return found
 
 
-def _late(folder: Path, take: str, media: tuple[Media, ...]) -> tuple[dict[str, int], list[str]]:
-    """Return by how many frames the videos come late, so that they begin with the first time that
-    all have, and a remark on the motion capture; nothing where there is no .ofs for all of them."""
+def _compute_delays(
+    folder: Path, take: str, media: tuple[Media, ...]
+) -> tuple[dict[str, int], list[str]]:
+    """Compute by how many frames each video starts late, and a remark on the motion capture.
+
+    The sequence then begins at the first time that all videos have. Without an .ofs for each of
+    them, returns no delays.
+    """
     paths = [folder / f"{take}_({item.name}).ofs" for item in media]
     if not all(path.exists() for path in paths):
         return {}, [f"no .ofs for every camera of {take}: the videos are taken as they begin"]
-    starts, mocap, scale = np.array([_offsets(path) for path in paths]).T
-    # The motion capture's frame, from 0 on, at each video's first one.
+    starts, mocap, scale = np.array([_read_offsets(path) for path in paths]).T
+    # Frame of the motion capture, counted from 0, at each video's first frame.
     first = mocap - 1 - (starts - 1) * scale
     begin = float(first.max())
     late = np.rint((begin - first) / scale).astype(int)
@@ -133,9 +148,9 @@ def _late(folder: Path, take: str, media: tuple[Media, ...]) -> tuple[dict[str, 
     return {item.name: int(by) for item, by in zip(media, late, strict=True)}, [note]
 
 
-def _offsets(path: Path) -> np.ndarray:
-    with naming(path):
-        values = numbers(read_text(path).split(), "HumanEva's .ofs")
+def _read_offsets(path: Path) -> np.ndarray:
+    with name_file_in_errors(path):
+        values = parse_numbers(read_text(path).split(), "HumanEva's .ofs")
         if values.size < 3 or not np.isfinite(values[:3]).all() or values[2] <= 0:
             raise InputError(
                 f"{values.size} numbers; expected three: a frame of the video, one of the motion "

@@ -1,4 +1,4 @@
-"""Middlebury multi-view sets: `*_par.txt` beside one image per view, a single frame."""
+"""Middlebury's multi-view sets: `*_par.txt` beside one image per view, a single frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError
-from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
+from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
 from psfs.footage.media import IMAGE_SUFFIXES
 from psfs.footage.settings import Settings
 
@@ -33,12 +33,12 @@ def _read(folder: Path, settings: Settings) -> Footage:
         if len(kept) < len(rig):
             notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
         settings = replace(settings, cameras=kept)
-    images, remarks = assigned(rig, found, folder, settings, extras=True)
-    return Footage(chosen(rig, settings), rig.unit, images=images, notes=notes + remarks)
+    images, remarks = assign_pictures(rig, found, folder, settings, extras=True)
+    return Footage(choose_cameras(rig, settings), rig.unit, images=images, notes=notes + remarks)
 
 
-#: The objects stand along y. Silhouettes by the authors' recipe, in the README: threshold, dilate,
-#: erode.
+#: The objects stand along y. The silhouettes follow the recipe in the authors' README: threshold,
+#: dilate, erode.
 MIDDLEBURY = Layout(
     "middlebury",
     _matches,

@@ -1,5 +1,6 @@
-"""The native folder: a calibration beside `videos/*`, `images/<camera>/*` or `masks/<camera>/*`,
-and `background/*` (a video or image per camera, or a subfolder of images per camera).
+"""The native folder: a calibration beside `videos/*`, `images/<camera>/*` or `masks/<camera>/*`.
+
+`background/*` holds a video or image per camera, or a subfolder of images per camera.
 """
 
 from __future__ import annotations
@@ -8,8 +9,8 @@ from pathlib import Path
 
 from cl import InputError, MissingFileError
 from psfs.cameras.calibration import find_calibration
-from psfs.footage.layouts.common import Footage, Layout, assigned, chosen, read_rig
-from psfs.footage.media import media_in
+from psfs.footage.layouts.common import Footage, Layout, assign_pictures, choose_cameras, read_rig
+from psfs.footage.media import list_media
 from psfs.footage.settings import Settings
 
 _IMAGES = ("videos", "images")
@@ -19,8 +20,8 @@ def _matches(folder: Path, settings: Settings) -> bool:
     return any((folder / name).is_dir() for name in (*_IMAGES, "masks"))
 
 
-def calibration_of(folder: Path, settings: Settings) -> Path:
-    """Return the calibration that the settings name, else the one that lies in the folder."""
+def find_settings_calibration(folder: Path, settings: Settings) -> Path:
+    """Return the calibration that the settings name, else the one in the folder."""
     if settings.calibration is not None:
         return folder / settings.calibration
     path = find_calibration(folder)
@@ -32,9 +33,9 @@ def calibration_of(folder: Path, settings: Settings) -> Path:
 
 
 def _read(folder: Path, settings: Settings) -> Footage:
-    calibration = calibration_of(folder, settings)
+    calibration = find_settings_calibration(folder, settings)
     folders = {name: folder / name for name in (*_IMAGES, "masks", "background")}
-    found = {name: media_in(path) for name, path in folders.items() if path.is_dir()}
+    found = {name: list_media(path) for name, path in folders.items() if path.is_dir()}
     images = next((name for name in _IMAGES if found.get(name)), None)
     primary = images or "masks"
     if not found.get(primary):
@@ -43,14 +44,16 @@ def _read(folder: Path, settings: Settings) -> Footage:
     media: dict[str, tuple] = {}
     notes = list(rig.notes)
     if all(found.get(name) for name in _IMAGES):
-        notes.append(f"{folder}: {_IMAGES[0]}/ is taken; {_IMAGES[1]}/ is not looked at")
+        notes.append(f"{folder}: {_IMAGES[0]}/ is used; {_IMAGES[1]}/ is ignored")
     for name in (images, "masks", "background"):
         if name and found.get(name):
             extras = name == "background"
-            media[name], remarks = assigned(rig, found[name], folders[name], settings, extras)
+            media[name], remarks = assign_pictures(
+                rig, found[name], folders[name], settings, extras
+            )
             notes += remarks
     return Footage(
-        chosen(rig, settings),
+        choose_cameras(rig, settings),
         rig.unit,
         images=media[images] if images else None,
         masks=media.get("masks"),

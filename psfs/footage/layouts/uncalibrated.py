@@ -1,5 +1,7 @@
-"""Pictures of cameras that are not calibrated yet: `videos/*`, `images/<camera>/*`, or videos and
-folders of pictures in the folder itself, a camera each, named after it.
+"""Folders of uncalibrated cameras.
+
+`videos/*`, `images/<camera>/*`, or videos and folders of pictures in the folder itself, one per
+camera and named after it.
 """
 
 from __future__ import annotations
@@ -11,18 +13,20 @@ import numpy as np
 from cl import InputError, MissingFileError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.footage.layouts.common import Footage, Found
-from psfs.footage.media import media_in, open_media
+from psfs.footage.media import list_media, open_media
 from psfs.footage.settings import Settings
 
 LAYOUT = "uncalibrated"
-#: Where pictures may lie, the surest first; what else a folder may hold.
+#: Places of pictures, the most specific first; then names of folders that hold other things.
 _PLACES = ("videos", "images", ".")
 _OTHERS = ("background", "masks", "intrinsics", "truth", "pose")
 
 
-def pictures_in(folder: Path) -> Found:
-    """Return the pictures by camera. Raises InputError if there are none, MissingFileError if there
-    is no such folder."""
+def list_pictures(folder: Path) -> Found:
+    """List the pictures by camera.
+
+    Raises InputError if there are none, MissingFileError if there is no such folder.
+    """
     wanted = "expected videos/, images/<camera>/, or a video or folder of pictures per camera"
     if not folder.is_dir():
         kind, what = (
@@ -31,7 +35,7 @@ def pictures_in(folder: Path) -> Found:
         raise kind(f"{folder}: {what}; {wanted}")
     for place in _PLACES:
         if (folder / place).is_dir():
-            found = media_in(folder / place)
+            found = list_media(folder / place)
             found = {name: paths for name, paths in found.items() if name not in _OTHERS}
             if found:
                 return found
@@ -39,18 +43,20 @@ def pictures_in(folder: Path) -> Found:
 
 
 def read_uncalibrated(folder: Path, settings: Settings) -> Footage:
-    """Return the footage of the chosen cameras; its rig has names and sizes, and nothing else that
-    is meant. Raises InputError as `pictures_in` does."""
-    found = pictures_in(folder)
+    """Read the chosen cameras' pictures; of the rig only names and sizes are meaningful.
+
+    Raises InputError as `list_pictures` does.
+    """
+    found = list_pictures(folder)
     names = list(found) if settings.cameras is None else list(settings.cameras)
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{folder}: no camera {', '.join(missing)}; found {', '.join(found)}")
     media = tuple(open_media(name, found[name]) for name in names)
-    rig = CameraRig(tuple(_nominal(item.name, item.size) for item in media))
+    rig = CameraRig(tuple(_nominal_camera(item.name, item.size) for item in media))
     return Footage(rig, images=media)
 
 
-def _nominal(name: str, size: tuple[int, int]) -> Camera:
+def _nominal_camera(name: str, size: tuple[int, int]) -> Camera:
     K = np.array([[max(size), 0, size[0] / 2], [0, max(size), size[1] / 2], [0, 0, 1.0]])
     return Camera(name, K, np.zeros(5), np.eye(3), np.zeros(3), size)

@@ -1,4 +1,4 @@
-"""Clinical angles: their signs, their conventions, and what bodies do not have."""
+"""Clinical angles: signs, conventions, and joints that a body lacks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from apf.body import load_body
 from apf.body.anatomy import anatomical_frames, segment_frames
-from apf.body.angles import HANGING, WORLD, joint_angles, relative
+from apf.body.angles import HANGING, WORLD, joint_angles, relative_rotations
 from apf.body.kinematics import posed_joints
 from apf.body.markers import virtual_markers
 from apf.body.model import BodyModel
@@ -18,7 +18,7 @@ SONG = load_body("song31")
 
 
 def pose_of(body: BodyModel = SONG, **degrees: float) -> np.ndarray:
-    """(1, D) all angles at 0 but these: `l_thigh_ry=30`."""
+    """Return a pose (1, D) with all angles at 0 except the given ones, such as `l_thigh_ry=30`."""
     pose = np.zeros((1, body.n_dof))
     for name, value in degrees.items():
         pose[0, body.dof_names.index(".".join(name.rsplit("_", 1)))] = np.radians(value)
@@ -86,7 +86,7 @@ def test_shoulders_as_another_library_decomposes_them() -> None:
     poses = bodies.random_poses(SONG, 60, wild=True)
     frames, angles = anatomical_frames(SONG, poses), joint_angles(SONG, poses)
     for side in "lr":
-        turned = relative(frames, "thorax", f"{side}_upper_arm")
+        turned = relative_rotations(frames, "thorax", f"{side}_upper_arm")
         plane, elevation, axial = (
             angles[f"{side}_shoulder_{name}"]
             for name in ("plane_of_elevation", "elevation", "axial_rotation")
@@ -148,9 +148,9 @@ axes = [{{ axis = "-ry", sigma = 0.02 }}, {{ axis = "rx", sigma = 0.02 }}]
 
 
 def test_a_body_whose_feet_bend_has_ankles() -> None:
-    from apf.body.toml import body_text
+    from apf.body.toml import format_body
 
-    text = body_text(SONG).split("[[cone]]", 1)
+    text = format_body(SONG).split("[[cone]]", 1)
     feet = "".join(FOOT.format(side=side) for side in "lr")
     body = bodies.from_text(f"{text[0]}{feet}\n[[cone]]{text[1]}")
     angles = joint_angles(body, pose_of(body, l_foot_ry=10, r_foot_rx=5))

@@ -1,4 +1,4 @@
-"""bodytrack's own files: joints against the formulas of the shared sequence's README."""
+"""bodytrack's own files: joints compared with the formulas of the shared sequence's README."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from helpers.shared import shared_data
 from scipy.spatial.transform import Rotation
 
 from apf.body.bodytrack import TRANSLATIONS, is_bodytrack, read_body, read_poses
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.evaluation.joint_names import EVALUATED_JOINTS
 from cl import InputError
@@ -29,7 +29,7 @@ def euler(x: float, y: float, z: float) -> np.ndarray:
 
 
 def formulas(a: np.ndarray, L: np.ndarray) -> dict[str, np.ndarray]:
-    """Joints, mm, of one pose a0..a30 (rad, mm) and lengths L0..L17, after the README."""
+    """Compute the joints, mm, of a pose a0..a30 (rad, mm) and lengths L0..L17, after the README."""
     o, P = a[3:6], euler(*a[:3])
     X = P @ about("x", np.pi) @ euler(0, a[26], a[27]).T
     neck = o + X @ [0, 0, -L[0]]
@@ -53,7 +53,7 @@ def formulas(a: np.ndarray, L: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def write_files(folder: Path, seed: int = 0) -> dict[str, np.ndarray]:
-    """Random parameter files; the numbers in them."""
+    """Write random parameter files; return their numbers."""
     random = np.random.default_rng(seed)
     scales = random.uniform(0.5, 1.5, (10, 2))
     parts = np.concatenate([random.uniform(20, 200, (10, 2)), scales], 1)
@@ -112,7 +112,7 @@ def test_elliptic_torso_is_wide_along_its_own_x(tmp_path: Path) -> None:
     P = euler(*pose[:3])
     on_surface = pose[3:6] + np.stack([P @ [ra * sx, 0, 0], P @ [0, ra * sy, 0]])
     torso = posed_cones(body, read_poses(tmp_path / "poses.txt"))[1, :1]
-    np.testing.assert_allclose(distances(on_surface * 1e-3, torso), 0, atol=1e-9)
+    np.testing.assert_allclose(cone_distances(on_surface * 1e-3, torso), 0, atol=1e-9)
 
 
 def test_lengths_become_metres_and_limits_stay_open(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tapered cones: outlines and distances against geometry worked out another way."""
+"""Tapered cones: outlines and distances compared with independent geometry."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import bodies, scenes
 
-from apf.body.cones import distances, outline_corners, outlines
+from apf.body.cones import cone_distances, outline_corners, project_outlines
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from psfs.cameras.camera import Camera
 
@@ -28,7 +28,7 @@ def cone(
 
 
 def surface(row: np.ndarray, n_rows: int = 41, n_around: int = 180) -> np.ndarray:
-    """(n_rows, n_around, 3) points on the mantle of a cone."""
+    """Return points (n_rows, n_around, 3) on the mantle of a cone."""
     a, b, x, y = row[0:3], row[4:7], row[8:11], row[12:15]
     t = np.linspace(0, 1, n_rows)[:, None, None]
     angle = np.linspace(0, 2 * np.pi, n_around, endpoint=False)[None, :, None]
@@ -51,7 +51,7 @@ CONES = {
 @pytest.mark.parametrize("row", CONES.values(), ids=CONES)
 def test_corners_lie_on_the_rims(row: np.ndarray) -> None:
     corners = outline_corners(np.array([3.0, 1.0, 2.0]), row)
-    np.testing.assert_allclose(distances(corners, row[None]), 0, atol=1e-12)
+    np.testing.assert_allclose(cone_distances(corners, row[None]), 0, atol=1e-12)
     axis = row[4:7] - row[0:3]
     np.testing.assert_allclose((corners[:2] - row[0:3]) @ axis, 0, atol=1e-12)
     np.testing.assert_allclose((corners[2:] - row[4:7]) @ axis, 0, atol=1e-12)
@@ -77,7 +77,7 @@ def test_round_sides_are_normal_to_axis_and_view() -> None:
 @pytest.mark.parametrize("row", CONES.values(), ids=CONES)
 @pytest.mark.parametrize("direction", [(1, 0.2, 0.1), (-0.5, 1, 0.7), (0.3, -1, -0.4)])
 def test_outline_is_the_silhouette_seen_from_afar(row: np.ndarray, direction: tuple) -> None:
-    """Seen from far away the trapezoid spans all of the mantle, neither more nor less."""
+    """Seen from far away, the trapezoid covers exactly the mantle."""
     eye = 500 * np.array(direction) / np.linalg.norm(direction)
     corners = outline_corners(eye, row)
     # Across the axis in the picture plane.
@@ -111,14 +111,14 @@ def test_pixels_go_through_the_full_camera() -> None:
     camera = camera_at([3, 0.5, 1.5], [0, 0, 0.5])
     assert np.any(camera.distortion)
     expected, _ = camera.project(outline_corners(camera.centre, CONES["tapered"]))
-    np.testing.assert_array_equal(outlines(camera, CONES["tapered"]), expected)
+    np.testing.assert_array_equal(project_outlines(camera, CONES["tapered"]), expected)
 
 
 def test_cones_with_an_unseen_corner_have_no_outline() -> None:
     camera = camera_at([3, 0, 1], [0, 0, 1])
     behind = cone([5, 0, 0], [5, 0, 1])
     astride = cone([2, 0, 1], [4, 0, 1.1])
-    seen = outlines(camera, np.stack([behind, astride, CONES["upright"]]))
+    seen = project_outlines(camera, np.stack([behind, astride, CONES["upright"]]))
     assert np.isnan(seen[:2]).all() and np.isfinite(seen[2]).all()
 
 
@@ -128,27 +128,27 @@ def test_distances_to_a_cylinder() -> None:
         [[0, 0, 0.5], [0.3, 0, 0.5], [0, -0.1, 0.2], [0, 0, 1.4], [0.3, 0, 1.4], [0.05, 0, -0.1]]
     )
     expected = [-0.1, 0.2, 0.0, 0.3, 0.4, np.hypot(0.05, 0.1) - 0.1]
-    np.testing.assert_allclose(distances(points, row)[:, 0], expected, atol=1e-12)
+    np.testing.assert_allclose(cone_distances(points, row)[:, 0], expected, atol=1e-12)
 
 
 def test_distances_follow_taper_and_section() -> None:
     tapered = cone([0, 0, 0], [0, 0, 2], (0.2, 0.1))[None]
-    np.testing.assert_allclose(distances(np.array([[0.5, 0, 1.0]]), tapered), 0.35)
+    np.testing.assert_allclose(cone_distances(np.array([[0.5, 0, 1.0]]), tapered), 0.35)
     elliptic = cone([0, 0, 0], [0, 0, 1], (0.1, 0.1), (1, 0, 0), (2.0, 0.5))[None]
     on_surface = np.array([[0.2, 0, 0.3], [0, 0.05, 0.6]])
-    np.testing.assert_allclose(distances(on_surface, elliptic)[:, 0], 0, atol=1e-12)
-    off_surface = distances(np.array([[0.25, 0, 0.3], [0, 0.04, 0.6]]), elliptic)[:, 0]
+    np.testing.assert_allclose(cone_distances(on_surface, elliptic)[:, 0], 0, atol=1e-12)
+    off_surface = cone_distances(np.array([[0.25, 0, 0.3], [0, 0.04, 0.6]]), elliptic)[:, 0]
     assert off_surface[0] > 0 > off_surface[1]
 
 
 @pytest.mark.parametrize("row", CONES.values(), ids=CONES)
 def test_mantles_are_at_distance_zero(row: np.ndarray) -> None:
     points = surface(row).reshape(-1, 3)
-    np.testing.assert_allclose(distances(points, row[None]), 0, atol=1e-12)
+    np.testing.assert_allclose(cone_distances(points, row[None]), 0, atol=1e-12)
 
 
 def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
-    """A cylinder without its rounded ends: the nearest of many points on its mantle."""
+    """The distance to a cylinder is that to the nearest of many points on its mantle."""
     row = cone([0.2, 0.1, 0.3], [0.5, -0.2, 0.9], (0.1, 0.1))
     random = np.random.default_rng(1)
     axis = row[4:7] - row[0:3]
@@ -156,7 +156,7 @@ def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
     points = points + np.cross(axis, random.normal(0, 0.4, (200, 3)))
     mantle = surface(row, 400, 360).reshape(-1, 3)
     nearest = [np.linalg.norm(mantle - point, axis=-1).min() for point in points]
-    found = distances(points, row[None])[:, 0]
+    found = cone_distances(points, row[None])[:, 0]
     assert (found < 0).any() and (found > 0).any()
     np.testing.assert_allclose(np.abs(found), nearest, atol=2e-3)
 
@@ -164,17 +164,17 @@ def test_distances_to_a_round_cone_are_those_of_its_points() -> None:
 def test_distances_are_per_point_and_cone() -> None:
     cones = np.stack(list(CONES.values()))
     points = np.random.default_rng(0).normal(0, 1, (5, 3))
-    table = distances(points, cones)
+    table = cone_distances(points, cones)
     assert table.shape == (5, 3)
-    np.testing.assert_allclose(table[3, 1], distances(points[3:4], cones[1:2])[0, 0])
-    assert distances(np.empty((0, 3)), cones).shape == (0, 3)
+    np.testing.assert_allclose(table[3, 1], cone_distances(points[3:4], cones[1:2])[0, 0])
+    assert cone_distances(np.empty((0, 3)), cones).shape == (0, 3)
 
 
 def test_corners_far_out_of_the_picture_count_as_unseen() -> None:
-    """Beside the camera a corner's pixel may be at 1e17: no line to there can be drawn."""
+    """A corner beside the camera may have its pixel at 1e17: no line to it can be drawn."""
     camera = camera_at([3, 0, 1], [0, 0, 1])
     assert camera.max_radius2 == np.inf
     beside = cone([2.9, 0.5, 0.5], [2.5, 0, 1.2])
     _, depth = camera.project(outline_corners(camera.centre, beside))
     assert (depth > 0).all()
-    assert np.isnan(outlines(camera, beside)).all()
+    assert np.isnan(project_outlines(camera, beside)).all()

@@ -1,4 +1,4 @@
-"""Derivatives of points on the body by the pose, against differences of posed bodies."""
+"""Derivatives of points on the body compared with finite differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEP = 1e-6
 
 
 def stepped(body: BodyModel, pose: np.ndarray) -> np.ndarray:
-    """(D, D) poses, each with another degree of freedom moved by STEP."""
+    """Return poses (D, D), each with another degree of freedom moved by STEP."""
     return pose + STEP * np.eye(body.n_dof)
 
 

@@ -1,4 +1,4 @@
-"""Forward kinematics: the twin against plain matrix products, the kernel against the twin."""
+"""Forward kinematics: the twin compared with matrix products, the kernel with the twin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BODIES = ["song31", "stick"]
 
 
 def transform(kind: str, value: float) -> np.ndarray:
-    """(4, 4) matrix of one axis, written out."""
+    """Return the matrix (4, 4) of one axis."""
     c, s = np.cos(value), np.sin(value)
     matrix = np.eye(4)
     if kind[0] == "t":
@@ -37,7 +37,7 @@ def transform(kind: str, value: float) -> np.ndarray:
 
 
 def world_matrices(body: BodyModel, pose: np.ndarray) -> list[np.ndarray]:
-    """W = W_parent T(offset) rest A_1 A_2 ... as products of (4, 4) matrices."""
+    """Compute W = W_parent T(offset) rest A_1 A_2 ... as products of (4, 4) matrices."""
     world: list[np.ndarray] = []
     for bone in body.bones:
         local = np.eye(4)

@@ -10,7 +10,7 @@ from apf.body.limbs import (
     limb_chains,
     limb_joints,
     limb_masks,
-    reaching,
+    solve_inverse_kinematics,
     swinging_bones,
     trunk_mask,
 )
@@ -56,16 +56,18 @@ def test_limbs_swing_from_their_upper_bones_whatever_carries_these(
 
 
 def test_a_limb_reaches_for_places() -> None:
-    """Within its limits and as far as it can; what is there already stays."""
+    """Inverse kinematics respects limits, gets as near as possible, and leaves what is in place."""
     body = load_body("song31")
     limbs, joints = limb_masks(body), limb_joints(body)
     poses = np.tile(body.rest_pose, (len(limbs), 1))
     wanted = np.where(limbs, poses + 0.3, poses).clip(body.lower, body.upper)
     places = posed_joints(body, wanted)
-    found = reaching(body, poses, limbs, joints, places)
+    found = solve_inverse_kinematics(body, poses, limbs, joints, places)
     away = np.linalg.norm(posed_joints(body, found) - places, axis=-1)
     assert away[joints].max() < 0.01
     np.testing.assert_array_equal(found[~limbs], poses[~limbs])
-    np.testing.assert_array_equal(reaching(body, wanted, limbs, joints, places), wanted)
-    far = reaching(body, poses, limbs, joints, places + 9.0)
+    np.testing.assert_array_equal(
+        solve_inverse_kinematics(body, wanted, limbs, joints, places), wanted
+    )
+    far = solve_inverse_kinematics(body, poses, limbs, joints, places + 9.0)
     assert np.all((far >= body.lower) & (far <= body.upper)) and np.isfinite(far).all()

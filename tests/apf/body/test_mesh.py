@@ -1,4 +1,4 @@
-"""Bodies shaped as meshes: frusta, users' meshes, and their rendering against the twin."""
+"""Body meshes: frusta, users' meshes, and their rendering compared with the twin."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from cl import Device, InputError, NumpyDevice
 
 
 def blob(body: BodyModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (M, 3) and faces of a closed surface around the stick at rest, and weights (M, B)
-    that blend its bones from below to above."""
+    """Return vertices (M, 3) and faces of a closed surface around the resting stick, and blend
+    weights (M, B)."""
     ball = trimesh.creation.icosphere(2)
     vertices = ball.vertices * [0.25, 0.25, 0.6] + [0.1, -0.15, 0.6]
     above = np.clip((vertices[:, 2] - 0.3) / 0.6, 0, 1)

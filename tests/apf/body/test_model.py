@@ -1,4 +1,4 @@
-"""Body models: what is shipped, the TOML reader and writer, scaling."""
+"""Body models: shipped ones, the TOML reader and writer, scaling."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def assert_same(a: BodyModel, b: BodyModel) -> None:
 
 
 def moved(**dofs: float) -> dict[str, np.ndarray]:
-    """How far each joint of song31 moves (3,) m when the named degrees of freedom do (. as __)."""
+    """Return the displacement (3,) m of each joint of song31 for these degrees of freedom (. as
+    __)."""
     pose = SONG.rest_pose.copy()
     for name, value in dofs.items():
         pose[SONG.dof_names.index(name.replace("__", "."))] += value

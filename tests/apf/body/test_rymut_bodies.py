@@ -1,4 +1,4 @@
-"""The thesis's body and its halves: what they are made of, and that each can be tracked."""
+"""The thesis's body and its halves: their structure, and tracking each of them."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def rig() -> CameraRig:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_tracked_alone(device: Device, name: str) -> None:
-    """A moving body is followed through its silhouettes and edges."""
+    """A moving body is tracked by its silhouettes and edges."""
     body = load_body(name)
     film = Film(device, body, rig())
     method = Method.of("pso", "sp", n_particles=200, n_layers=12)

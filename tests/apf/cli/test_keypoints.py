@@ -17,7 +17,7 @@ from helpers.shared import shared_data
 import psfs
 from apf.cli import main
 from apf.keypoints import Keypoints
-from apf.keypoints.estimation import CropConfig, next_crop
+from apf.keypoints.estimation import CropConfig, update_crop
 from apf.keypoints.readers.orders import MEDIAPIPE
 from psfs.common.outputs import output_folder
 
@@ -201,17 +201,17 @@ def test_the_crop_stays_while_the_person_fits() -> None:
         silhouette[5, 600] = True  # speckle
         return silhouette
 
-    first = next_crop(shown(300, 200, 40, 100), None, config)
+    first = update_crop(shown(300, 200, 40, 100), None, config)
     assert first is not None and first.tolist() == [250, 150, 390, 350]
-    assert next_crop(shown(270, 200, 40, 100), first, config) is first
-    moved = next_crop(shown(255, 200, 40, 100), first, config)
+    assert update_crop(shown(270, 200, 40, 100), first, config) is first
+    moved = update_crop(shown(255, 200, 40, 100), first, config)
     assert moved is not first and moved is not None and moved.tolist() == [205, 150, 345, 350]
-    tiny = next_crop(shown(300, 240, 10, 20), first, config)
+    tiny = update_crop(shown(300, 240, 10, 20), first, config)
     assert tiny is not first and tiny is not None and (tiny[2:] - tiny[:2]).max() < 60
-    corner = next_crop(shown(0, 400, 40, 80), None, config)
+    corner = update_crop(shown(0, 400, 40, 80), None, config)
     assert corner is not None and corner.tolist() == [0, 360, 80, 480]
-    assert next_crop(shown(0, 400, 40, 80), corner, config) is corner
-    assert next_crop(np.zeros((480, 640), bool), first, config) is None
+    assert update_crop(shown(0, 400, 40, 80), corner, config) is corner
+    assert update_crop(np.zeros((480, 640), bool), first, config) is None
 
 
 @pytest.mark.skipif(find_spec("mediapipe") is None, reason="needs the extra keypoints")
@@ -219,7 +219,7 @@ def test_mediapipe_itself(tmp_path: Path) -> None:
     folder = shared_data("synth_box_4cam")
     out = tmp_path / "pose"
     assert main(["keypoints", str(folder), "-o", str(out), "--cameras", "cam01"]) == 0
-    read, known = Keypoints.open(out, ["cam01"]), Keypoints.open(folder).of_cameras(["cam01"])
+    read, known = Keypoints.open(out, ["cam01"]), Keypoints.open(folder).select_cameras(["cam01"])
     away = np.hypot(*np.moveaxis((read.points - known.points)[0, :, 11:, :2], -1, 0))
     assert np.median(away) < 5
     people = json.loads((out / "cam01_json" / "cam01_000000.json").read_text())["people"]

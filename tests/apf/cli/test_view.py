@@ -33,7 +33,7 @@ def test_the_window_gets_skeleton_and_cones(
         seen.update(player=player)
 
     monkeypatch.setattr(command, "has_display", lambda: True)
-    monkeypatch.setattr(command, "show", show)
+    monkeypatch.setattr(command, "show_window", show)
     assert main(["view", str(out), str(track)]) == 0
     player: Player = seen["player"]
     assert list(player.drawings()) == ["voxels", "skeleton", "cones", "cameras", "floor"]

@@ -1,4 +1,4 @@
-"""Where a long take is cut, and that its parts are joined where they agree."""
+"""Cutting a long take into chunks, and joining the chunks where they agree."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from helpers.tracks import walker
 
-from apf.cluster.chunks import cut, joined, seam
+from apf.cluster.chunks import cut_chunks, find_seam, join_tracks
 from apf.tracking.track import Track
 
 
 def part_of(track: Track, begin: int, end: int, shift: np.ndarray | float = 0.0) -> Track:
-    """Frames begin to end, moved by `shift` (F,) m."""
+    """Return frames begin to end of a track, moved by `shift` (F,) m."""
     rows = slice(begin, end)
     moved = track.joints[rows] + np.reshape(shift * np.ones(end - begin), (-1, 1, 1))
     diagnostics = {name: values[rows] for name, values in track.diagnostics.items()}
@@ -29,7 +29,7 @@ def part_of(track: Track, begin: int, end: int, shift: np.ndarray | float = 0.0)
 
 
 def test_parts_cover_all_and_overlap() -> None:
-    parts = cut(range(10, 400, 3), 40, 8)
+    parts = cut_chunks(range(10, 400, 3), 40, 8)
     assert len(parts) == 3
     assert parts[0][0] == 10 and parts[-1][-1] == 397
     for first, second in pairwise(parts):
@@ -39,15 +39,15 @@ def test_parts_cover_all_and_overlap() -> None:
 
 @pytest.mark.parametrize("n_frames", [90, 130, 1000, 5])
 def test_short_takes_are_not_cut(n_frames: int) -> None:
-    """Nor is one into parts that would be all overlap."""
-    assert cut(range(100), n_frames, 8) == [range(100)]
+    """Nor is a take cut into chunks that would consist of overlap only."""
+    assert cut_chunks(range(100), n_frames, 8) == [range(100)]
 
 
 def test_parts_are_joined_where_they_agree_best() -> None:
     track = walker(60)
     rising = np.abs(np.arange(20) - 6) * 0.01 + 0.003
     second = part_of(track, 30, 60, np.r_[rising, np.zeros(10)])
-    whole, (found,) = joined([part_of(track, 0, 50), second])
+    whole, (found,) = join_tracks([part_of(track, 0, 50), second])
     assert found.frame == 36 and found.distance == pytest.approx(0.003 * np.sqrt(3), abs=1e-9)
     np.testing.assert_array_equal(whole.frames, np.arange(60))
     np.testing.assert_array_equal(whole.poses, track.poses)
@@ -62,6 +62,6 @@ def test_no_seam_where_one_is_lost() -> None:
     lost = np.zeros(60, bool)
     lost[:45] = True
     track = replace(track, diagnostics={**track.diagnostics, "lost": lost})
-    assert seam(part_of(track, 0, 50), part_of(track, 30, 60)).frame >= 45
-    assert seam(part_of(track, 0, 40), part_of(track, 30, 60)).distance == np.inf
-    assert seam(part_of(track, 0, 20), part_of(track, 30, 60)).distance == np.inf
+    assert find_seam(part_of(track, 0, 50), part_of(track, 30, 60)).frame >= 45
+    assert find_seam(part_of(track, 0, 40), part_of(track, 30, 60)).distance == np.inf
+    assert find_seam(part_of(track, 0, 20), part_of(track, 30, 60)).distance == np.inf

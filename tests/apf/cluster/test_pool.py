@@ -15,11 +15,11 @@ import pytest
 from helpers.tasks import die_until, double, interrupted, raise_until
 
 from apf.cli import main
-from apf.cluster.connection import embedded_cluster, joined_cluster
-from apf.cluster.courses import Course, done_courses
+from apf.cluster.connection import connect_cluster, start_cluster
+from apf.cluster.courses import Workflow, run_workflows
 from apf.cluster.pool import Pool, Task
 from apf.cluster.task_side import Progress
-from apf.cluster.workers import Share, shares_of_machine
+from apf.cluster.workers import Share, share_machine
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -28,14 +28,14 @@ pytest.importorskip("distributed")
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    """Two workers, each pinned to the first core."""
+    """Yield a client of two workers, both pinned to the first core."""
     core = sorted(os.sched_getaffinity(0))[:1]
-    with embedded_cluster([Share("cpu", tuple(core))] * 2) as client:
+    with start_cluster([Share("cpu", tuple(core))] * 2) as client:
         yield client
 
 
 def test_every_task_has_its_outcome(client: Any, tmp_path: Path) -> None:
-    """Two faults are survived, three deaths and three faults are not; no other task notices."""
+    """Two failures are survived, three deaths or failures are not; other tasks are unaffected."""
     said: list[Progress] = []
     pool = Pool(client, said.append)
     for name, work, times in (
@@ -59,18 +59,18 @@ def test_every_task_has_its_outcome(client: Any, tmp_path: Path) -> None:
 
 
 def test_a_course_goes_on_with_what_came_before(client: Any, tmp_path: Path) -> None:
-    def sum_of(numbers: list[int]) -> Course:
+    def sum_of(numbers: list[int]) -> Workflow:
         parts = yield [Task(f"{n} of {numbers}", double, (n,)) for n in numbers]
         (found,) = yield [Task(f"all of {numbers}", double, (sum(part[0] for part in parts),))]
         return found[0]
 
-    def failing() -> Course:
+    def failing() -> Workflow:
         fails = Task("fails", raise_until, (str(tmp_path / "fails"), 9))
         yield [fails, Task("beside it", double, (1,))]
         raise AssertionError("it goes no further")
 
     courses = {"a": sum_of([1, 2, 3]), "b": failing(), "c": sum_of([4])}
-    found = dict(done_courses(Pool(client), courses))
+    found = dict(run_workflows(Pool(client), courses))
     assert found["a"] == 24 and found["c"] == 16 and isinstance(found["b"], InputError)
 
 
@@ -127,13 +127,13 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
 
 def test_workers_share_the_cores() -> None:
     cores = sorted(os.sched_getaffinity(0))
-    assert shares_of_machine("cpu") == [Share("cpu", (core,)) for core in cores]
-    assert shares_of_machine("cpu", 1) == [Share("cpu", tuple(cores))]
-    assert shares_of_machine("cpu")[0].environment["OPENCV_FOR_THREADS_NUM"] == "1"
-    more = shares_of_machine("numpy", 2 * len(cores))
+    assert share_machine("cpu") == [Share("cpu", (core,)) for core in cores]
+    assert share_machine("cpu", 1) == [Share("cpu", tuple(cores))]
+    assert share_machine("cpu")[0].environment["OPENCV_FOR_THREADS_NUM"] == "1"
+    more = share_machine("numpy", 2 * len(cores))
     assert [share.cores for share in more] == [(c,) for c in cores] + [tuple(cores)] * len(cores)
     with pytest.raises(InputError, match="--workers is 0"):
-        shares_of_machine("cpu", 0)
+        share_machine("cpu", 0)
 
 
 @pytest.mark.parametrize(
@@ -145,8 +145,8 @@ def test_gpus_get_as_many_workers_as_cores_feed(
     gpu = SimpleNamespace(is_gpu=True, kind="gpu")
     monkeypatch.setattr("apf.cluster.workers.select_device", lambda choice: gpu)
     monkeypatch.setattr("apf.cluster.workers.list_devices", lambda: [gpu] * n_gpus)
-    monkeypatch.setattr("apf.cluster.workers.own_cores", lambda: list(range(n_cores)))
-    found = shares_of_machine()
+    monkeypatch.setattr("apf.cluster.workers.list_own_cores", lambda: list(range(n_cores)))
+    found = share_machine()
     assert found == [Share(f"gpu:{k % n_gpus}") for k in range(expected)]
 
 
@@ -173,6 +173,6 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 
 
 def test_no_scheduler(tmp_path: Path) -> None:
-    nowhere = joined_cluster("tcp://127.0.0.1:1", tmp_path, patience=0.2)
+    nowhere = connect_cluster("tcp://127.0.0.1:1", tmp_path, patience=0.2)
     with pytest.raises(InputError, match="no scheduler answers"), nowhere:
         pass

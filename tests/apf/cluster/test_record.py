@@ -1,4 +1,4 @@
-"""Which takes count as finished, and that folders of results are whole or not there."""
+"""Which takes count as finished; folders of results are complete or absent."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from apf.cluster.record import FileFacts, TakeRecord, files_in
-from apf.cluster.whole_folder import clear_partial, final_names, whole_folder
+from apf.cluster.record import FileFacts, TakeRecord, list_files
+from apf.cluster.whole_folder import clear_partial, replace_folder, replace_temporary_names
 from cl import InputError
 from psfs.common.files import written_whole
 from psfs.common.outputs import output_folder
@@ -38,7 +38,7 @@ def test_a_take_is_the_same_by_content_and_settings(take: Path, tmp_path: Path) 
     body = tmp_path / "body.toml"
     body.write_text("a body")
     settings = {"seed": 1, "frames": slice(0, 4, None), "body": str(body), "device": "cpu"}
-    first = TakeRecord.of_take(take, settings)
+    first = TakeRecord.describe_take(take, settings)
     assert set(first.inputs) == {"videos/cam01.mp4", "calibration.toml"}
     assert set(first.files) == {"body"}
     (tmp_path / "out").mkdir()
@@ -51,37 +51,37 @@ def test_a_take_is_the_same_by_content_and_settings(take: Path, tmp_path: Path) 
     os.utime(moved / "calibration.toml", ns=(1, 1))
     body.rename(tmp_path / "another.toml")
     renamed = settings | {"body": str(tmp_path / "another.toml")}
-    assert TakeRecord.of_take(moved, renamed).same_take(read)
-    assert TakeRecord.of_take(moved, renamed, read).same_take(read)
+    assert TakeRecord.describe_take(moved, renamed).is_same_take(read)
+    assert TakeRecord.describe_take(moved, renamed, read).is_same_take(read)
 
-    assert not TakeRecord.of_take(moved, renamed | {"seed": 2}).same_take(read)
+    assert not TakeRecord.describe_take(moved, renamed | {"seed": 2}).is_same_take(read)
     changed(tmp_path / "another.toml", "another body")
-    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.describe_take(moved, renamed, read).is_same_take(read)
     changed(tmp_path / "another.toml", "a body")
     changed(moved / "calibration.toml", "f = 2")
-    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.describe_take(moved, renamed, read).is_same_take(read)
     changed(moved / "calibration.toml", "f = 1")
     (moved / "videos" / "cam02.mp4").write_bytes(b"")
-    assert not TakeRecord.of_take(moved, renamed, read).same_take(read)
+    assert not TakeRecord.describe_take(moved, renamed, read).is_same_take(read)
 
 
 def test_files_that_look_as_before_are_not_read(take: Path) -> None:
-    known = TakeRecord.of_take(take, {})
+    known = TakeRecord.describe_take(take, {})
     changed(take / "calibration.toml", "f = 7", same_time=True)
-    assert TakeRecord.of_take(take, {}, known).same_take(known)
-    assert not TakeRecord.of_take(take, {}).same_take(known)
+    assert TakeRecord.describe_take(take, {}, known).is_same_take(known)
+    assert not TakeRecord.describe_take(take, {}).is_same_take(known)
 
 
 @pytest.mark.parametrize("damage", ["changed", "gone"])
 def test_results_that_are_not_all_there(damage: str, take: Path) -> None:
-    outputs = {str(p.relative_to(take)): FileFacts.of(p) for p in files_in(take)}
+    outputs = {str(p.relative_to(take)): FileFacts.of(p) for p in list_files(take)}
     record = TakeRecord("0", {}, {}, {}, outputs)
-    assert record.holds(take)
+    assert record.is_complete(take)
     if damage == "gone":
         (take / "calibration.toml").unlink()
     else:
         changed(take / "calibration.toml", "f = 8")
-    assert not record.holds(take)
+    assert not record.is_complete(take)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"version": 1}', '{"inputs": {"a": 3}}'])
@@ -93,18 +93,18 @@ def test_no_record(text: str, tmp_path: Path) -> None:
 
 def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="absent: no such folder"):
-        TakeRecord.of_take(tmp_path / "absent", {})
+        TakeRecord.describe_take(tmp_path / "absent", {})
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     path = tmp_path / "walk"
     for text in ("first", "second"):
-        with whole_folder(path) as partial, output_folder(partial, "test"):
+        with replace_folder(path) as partial, output_folder(partial, "test"):
             with written_whole(partial / text) as temporary:
                 temporary.write_text(text)
-            assert final_names(f"{partial / text}: bad") == f"{path / text}: bad"
+            assert replace_temporary_names(f"{partial / text}: bad") == f"{path / text}: bad"
         assert {p.name for p in path.iterdir()} == {text, "manifest.txt"}
-    with pytest.raises(KeyboardInterrupt), whole_folder(path) as partial:
+    with pytest.raises(KeyboardInterrupt), replace_folder(path) as partial:
         (partial / "third").write_text("third")
         raise KeyboardInterrupt
     assert {p.name for p in path.iterdir()} == {"second", "manifest.txt"}
@@ -116,7 +116,7 @@ def test_files_of_others_stay(tmp_path: Path) -> None:
 
     def written(text: str) -> None:
         with (
-            whole_folder(path) as partial,
+            replace_folder(path) as partial,
             output_folder(partial, "test"),
             written_whole(partial / "a" / "track.npz") as temporary,
         ):
@@ -135,7 +135,7 @@ def test_files_of_others_stay(tmp_path: Path) -> None:
 
 
 def test_leftovers_of_the_dead_are_cleared(tmp_path: Path) -> None:
-    """Not those of other takes, other hosts, or processes that live."""
+    """Those of other takes, other hosts or running processes stay."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     here = platform.node()

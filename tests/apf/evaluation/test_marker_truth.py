@@ -18,7 +18,7 @@ from apf.evaluation.evaluate import evaluate, load_truth
 from apf.evaluation.marker_truth import evaluate_markers, load_markers
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import CONVENTIONS
-from apf.keypoints.landmarks import points_on
+from apf.keypoints.landmarks import locate_points
 from apf.tracking.track import Track
 from cl import InputError
 
@@ -56,7 +56,7 @@ def write_c3d(
 def true_markers(track: Track, labels: tuple[str, ...]) -> np.ndarray:
     """(F, P, 3) m of the shipped set on the track's body, by its own matrices."""
     found = load_markers("plugingait")
-    points = points_on(track.its_body, labels, found.markers, found.stature)
+    points = locate_points(track.its_body, labels, found.markers, found.stature)
     rotations, origins = bone_matrices(track.its_body, track.poses)
     pairs = list(zip(points.bones, points.offsets, strict=True))
     frames = range(len(track.poses))
@@ -104,13 +104,13 @@ def test_units_axes_rates_and_beginnings(tmp_path: Path) -> None:
     early[4 + 3, 0] = np.nan
     write_c3d(path, 1000 * early, labels, 2 * FPS)
     truth = read_c3d(path)
-    at = truth.at_rate(FPS, 4.0)
+    at = truth.resample(FPS, 4.0)
     np.testing.assert_allclose(at.joints[:N_FRAMES], markers, atol=1e-6)
-    half = truth.at_rate(FPS, 4.5)  # a frame of theirs earlier by half
+    half = truth.resample(FPS, 4.5)  # a frame of theirs earlier by half
     np.testing.assert_allclose(half.joints[4], (3 * markers[4] + markers[5]) / 4, atol=1e-6)
     assert np.isnan(half.joints[1, 0]).all() and np.isfinite(half.joints[1, 1]).all()
     write_c3d(path, 1000 * markers[5:], labels, FPS, first=5)
-    numbered = read_c3d(path).at_rate(FPS)
+    numbered = read_c3d(path).resample(FPS)
     assert numbered.frames.tolist() == list(range(5, N_FRAMES))
 
 

@@ -12,7 +12,7 @@ from helpers.parity import traced
 from helpers.sightings import seen_points
 
 from apf.body import BodyModel, load_body
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.limbs import limb_masks
 from apf.filters.config import FilterConfig
@@ -43,7 +43,7 @@ class Nearness(Likelihood):
 
     def rescore(self, poses: np.ndarray, stride: int) -> np.ndarray:
         seen = subset(self.host_points, 0, stride)
-        nearest = [np.abs(distances(seen, c)).min(1) for c in posed_cones(self.body, poses)]
+        nearest = [np.abs(cone_distances(seen, c)).min(1) for c in posed_cones(self.body, poses)]
         return np.mean(np.square(nearest) / (np.square(nearest) + 0.05**2), axis=1)
 
     def rescoring_launcher(

@@ -1,4 +1,4 @@
-"""C3D, TRC, MOT and CSV as other readers see them."""
+"""C3D, TRC, MOT and CSV files read by independent readers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from apf.body import load_body
 from apf.body.anatomy import anatomical_frames
 from apf.formats import write_angle_csv, write_c3d
-from apf.formats.angles import coordinates
+from apf.formats.angles import opensim_coordinates
 from apf.formats.c3d import C3dEvent
 from apf.formats.trc import JointSeries, read_trc
 from apf.tracking.smoothing import smoothed
@@ -26,7 +26,7 @@ from cl import InputError
 
 
 def walk() -> Track:
-    """With a covariance, and lost in frames 3 and 4."""
+    """Return a track with a covariance that is lost in frames 3 and 4."""
     track = strider(10)
     lost = np.zeros(10, bool)
     lost[3:5] = True
@@ -73,7 +73,7 @@ def test_frames_far_apart_and_twice(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too many for a file without times"):
         replace(strider(3), frames=np.array([0, 1, 10**9])).save(tmp_path / "a.c3d")
     assert not list(tmp_path.iterdir())
-    rate, rows = replace(strider(2), frames=np.array([4, 4])).points.on_a_beat()
+    rate, rows = replace(strider(2), frames=np.array([4, 4])).points.to_constant_rate()
     assert rate == 60 and len(rows) == 1
 
 
@@ -166,7 +166,7 @@ def test_mot_of_lost_frames_and_of_parts_of_bodies(tmp_path: Path) -> None:
     assert all(np.isnan(v[3:5]).all() for name, v in table.items() if name != "time")
     assert np.isfinite(np.delete(table["knee_angle_l"], [3, 4])).all()
     upper = load_body("rymut31_upper")
-    assert "knee_angle_r" not in coordinates(upper, upper.rest_pose[None])
+    assert "knee_angle_r" not in opensim_coordinates(upper, upper.rest_pose[None])
 
 
 def test_angle_csv(tmp_path: Path) -> None:

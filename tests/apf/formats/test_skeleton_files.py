@@ -1,4 +1,5 @@
-"""BVH and GLB as other readers see them: bvhio, pygltflib, trimesh, and Blender where it is."""
+"""BVH and GLB files read by independent readers: bvhio, pygltflib, trimesh, and Blender if
+installed."""
 
 from __future__ import annotations
 
@@ -19,9 +20,9 @@ from helpers import bodies
 from helpers.striders import strider, track_of_poses
 from scipy.spatial.transform import Rotation
 
-from apf.body import bone_matrices, distances, load_body, posed_cones
-from apf.formats.bvh import continuous
-from apf.formats.skeleton import TO_Y_UP, node_name, skeleton_of
+from apf.body import bone_matrices, cone_distances, load_body, posed_cones
+from apf.formats.bvh import make_continuous
+from apf.formats.skeleton import TO_Y_UP, build_skeleton, node_name
 from apf.tracking.track import Track
 
 #: Where programs of animation have the joints.
@@ -39,7 +40,7 @@ def wild(name: str, frames: int = 12) -> Track:
 
 
 def in_world(point: object) -> np.ndarray:
-    """A place of a file with Y up, in the tracker's world."""
+    """Convert a position of a file with Y up to the tracker's world."""
     return TO_Y_UP.T @ np.array(list(point))  # type: ignore[call-overload]
 
 
@@ -70,7 +71,7 @@ def test_bvhio_rebuilds_joints_and_rotations(tmp_path: Path, name: str) -> None:
 
 def test_the_rest_attitude_stands_with_its_arms_out(tmp_path: Path) -> None:
     for name in ("song31", "rymut31"):
-        skeleton = skeleton_of(load_body(name))
+        skeleton = build_skeleton(load_body(name))
         place = {node.name: at for node, at in zip(skeleton.nodes, skeleton.places(), strict=True)}
         assert place["Head"][1] > 0.5 and place["LeftFoot"][1] < -0.8  # Y up
         assert place["LeftToeBase"][2] > 0.1  # faces along Z
@@ -109,7 +110,7 @@ def test_bodies_of_any_structure(tmp_path: Path) -> None:
     track.save(tmp_path / "a.bvh")
     text = (tmp_path / "a.bvh").read_text()
     assert text.count("ROOT") == 2 and text.count("{") == text.count("}")
-    skeleton = skeleton_of(body)
+    skeleton = build_skeleton(body)
     local, shifts = skeleton.motion(body, track.poses)
     turned, placed = np.empty_like(local), np.empty_like(shifts)
     for index, node in enumerate(skeleton.nodes):
@@ -128,7 +129,7 @@ def test_angles_do_not_jump() -> None:
     rotations = Rotation.from_euler("ZXY", np.stack([turning, 0.9 * turning, -turning], -1))
     wrapped = rotations.as_euler("ZXY")
     assert np.abs(np.diff(wrapped, axis=0)).max() > 3
-    found = continuous(wrapped)
+    found = make_continuous(wrapped)
     assert np.abs(np.diff(found, axis=0)).max() < 0.1
     again = Rotation.from_euler("ZXY", found)
     assert (again.inv() * rotations).magnitude().max() < 1e-9
@@ -145,7 +146,7 @@ def gltf_values(file: pygltflib.GLTF2, accessor: int) -> np.ndarray:
 
 
 def gltf_nodes(file: pygltflib.GLTF2, frame: int) -> np.ndarray:
-    """(N, 4, 4) where the animation puts the nodes in the world in a frame."""
+    """Return the world matrices (N, 4, 4) of the animated nodes in a frame."""
     parents = {child: index for index, node in enumerate(file.nodes) for child in node.children}
     moves = [(n.translation or [0, 0, 0], n.rotation or [0, 0, 0, 1]) for n in file.nodes]
     for channel in file.animations[0].channels:
@@ -189,7 +190,7 @@ def test_gltf_rebuilds_joints_and_skin(tmp_path: Path, name: str) -> None:
         skin = np.einsum("vab,vb->va", bound[owners[:, 0]], ones)[:, :3] @ TO_Y_UP
         # The skin is the body's: its vertices lie on the surface of the posed cones.
         cones = posed_cones(track.its_body, track.poses[frame : frame + 1])[0]
-        assert np.abs(distances(skin, cones)).min(1).max() < 0.02
+        assert np.abs(cone_distances(skin, cones)).min(1).max() < 0.02
 
 
 def test_trimesh_opens_a_glb(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""TRC files: what is written, and reading other programs' too."""
+"""TRC files: writing, and reading those of other programs."""
 
 from __future__ import annotations
 

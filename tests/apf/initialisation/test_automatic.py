@@ -8,7 +8,7 @@ from helpers import bodies
 from helpers.scenes import ring
 
 import apf.initialisation.automatic as find
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones, posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import lowest_point, stature
@@ -40,7 +40,7 @@ def surface(body: BodyModel, pose: np.ndarray, spacing: float = 0.02) -> np.ndar
     cones = posed_cones(body, pose[None])[0]
     cone, coordinates = surface_samples(body, spacing)
     points = points_on(cones[cone], coordinates)
-    depth = distances(points, cones)
+    depth = cone_distances(points, cones)
     depth[np.arange(len(cone)), cone] = np.inf
     return points[depth.min(1) > 0]
 
@@ -58,7 +58,7 @@ def test_samples_lie_on_the_surface() -> None:
         body = bodies.named(name)
         cones = posed_cones(body, bodies.random_poses(body, 1))[0]
         cone, coordinates = surface_samples(body, 0.05)
-        every = distances(points_on(cones[cone], coordinates), cones)
+        every = cone_distances(points_on(cones[cone], coordinates), cones)
         np.testing.assert_allclose(every[np.arange(len(cone)), cone], 0, atol=1e-9)
 
 

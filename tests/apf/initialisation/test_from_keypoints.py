@@ -14,7 +14,7 @@ from apf.body.jacobian import bone_point_jacobian
 from apf.body.stature import stature
 from apf.initialisation import StartError
 from apf.initialisation.from_keypoints import pose_of_points, start_from_keypoints
-from apf.keypoints import Keypoints, points_on
+from apf.keypoints import Keypoints, locate_points
 from apf.likelihood.observations import no_observations
 from cl import InputError
 
@@ -78,7 +78,7 @@ def test_what_networks_do_costs_little(damage: str) -> None:
         wrong = random.random(points.shape[:3]) < 0.2
         points[wrong, :2] = random.uniform(0, 480, (wrong.sum(), 2))
     elif damage == "exchange":
-        points[1] = points[1][:, points_on(TEMPLATE, keypoints.names).partners]
+        points[1] = points[1][:, locate_points(TEMPLATE, keypoints.names).partners]
     else:
         points[1] = np.nan
     clean = learnt_error(keypoints, body, poses)
@@ -107,7 +107,7 @@ def test_observations_are_those_of_the_frame() -> None:
     assert len(seen) == seen.most == seen.usual == 4 * 33
     few = found.keypoints.points[:, 2] * np.where(np.arange(4) > 0, np.nan, 1)[:, None, None]
     assert found.model.observations(few).few and not seen.few and not no_observations().few
-    own = points_on(TEMPLATE, found.keypoints.names)
+    own = locate_points(TEMPLATE, found.keypoints.names)
     assert (seen.partner[seen.point == 0] == -1).all() and (seen.bone == own.bones).all()
     row = seen.point == own.names.index("l_knee")
     np.testing.assert_allclose(

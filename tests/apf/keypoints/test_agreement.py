@@ -1,4 +1,4 @@
-"""Keypoints of cameras that were exchanged, turned, of other pictures: said in one line."""
+"""Keypoints that are swapped, rotated or of other pictures are reported in one line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import scenes, tracks
 
-from apf.keypoints.agreement import disagreements
+from apf.keypoints.agreement import find_disagreements
 from apf.keypoints.keypoints import Keypoints
 from psfs.cameras.camera import CameraRig
 
@@ -20,7 +20,7 @@ def rig() -> CameraRig:
 
 @pytest.fixture(scope="module")
 def seen(rig: CameraRig) -> Keypoints:
-    """The joints of a walker as four cameras see them, 1 px beside."""
+    """Return a walker's joints as four cameras see them, with an error of 1 px."""
     truth = tracks.truth_of(tracks.walker(12))
     pixels = np.stack([camera.project(truth.joints)[0] for camera in rig])
     pixels += np.random.default_rng(4).normal(0, 1, pixels.shape)
@@ -70,14 +70,14 @@ def spoilt(seen: Keypoints, rig: CameraRig, how: str) -> np.ndarray:
     ],
 )
 def test_what_is_wrong_is_said(seen: Keypoints, rig: CameraRig, how: str, said: str) -> None:
-    found = disagreements(replace(seen, points=spoilt(seen, rig, how)), rig)
+    found = find_disagreements(replace(seen, points=spoilt(seen, rig, how)), rig)
     assert len(found) == 1 and said in found[0], found
 
 
 def test_sound_keypoints_are_not_spoken_of(seen: Keypoints, rig: CameraRig) -> None:
-    assert disagreements(seen, rig) == []
+    assert find_disagreements(seen, rig) == []
     missing = seen.points.copy()
     missing[1], missing[0, ..., 2] = np.nan, 0.1
-    assert disagreements(replace(seen, points=missing), rig) == []
+    assert find_disagreements(replace(seen, points=missing), rig) == []
     pair = CameraRig(tuple(rig)[:2])
-    assert disagreements(seen.of_cameras(pair.names), pair) == []
+    assert find_disagreements(seen.select_cameras(pair.names), pair) == []

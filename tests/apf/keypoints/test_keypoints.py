@@ -49,7 +49,9 @@ def test_npz_reads_back_and_cameras_are_found_by_name(tmp_path: Path) -> None:
     assert Keypoints.open(path).camera_names == ("Cam_3", "Cam_2", "Cam_1")
     two = Keypoints.open(path, NAMES[:2])  # others are left out
     np.testing.assert_array_equal(two.points, written.points[:2])
-    same(read.of_cameras(NAMES[1:]).of_cameras(NAMES[2:]), written.of_cameras(NAMES[2:]))
+    same(
+        read.select_cameras(NAMES[1:]).select_cameras(NAMES[2:]), written.select_cameras(NAMES[2:])
+    )
 
 
 def test_cameras_without_names_are_taken_in_order_and_a_note_says_so(tmp_path: Path) -> None:
@@ -121,7 +123,7 @@ def test_shares_of_the_picture_become_pixels(tmp_path: Path) -> None:
     read = Keypoints.open(tmp_path / "shares.npy", RIG)
     same(read, written, atol=1e-4)
     assert "shares of the picture" in read.notes[-1]
-    with pytest.raises(apf.InputError, match="expected pixels, or cameras that tell its size"):
+    with pytest.raises(apf.InputError, match="cameras with known picture sizes"):
         Keypoints.open(tmp_path / "shares.npy", NAMES)
 
 
@@ -152,15 +154,15 @@ def test_undistorted_points_are_those_of_the_lens_without_distortion() -> None:
     poses = body.rest_pose[None]
     seen = of_poses(rig, body, poses)
     straight = of_poses(scenes.without_distortion(rig), body, poses)
-    found = seen.undistorted(rig)
+    found = seen.undistort(rig)
     np.testing.assert_allclose(found.points[..., :2], straight.points[..., :2], atol=2e-3)
     assert np.abs(found.points - seen.points)[..., :2].max() > 1
     far = seen.points.copy()
     far[0, 0, 0, :2] = 1e5  # no lens shows it
-    lost = Keypoints(far, seen.names, seen.camera_names).undistorted(rig)
+    lost = Keypoints(far, seen.names, seen.camera_names).undistort(rig)
     assert np.isnan(lost.points[0, 0, 0]).all() and np.isfinite(lost.points[0, 0, 1]).all()
     with pytest.raises(apf.InputError, match="expected those of the keypoints, c0, c1, c2"):
-        seen.undistorted(rig.subset(["c1", "c0", "c2"]))
+        seen.undistort(rig.subset(["c1", "c0", "c2"]))
 
 
 def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:
@@ -191,7 +193,7 @@ def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:
     for path, message in (
         (tmp_path / "none", "no such file"),
         (tmp_path / "none.npz", "no such file"),
-        (tmp_path / "notes.txt", "no file of keypoints of all frames; expected keypoints.npz"),
+        (tmp_path / "notes.txt", "not a file of keypoints of all frames; expected keypoints.npz"),
         (tmp_path / "empty", "holds no keypoints; expected keypoints.npz"),
         (tmp_path / "broken.npy", "not a readable npy"),
     ):
@@ -202,4 +204,4 @@ def test_bad_keypoints_are_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(apf.InputError, match=r"shape \(3, 4, 33, 3\); expected \(2 cameras"):
         Keypoints(good, MEDIAPIPE, NAMES[:2])
     with pytest.raises(apf.InputError, match="no keypoints of camera cam09"):
-        keypoints().of_cameras(["cam09"])
+        keypoints().select_cameras(["cam09"])

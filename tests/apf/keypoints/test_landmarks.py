@@ -1,4 +1,4 @@
-"""Names of keypoints are points on the body, wherever its limbs point while all angles are 0."""
+"""Keypoint names are points on the body, independent of its limbs' directions at angle 0."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from helpers.shared import shared_data
 import apf
 from apf.body import load_body, posed_joints
 from apf.body.bodytrack import read_body
-from apf.keypoints import load_landmarks, points_on
-from apf.keypoints.landmarks import landmarks_of
+from apf.keypoints import load_landmarks, locate_points
+from apf.keypoints.landmarks import find_landmarks
 from apf.keypoints.readers import orders
 
 ORDERS = ("MEDIAPIPE", "COCO_17", "COCO_18", "BODY_25", "BODY_25B", "HALPE_26")
@@ -22,7 +22,7 @@ ORDERS = ("MEDIAPIPE", "COCO_17", "COCO_18", "BODY_25", "BODY_25B", "HALPE_26")
 @pytest.mark.parametrize("name", ORDERS)
 def test_every_name_of_the_known_networks_is_a_landmark(name: str) -> None:
     names = getattr(orders, name)
-    found = landmarks_of(names)
+    found = find_landmarks(names)
     assert sorted(found) == list(range(len(names)))
     sides = {"l": "left", "r": "right"}
     for index, landmark in found.items():
@@ -33,7 +33,7 @@ def test_every_name_of_the_known_networks_is_a_landmark(name: str) -> None:
 
 
 def landmarks_side(name: str) -> str | None:
-    """Left or right of a network's name, told as a reader would."""
+    """Return left or right of a network's name, as a reader would understand it."""
     words = name.lower().split("_")
     if "left" in words or "right" in words:
         return "l" if "left" in words else "r"
@@ -52,7 +52,7 @@ def test_landmarks_are_mirrored_and_have_partners() -> None:
 def test_points_lie_where_the_body_has_them() -> None:
     body = load_body("song31")
     names = orders.MEDIAPIPE
-    on = points_on(body, names)
+    on = locate_points(body, names)
     assert len(on) == 33 and list(on.columns) == list(range(33))
     places = dict(zip(names, world_points(body, body.rest_pose[None], names)[0], strict=True))
     joints = dict(zip(body.joint_names, posed_joints(body, body.rest_pose[None])[0], strict=True))
@@ -71,7 +71,7 @@ def test_points_lie_where_the_body_has_them() -> None:
 def test_lengths_grow_with_the_body() -> None:
     body = load_body("song31")
     small = body.scaled(dict.fromkeys(body.scale_groups, 0.5), 0.5)
-    on, half = points_on(body, orders.COCO_17), points_on(small, orders.COCO_17)
+    on, half = locate_points(body, orders.COCO_17), locate_points(small, orders.COCO_17)
     np.testing.assert_allclose(half.offsets, on.offsets / 2, atol=1e-9)
     np.testing.assert_allclose(half.spreads, on.spreads / 2)
 
@@ -95,8 +95,8 @@ def test_a_body_whose_arms_point_backwards_at_zero_has_its_hands_beyond_the_wris
 
 
 def test_parts_of_bodies_have_fewer_points() -> None:
-    upper = points_on(load_body("rymut31_upper"), orders.BODY_25)
-    lower = points_on(load_body("rymut31_lower"), orders.BODY_25)
+    upper = locate_points(load_body("rymut31_upper"), orders.BODY_25)
+    lower = locate_points(load_body("rymut31_lower"), orders.BODY_25)
     assert not any("knee" in name or "toe" in name for name in upper.names)
     assert not any("elbow" in name or "nose" in name for name in lower.names)
     for on in (upper, lower):
@@ -107,7 +107,7 @@ def test_parts_of_bodies_have_fewer_points() -> None:
 
 def test_names_that_are_none_and_bad_tables_are_errors(tmp_path: Path) -> None:
     with pytest.raises(apf.InputError, match=r"none of the keypoints tail, fin .*left_shoulder"):
-        points_on(load_body("song31"), ["tail", "fin"])
+        locate_points(load_body("song31"), ["tail", "fin"])
     table = tmp_path / "landmarks.toml"
     for text, message in (
         ("", r"holds no \[\[landmark\]\]"),

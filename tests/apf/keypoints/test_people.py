@@ -1,4 +1,5 @@
-"""OpenPose's JSON as programs lay it out, OpenCap's pickles, DeepLabCut's tables, persons."""
+"""OpenPose's JSON in the layouts of several programs, OpenCap's pickles, DeepLabCut's tables,
+persons."""
 
 from __future__ import annotations
 
@@ -45,12 +46,12 @@ def walked(dx: float = 0.0, dy: float = 0.0, rig: CameraRig = RIG, **options: An
 
 
 def person(points: np.ndarray) -> dict[str, Any]:
-    """(K, 3) as OpenPose lists it: zeros for what it has not found."""
+    """Return keypoints (K, 3) as OpenPose lists them, with zeros for missing ones."""
     return {"person_id": [-1], "pose_keypoints_2d": np.nan_to_num(points).ravel().tolist()}
 
 
 def write(folder: Path, layout: str, *people: Keypoints) -> Path:
-    """The JSON files of several persons."""
+    """Write the JSON files of several persons."""
     first = people[0]
     for view, camera in enumerate(first.camera_names):
         for frame in range(first.n_frames):
@@ -99,7 +100,7 @@ def test_opencaps_pickles_are_read_and_nothing_in_them_is_run(tmp_path: Path) ->
     with pytest.raises(apf.InputError, match="matches no file"):
         Keypoints.open(session / "Cam*" / "none", RIG)
     path.write_bytes(pickle.dumps(SimpleNamespace(people=[])))
-    with pytest.raises(apf.InputError, match=r"no pickle of plain lists.*SimpleNamespace"):
+    with pytest.raises(apf.InputError, match=r"not a pickle of plain lists.*SimpleNamespace"):
         Keypoints.open(path, RIG)
     path.write_bytes(pickle.dumps({"people": []}))
     with pytest.raises(apf.InputError, match="holds a dict; expected a list of frames"):
@@ -151,7 +152,7 @@ def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
         (
             ("{", "malformed JSON"),
             ('{"persons": []}', "lacks the list people"),
-            ('{"people": [7]}', "no list x, y, confidence"),
+            ('{"people": [7]}', "not a list x, y, confidence"),
             ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "found 2 values"),
             ('{"people": [{"pose_keypoints_2d": [1, 2, "x"]}]}', "found list values"),
             ('{"people": [{"pose_keypoints_2d": [1, 2, 0.5]}]}', "1, 33 keypoints; expected the"),
@@ -188,7 +189,7 @@ def test_bad_json_is_one_clear_error(tmp_path: Path) -> None:
 
 
 def table(points: np.ndarray, names: tuple[str, ...], individuals: bool = False) -> list[list[Any]]:
-    """The rows of DeepLabCut's csv for (F, K, 3)."""
+    """Return the rows of DeepLabCut's csv for (F, K, 3)."""
     parts = [name for name in names for _ in range(3)]
     rows = [["scorer", *["DLC_net"] * len(parts)]]
     rows += [["individuals", *["one"] * len(parts)]] if individuals else []
@@ -233,7 +234,7 @@ def test_deeplabcuts_h5_is_its_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.undo()
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("tables")
-    with pytest.raises(apf.InputError, match="no table of pandas"):
+    with pytest.raises(apf.InputError, match="not a pandas table"):
         Keypoints.open(tmp_path, RIG)
     for view, path in enumerate(sorted(tmp_path.glob("*.h5"))):
         keys = [("DLC", name, axis) for name in COCO_17 for axis in ("x", "y", "likelihood")]

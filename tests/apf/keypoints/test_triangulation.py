@@ -1,4 +1,4 @@
-"""Points in space from keypoints of cameras, some of which are wrong."""
+"""Triangulation of keypoints, some of which are wrong."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TRUTH = world_points(BODY, POSES, MEDIAPIPE)
 
 
 def seen(noise: float = 0.0) -> np.ndarray:
-    return of_poses(RIG, BODY, POSES, noise=noise).undistorted(RIG).points.astype(float)
+    return of_poses(RIG, BODY, POSES, noise=noise).undistort(RIG).points.astype(float)
 
 
 def test_exact_keypoints_give_the_exact_points() -> None:

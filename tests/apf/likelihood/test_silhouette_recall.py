@@ -10,7 +10,7 @@ from helpers.likelihoods import Setup, cloud, only, scattered_poses, smooth_maps
 from helpers.parity import traced
 
 from apf.body import load_body
-from apf.body.cones import outlines
+from apf.body.cones import project_outlines
 from apf.body.kinematics import posed_cones
 from apf.reference.likelihood.silhouette_recall import covered, uncovered_errors
 from apf.reference.likelihood.voxel import sampled_surface
@@ -66,7 +66,7 @@ def test_kernels_agree_with_the_twin(device: Device, name: str, views: int, n_vo
         expected = setup.expected(points, turn) / views
         assert np.abs(found - expected).max() <= 1.5 * 4 / 150
         assert np.mean(np.abs(found - expected) < 1e-4) > 0.6
-    assert np.isfinite(outlines(rig[0], posed_cones(body, poses))).any()
+    assert np.isfinite(project_outlines(rig[0], posed_cones(body, poses))).any()
 
 
 @pytest.mark.parity("tracking/silhouette_recall.project_points")

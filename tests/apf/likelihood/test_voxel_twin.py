@@ -10,7 +10,7 @@ import pytest
 from helpers import bodies, scenes
 from helpers.likelihoods import FRONT
 
-from apf.body.cones import distances, overlap_errors
+from apf.body.cones import cone_distances, overlap_errors
 from apf.body.kinematics import CONE_FLOATS, posed_cones
 from apf.likelihood.config import LikelihoodConfig
 from apf.likelihood.voxel import cone_sampling
@@ -168,7 +168,7 @@ def test_the_true_pose_has_the_least_error(song_alone: bool) -> None:
     config = LikelihoodConfig(**alone) if song_alone else LikelihoodConfig()  # type: ignore[arg-type]
     grid = VoxelGrid.covering(np.array([-0.7, -0.7, -0.1]), np.array([0.7, 0.7, 1.9]), 0.03)
     truth = body.rest_pose
-    inside = distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
+    inside = cone_distances(grid.centres(), posed_cones(body, truth[None])[0]).min(1) < 0
     occupied = inside.reshape(grid.shape)
     voxels = HostVoxels(grid, occupied.astype(float), surface_voxels(occupied), 0)
     maps = NumpyReprojection(NumpyDevice(), rig, grid)(voxels)

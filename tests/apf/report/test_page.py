@@ -1,4 +1,4 @@
-"""The report's page in a browser: the player follows the slider, and nothing is asked for."""
+"""The report's page in a browser: the player follows the slider, and no request leaves the page."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from helpers.browser import browser
 
 from apf.cli import main
 from apf.report.agreement import Agreement
-from apf.report.film import page_video
+from apf.report.film import encode_page_video
 from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import body_facts
 from cl import InputError
-from psfs.output.video import frames_of, written_video
+from psfs.output.video import count_frames, write_video
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 FRAMES = 200
@@ -30,7 +30,8 @@ SMALL = ["--particles", "60", "--layers", "5", "--voxel-size", "0.04"]
 
 
 def quality_of(n_frames: int, n_voxels: int) -> Quality:
-    """A track with random voxels, and an arm that is doubtful in frames 3 and 4."""
+    """Return the quality of a track with random voxels and an arm that is doubtful in frames 3 and
+    4."""
     track = tracks.walker(n_frames)
     lost = np.arange(n_frames) == 7
     track = replace(track, diagnostics={"lost": lost, "confidence": np.full(n_frames, 0.9)})
@@ -53,10 +54,10 @@ def quality_of(n_frames: int, n_voxels: int) -> Quality:
 
 
 def noise_video(path: Path, n_frames: int, size: tuple[int, int]) -> Path:
-    """A video as hard to compress as a recording's noise."""
+    """Write a video as hard to compress as a recording's noise."""
     rng = np.random.default_rng(0)
     base = cv2.resize(rng.integers(0, 256, (40, 60, 3), np.uint8), size)
-    with written_video(path, 25) as video:
+    with write_video(path, 25) as video:
         for number in range(n_frames):
             shifted = np.roll(base, 3 * number, axis=1)
             video.write(cv2.add(shifted, rng.integers(0, 12, shifted.shape, np.uint8)))
@@ -139,18 +140,18 @@ def test_in_a_browser(page_file: Path) -> None:
 def test_videos_are_made_to_fit(tmp_path: Path) -> None:
     """Those of other codecs and those that are too large are encoded anew, frame for frame."""
     small = noise_video(tmp_path / "small.mp4", 5, (320, 240))
-    assert page_video(small) == small.read_bytes()
+    assert encode_page_video(small) == small.read_bytes()
     old = tmp_path / "old.mp4"
     writer = cv2.VideoWriter(str(old), cv2.VideoWriter.fourcc(*"mp4v"), 25, (320, 240))
     for _ in range(7):
         writer.write(np.full((240, 320, 3), 90, np.uint8))
     writer.release()
-    (tmp_path / "new.mp4").write_bytes(page_video(old))
-    assert frames_of(tmp_path / "new.mp4") == 7
-    assert page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
+    (tmp_path / "new.mp4").write_bytes(encode_page_video(old))
+    assert count_frames(tmp_path / "new.mp4") == 7
+    assert encode_page_video(tmp_path / "new.mp4") == (tmp_path / "new.mp4").read_bytes()
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match=r"text\.mp4: cannot be read as a video"):
-        page_video(tmp_path / "text.mp4")
+        encode_page_video(tmp_path / "text.mp4")
 
 
 def test_tracks_are_judged_and_reports_made_again(

@@ -1,4 +1,4 @@
-"""A track judged without truth: what is right is believed, what is wrong is named."""
+"""Judging a track without ground truth: wrong limbs are found, right ones are not."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from apf.body.kinematics import posed_joints
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
 from apf.initialisation.from_joints import fit_to_joints
-from apf.report.agreement import compare_with_silhouettes, shown_rows
-from apf.report.parts import parts_of, plain_name
+from apf.report.agreement import choose_rows, compare_with_silhouettes
+from apf.report.parts import find_parts, plain_name
 from apf.report.quality import DOUBTFUL, Quality
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import track_take
@@ -122,7 +122,7 @@ def test_lost_frames_and_unsure_ends() -> None:
 @pytest.mark.parametrize("name", ["song31", "rymut31", "rymut31_upper", "rymut31_lower"])
 def test_parts_of_shipped_bodies(name: str) -> None:
     body = load_body(name)
-    parts = parts_of(body)
+    parts = find_parts(body)
     seen = sorted(cone for part in parts for cone in part.cones)
     assert seen == list(range(len(body.cones)))
     names = [part.name for part in parts]
@@ -136,5 +136,5 @@ def test_parts_of_shipped_bodies(name: str) -> None:
 
 def test_names_and_rows() -> None:
     assert plain_name("l_upper_arm") == "left upper arm" and plain_name("head_top") == "head top"
-    assert shown_rows(5).tolist() == [0, 1, 2, 3, 4] and shown_rows(0).size == 0
-    assert len(shown_rows(401)) <= 200 and shown_rows(401)[1] == 3
+    assert choose_rows(5).tolist() == [0, 1, 2, 3, 4] and choose_rows(0).size == 0
+    assert len(choose_rows(401)) <= 200 and choose_rows(401)[1] == 3

@@ -8,7 +8,7 @@ import numpy as np
 from helpers.tracks import walker
 
 from apf.body import load_body
-from apf.body.cones import distances
+from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
 from apf.report.viewer_layers import cone_layer, note_of, skeleton_layer
 from psfs.mesh.drawing import Lines, Surface
@@ -39,7 +39,7 @@ def test_cones_are_drawn_where_they_are() -> None:
     layer = cone_layer(track, body)
     surface = layer.drawing(3, "colour")
     assert isinstance(surface, Surface) and surface.opacity < 1
-    nearest = distances(surface.vertices, posed_cones(body, track.poses[3:])[0]).min(-1)
+    nearest = cone_distances(surface.vertices, posed_cones(body, track.poses[3:])[0]).min(-1)
     assert nearest.max() < 1e-3  # on a cone, or in another one
     triangles = len(surface.colours) // len(body.cones)
     left, right = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from apf.reference.synthetic.scene import body_distance
-from apf.synthetic.body import Flesh
+from apf.synthetic.body import PersonSurface
 from apf.synthetic.gait import Gait
 from apf.synthetic.generate import BACKGROUND_FRAMES, generate
 from apf.synthetic.render import SyntheticScene
@@ -89,7 +89,7 @@ def _bend(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 def test_flesh_surrounds_the_joints_and_stays_above_the_floor() -> None:
     gait = Gait(Walk.varied(5, 1.76))
     motion = gait.motion(np.arange(0.0, 1.1, 0.1))
-    flesh = Flesh(gait.skeleton)
+    flesh = PersonSurface(gait.skeleton)
     joints = gait.skeleton.joints(motion)
     for frame in range(len(joints)):
         primitives = flesh.packed(motion, frame)

@@ -8,7 +8,7 @@ from helpers.parity import traced
 
 from apf.reference.synthetic.room import empty_room
 from apf.reference.synthetic.scene import FOUR, floor_shadow, shadowed_room, silhouette
-from apf.synthetic.body import Flesh
+from apf.synthetic.body import PersonSurface
 from apf.synthetic.gait import Gait
 from apf.synthetic.render import SHADOW_SIZE, SHADOW_STEP, TILE, Renderer
 from apf.synthetic.scene import SceneConfig, make_furniture, make_rig
@@ -45,7 +45,7 @@ def drawn(device: Device, case: str) -> tuple[CameraRig, Renderer, np.ndarray]:
     """The rig, a renderer that has drawn the walker, and his primitives."""
     gait = Gait(Walk.varied(2, 1.7))
     motion = gait.motion(np.array([0.0, 0.37]))
-    flesh = Flesh(gait.skeleton)
+    flesh = PersonSurface(gait.skeleton)
     rig = rigs(motion.positions[1, 0])[case]
     primitives = flesh.packed(motion, 1)
     balls = flesh.balls(primitives)

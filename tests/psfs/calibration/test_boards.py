@@ -1,4 +1,4 @@
-"""Finding rendered boards: exact, the right way round, and what is seen instead."""
+"""Detection of rendered boards: accuracy, orientation, and hints of other boards."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pytest
 from helpers import calibration as made
 
 from cl import InputError
-from psfs.calibration.intrinsics import given_cameras
+from psfs.calibration.intrinsics import read_intrinsics
 from psfs.calibration.targets.boards import CharucoFinder, ChessboardFinder
-from psfs.calibration.targets.markers import bright_spots
+from psfs.calibration.targets.markers import find_bright_spots
 from psfs.cameras.camera import CameraRig
 
 SQUARES, SQUARE = (6, 5), 0.18
@@ -32,7 +32,7 @@ def pictured(render: Callable[..., np.ndarray], pose: np.ndarray, seed: int = 0)
 
 @pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
 def test_a_chessboards_corners_are_found_in_their_order(turned: int) -> None:
-    """5 x 4 inner corners: its two ends differ in colour."""
+    """With 5 x 4 inner corners the board's two ends differ in colour."""
     render = made.board_picture(chequered(SQUARES), SQUARE, SQUARES)
     rng = np.random.default_rng(3)
     pose = made.facing(rng, CAMERA.centre, reach=0.2)
@@ -71,9 +71,9 @@ def test_spots_are_found_to_a_fraction_of_a_pixel() -> None:
     rows, columns = np.mgrid[:60, :80]
     spots = np.array([[20.3, 30.6], [55.75, 12.2]])
     image = sum(200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 5) for x, y in spots)
-    found = bright_spots(np.rint(image).astype(np.uint8))
+    found = find_bright_spots(np.rint(image).astype(np.uint8))
     np.testing.assert_allclose(found[found[:, 0].argsort()], spots, atol=0.05)
-    assert len(bright_spots(np.full((60, 80), 20, np.uint8))) == 0
+    assert len(find_bright_spots(np.full((60, 80), 20, np.uint8))) == 0
 
 
 def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:
@@ -82,8 +82,8 @@ def test_lenses_come_from_pictures_of_a_board_alone(tmp_path: Path) -> None:
     poses = [made.facing(rng, CAMERA.centre + rng.normal(0, 1.2, 3), 0.4) for _ in range(24)]
     made.film(tmp_path, [CAMERA], poses, render)
     rig, finder = CameraRig((CAMERA,)), ChessboardFinder(SQUARES, SQUARE)
-    (found,) = given_cameras(tmp_path / "images", rig, finder)
+    (found,) = read_intrinsics(tmp_path / "images", rig, finder)
     assert found.name == CAMERA.name and abs(found.K[0, 0] / CAMERA.K[0, 0] - 1) < 0.02
     assert found.t.tolist() == [0, 0, 0]
-    with pytest.raises(InputError, match="of use with --board only"):
-        given_cameras(tmp_path / "images", rig, None)
+    with pytest.raises(InputError, match="can be used with --board only"):
+        read_intrinsics(tmp_path / "images", rig, None)

@@ -1,4 +1,4 @@
-"""Cameras from sightings with noise, of boards and wands in known places."""
+"""Calibration from noisy sightings of boards and wands in known poses."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 from helpers import calibration as made
 
 from cl import InputError
-from psfs.calibration.bundle import Freedom, adjusted
-from psfs.calibration.calibrator import Calibrated, calibrated
+from psfs.calibration.bundle import FreeParameters, adjust_bundle
+from psfs.calibration.calibrator import CalibrationResult, calibrate_cameras
 from psfs.calibration.config import CalibrationConfig
-from psfs.calibration.report import verdict, views_of
-from psfs.calibration.scene import Scene, all_errors, rms
-from psfs.calibration.targets.target import Sighting, Target, chessboard, wand
-from psfs.calibration.world import on_floor
+from psfs.calibration.report import judge_calibration, summarise_views
+from psfs.calibration.scene import CalibrationScene, all_reprojection_errors, rms
+from psfs.calibration.targets.target import Sighting, Target, make_chessboard, make_wand
+from psfs.calibration.world import align_to_floor
 from psfs.cameras.camera import Camera
 
 CONFIG = CalibrationConfig()
 CAMERAS = made.ring(size=(1280, 720), focal=900)
 #: One whose points look alike from two sides, one with equal ends, one with a middle marker.
-BOARD, WAND, UNEVEN = chessboard((6, 4), 0.18), wand([0.5]), wand([0.3, 0.2])
+BOARD, WAND, UNEVEN = make_chessboard((6, 4), 0.18), make_wand([0.5]), make_wand([0.3, 0.2])
 
 
 def poses(target: Target, frames: int, seed: int = 1) -> list[np.ndarray]:
@@ -35,21 +35,21 @@ def poses(target: Target, frames: int, seed: int = 1) -> list[np.ndarray]:
 
 def calibration_of(
     target: Target, sightings: list[Sighting], given: list[Camera] = CAMERAS, known: bool = True
-) -> Calibrated:
-    return calibrated(made.unplaced(given), target, sightings, known, CONFIG)
+) -> CalibrationResult:
+    return calibrate_cameras(made.unplaced(given), target, sightings, known, CONFIG)
 
 
 @pytest.mark.parametrize(
     ("target", "frames"), [(BOARD, 70), (UNEVEN, 120)], ids=["board", "wand of three"]
 )
 def test_cameras_and_lenses_are_found(target: Target, frames: int) -> None:
-    """Known lenses are tried with rendered pictures."""
+    """Known lenses are tested with rendered pictures."""
     noise = 0.2 if target.planar else 0.3
     sightings = made.sighted(target, CAMERAS, poses(target, frames), noise)
     result = calibration_of(target, sightings, known=False)
     away, scale = made.differences(list(result.scene.cameras), CAMERAS)
     assert away.max() < 5 and abs(scale) < 0.002
-    assert rms(all_errors(result.scene, target, result.sightings)) < 0.5
+    assert rms(all_reprojection_errors(result.scene, target, result.sightings)) < 0.5
     assert not result.disagreeing and not result.misfits
     found = [camera.K[0, 0] for camera in result.scene.cameras]
     np.testing.assert_allclose(found, [camera.K[0, 0] for camera in CAMERAS], rtol=0.01)
@@ -68,7 +68,7 @@ def test_false_detections_are_left_out() -> None:
 
 
 def test_a_camera_that_was_moved_is_named() -> None:
-    """cam03 by 4 cm, in frame 30 of 50; the others are as good as without it."""
+    """cam03 is moved by 4 cm in frame 30 of 50; the others are as accurate as without it."""
     target, places = WAND, poses(WAND, 50)
     later = [*CAMERAS]
     later[2] = made.moved(CAMERAS[2], np.array([0.03, 0.0, 0.026]))
@@ -83,9 +83,9 @@ def test_a_camera_that_was_moved_is_named() -> None:
     good = [0, 1, 3, 4, 5]
     away, _ = made.differences([result.scene.cameras[k] for k in good], [CAMERAS[k] for k in good])
     assert away.max() < 5
-    views = views_of(result, True, CONFIG)
+    views = summarise_views(result, True, CONFIG)
     assert "cam03" in [view.camera.name for view in views if view.faults]
-    assert verdict(views).startswith("to be used with care")
+    assert judge_calibration(views).startswith("to be used with care")
 
 
 def test_a_camera_that_is_late_is_named() -> None:
@@ -103,7 +103,7 @@ def test_a_camera_that_is_late_is_named() -> None:
 
 
 def test_intrinsics_of_another_picture_size_are_named() -> None:
-    """As pose2sim_balance has them: 0.74 % too long, the centre 7 px away."""
+    """As in pose2sim_balance: the focal length is 0.74 % too long, the centre 7 px off."""
     K = CAMERAS[1].K.copy()
     K[:2] *= 1.0074
     K[1, 2] += 7.2
@@ -114,7 +114,7 @@ def test_intrinsics_of_another_picture_size_are_named() -> None:
 
 
 def test_the_jacobian_is_that_of_the_residuals() -> None:
-    """By the gradient: from a start far off, one run reaches what a second does not improve."""
+    """Tests the gradient: from a distant start, one run reaches what a second does not improve."""
     places = poses(WAND, 30)
     sightings = made.sighted(WAND, CAMERAS, places)
     sightings = [replace(s, ids=np.arange(2)) for s in sightings]
@@ -123,11 +123,11 @@ def test_the_jacobian_is_that_of_the_residuals() -> None:
         made.rigid(made.cv2.Rodrigues(rng.normal(0, 0.05, 3))[0], rng.normal(0, 0.05, 3))
         for _ in places
     ]
-    start = Scene(tuple(CAMERAS), {k: pose @ off[k] for k, pose in enumerate(places)})
-    freedom = Freedom(lenses=(1, 2), held=(0,))
-    once = adjusted(start, WAND, sightings, freedom, CONFIG)
-    twice = adjusted(once, WAND, sightings, freedom, CONFIG)
-    errors = [rms(all_errors(scene, WAND, sightings)) for scene in (once, twice)]
+    start = CalibrationScene(tuple(CAMERAS), {k: pose @ off[k] for k, pose in enumerate(places)})
+    freedom = FreeParameters(lenses=(1, 2), held=(0,))
+    once = adjust_bundle(start, WAND, sightings, freedom, CONFIG)
+    twice = adjust_bundle(once, WAND, sightings, freedom, CONFIG)
+    errors = [rms(all_reprojection_errors(scene, WAND, sightings)) for scene in (once, twice)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)
 
 
@@ -144,18 +144,18 @@ def test_too_few_common_views_and_groups_are_refused() -> None:
 
 
 def test_floors_must_be_flat_and_broad() -> None:
-    scene = Scene(
+    scene = CalibrationScene(
         tuple(CAMERAS),
         {0: made.flat(0.2), 1: made.flat(1.4, 0.3), 2: made.anyhow(np.random.default_rng(0))},
     )
-    world = on_floor(scene, WAND, [0, 1], height=0.02)
-    turned = scene.turned(world)
+    world = align_to_floor(scene, WAND, [0, 1], height=0.02)
+    turned = scene.transform(world)
     np.testing.assert_allclose(turned.points(WAND, 1)[:, 2], 0.02, atol=1e-9)
     np.testing.assert_allclose(turned.points(WAND, 0)[0], [0, 0, 0.02], atol=1e-9)
     assert min(camera.centre[2] for camera in turned.cameras) > 1
     with pytest.raises(InputError, match="along one line"):
-        on_floor(scene, WAND, [0], 0)
+        align_to_floor(scene, WAND, [0], 0)
     with pytest.raises(InputError, match="mm off a plane"):
-        on_floor(scene, WAND, [0, 1, 2], 0)
+        align_to_floor(scene, WAND, [0, 1, 2], 0)
     with pytest.raises(InputError, match="not seen"):
-        on_floor(scene, WAND, [9], 0)
+        align_to_floor(scene, WAND, [9], 0)

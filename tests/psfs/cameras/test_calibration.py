@@ -1,4 +1,4 @@
-"""Calibration readers: each format read back from a rig that was written in it."""
+"""Calibration readers read back a rig that was written in each format."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from psfs.cameras.calibration import (
     read_humaneva,
 )
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.names import contains_name, matched, natural_key
-from psfs.cameras.units import metres_per_unit, scaled_rig, turned_rig, z_up_from
+from psfs.cameras.names import contains_name, match_files_to_cameras, natural_key
+from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up, scale_rig
 
 SIZE = footage.SIZE
 
@@ -176,7 +176,7 @@ def test_wrong_units(unit) -> None:
 
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
 def test_up_axis_becomes_z(up: str) -> None:
-    A = z_up_from(up)
+    A = rotation_to_z_up(up)
     axis = (-1 if up[0] == "-" else 1) * np.eye(3)["xyz".index(up[-1])]
     np.testing.assert_array_equal(A @ axis, [0, 0, 1])
     assert np.linalg.det(A) == pytest.approx(1)
@@ -185,8 +185,8 @@ def test_up_axis_becomes_z(up: str) -> None:
 def test_moving_the_world_keeps_the_pictures() -> None:
     rig = footage.rig(3)
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 3))
-    A = z_up_from("-y")
-    moved = scaled_rig(turned_rig(rig, A), 0.01)
+    A = rotation_to_z_up("-y")
+    moved = scale_rig(rotate_rig(rig, A), 0.01)
     for before, after in zip(rig, moved, strict=True):
         np.testing.assert_allclose(
             after.project(0.01 * points @ A.T)[0], before.project(points)[0], atol=1e-8
@@ -198,13 +198,16 @@ def test_names() -> None:
     assert sorted(names, key=natural_key) == ["Cam1", "cam_2", "cam_10"]
     assert contains_name("silh_cam01_0002", "cam_1")
     assert not contains_name("silh_cam10_0001", "cam1")
-    pairs, note = matched(["cam_01", "cam_02"], ["cam2", "CAM1"], "videos")
+    pairs, note = match_files_to_cameras(["cam_01", "cam_02"], ["cam2", "CAM1"], "videos")
     assert pairs == {"cam_01": "CAM1", "cam_02": "cam2"} and note is None
-    pairs, note = matched(["left", "right"], ["b10", "b9"], "videos")
+    pairs, note = match_files_to_cameras(["left", "right"], ["b10", "b9"], "videos")
     assert pairs == {"left": "b9", "right": "b10"} and note and "b9 for left" in note
     with pytest.raises(InputError, match=r"4 of them \(a, b, c, d\) for 3 cameras \(a, b, c\)"):
-        matched(["a", "b", "c"], ["a", "b", "c", "d"], "videos")
-    assert matched(["a", "b"], ["b", "c", "d"], "videos", ["b"]) == ({"b": "b"}, None)
+        match_files_to_cameras(["a", "b", "c"], ["a", "b", "c", "d"], "videos")
+    assert match_files_to_cameras(["a", "b"], ["b", "c", "d"], "videos", ["b"]) == (
+        {"b": "b"},
+        None,
+    )
 
 
 def test_find_calibration(tmp_path: Path) -> None:

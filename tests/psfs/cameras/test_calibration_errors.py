@@ -1,4 +1,4 @@
-"""Calibrations that cannot be right: one line that names file, camera and what was expected."""
+"""Errors of invalid calibrations: one line with file, camera and what was expected."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from psfs.cameras.distortion import (
-    distorted,
+    distort,
     distortion_jacobian,
     largest_radius2,
-    undistorted,
+    undistort,
 )
 
 BROWN = [np.zeros(5), np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0]), np.array([0.1, 0, 0, 0.01, -0.02])]
@@ -22,15 +22,15 @@ def test_it_is_opencvs(lens: np.ndarray) -> None:
     x, y = np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50))
     points = np.column_stack([x, y, np.ones(50)])
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), lens)[0][:, 0]
-    np.testing.assert_allclose(np.column_stack(distorted(lens, x, y)), expected, atol=1e-12)
+    np.testing.assert_allclose(np.column_stack(distort(lens, x, y)), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_its_derivatives(lens: np.ndarray) -> None:
     x, y = np.random.default_rng(1).uniform(-0.6, 0.6, (2, 50))
     step = 1e-6
-    by_x = np.subtract(distorted(lens, x + step, y), distorted(lens, x - step, y)) / (2 * step)
-    by_y = np.subtract(distorted(lens, x, y + step), distorted(lens, x, y - step)) / (2 * step)
+    by_x = np.subtract(distort(lens, x + step, y), distort(lens, x - step, y)) / (2 * step)
+    by_y = np.subtract(distort(lens, x, y + step), distort(lens, x, y - step)) / (2 * step)
     jacobian = distortion_jacobian(lens, x, y)
     np.testing.assert_allclose(jacobian[:, 0], by_x, atol=1e-8)
     np.testing.assert_allclose(jacobian[:, 1], by_y, atol=1e-8)
@@ -39,13 +39,13 @@ def test_its_derivatives(lens: np.ndarray) -> None:
 @pytest.mark.parametrize("lens", LENSES)
 def test_it_is_undone_but_beyond_what_the_lens_shows(lens: np.ndarray) -> None:
     x, y = np.random.default_rng(2).uniform(-0.6, 0.6, (2, 50))
-    found = undistorted(lens, *distorted(lens, x, y))
+    found = undistort(lens, *distort(lens, x, y))
     np.testing.assert_allclose(found, [x, y], atol=1e-9)
     edge = largest_radius2(lens) ** 0.5
     if np.isfinite(edge):
         far = np.array([1.2 * edge])
-        assert np.isnan(undistorted(lens, far, far)).all()
-    assert np.isnan(undistorted(lens, np.array([np.nan]), np.array([0.0]))).all()
+        assert np.isnan(undistort(lens, far, far)).all()
+    assert np.isnan(undistort(lens, np.array([np.nan]), np.array([0.0]))).all()
 
 
 def test_where_it_turns_back() -> None:

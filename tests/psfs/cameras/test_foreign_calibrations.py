@@ -1,4 +1,4 @@
-"""One rig in every format: `psfs info` says the same of all."""
+"""One rig written in every format: `psfs info` reports the same for all."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Write = Callable[[Path, CameraRig], None]
 
 
 def plain_rig() -> CameraRig:
-    """Pinholes with square pixels whose axes pass the middle of their pictures: what the poorest of
-    the formats can say."""
+    """Return pinhole cameras with square pixels and centred principal points, which every format
+    can express."""
     width, height = footage.SIZE
     K = np.array([[60.0, 0, (width - 1) / 2], [0, 60.0, (height - 1) / 2], [0, 0, 1]])
     cameras = (replace(camera, K=K, distortion=np.zeros(5)) for camera in footage.rig(4))
@@ -210,7 +210,8 @@ BOTH_HANDS = [write for write in FORMATS if write is not colmap]
 
 @pytest.mark.parametrize("write", BOTH_HANDS, ids=lambda write: write.__name__)
 def test_left_handed_worlds_are_mended(tmp_path: Path, write: Write) -> None:
-    """Mirrored in the file, as programs with other axes write them; the pictures stay the same."""
+    """The file's world is mirrored, as programs with other axes write it; the pictures are the
+    same."""
     rig, mirrored = plain_rig(), []
     for camera in rig:
         fake = object.__new__(Camera)  # which would refuse such a rotation
@@ -252,7 +253,7 @@ def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes, message:
 
 
 def test_picture_sizes_of_a_flat_folder_by_order(tmp_path: Path) -> None:
-    """Pictures whose names are not the cameras': taken in order, and said so."""
+    """The pictures' names are not the cameras': they are assigned in order, with a note."""
     rig = plain_rig()
     matlab_cells(tmp_path, rig)
     for number in range(4):

@@ -1,4 +1,5 @@
-"""Tsai's cameras: their text files, and projections against an implementation of the equations."""
+"""Tsai's camera model: text files, and projections compared with an implementation of the
+equations."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ CAMERA = {
 
 
 def projected(values: dict[str, float], point: np.ndarray) -> np.ndarray:
-    """Rymut 2016 eq. (2.22)-(2.26) of one point, mm, the cubic's root by NumPy's eigenvalues."""
+    """Project one point, mm, by Rymut 2016 eq. (2.22)-(2.26); NumPy's eigenvalues solve the
+    cubic."""
     rx, ry, rz = (values[k] for k in ("Rx", "Ry", "Rz"))
     (sx, sy, sz), (cx, cy, cz) = np.sin([rx, ry, rz]), np.cos([rx, ry, rz])
     R = np.array(
@@ -53,7 +55,7 @@ def projected(values: dict[str, float], point: np.ndarray) -> np.ndarray:
 
 
 def unprojected(values: dict[str, float], pixel: np.ndarray) -> np.ndarray:
-    """The undistorted normalised coordinates of a pixel, eq. (2.24)-(2.26) as they stand."""
+    """Undistort a pixel to normalised coordinates by eq. (2.24)-(2.26)."""
     distorted = np.array(
         [
             (pixel[0] - values["Cx"]) * values["dpx"] / values["sx"],
@@ -84,7 +86,7 @@ def test_points_agree_with_the_equations(tmp_path: Path, kappa1: float) -> None:
     assert shown.sum() > 60 and (depth[shown] > 0).all()
     np.testing.assert_allclose(pixels[shown], expected[shown], atol=1e-6)
 
-    back = camera.undistorted(expected[shown])
+    back = camera.undistort(expected[shown])
     plane = np.array([unprojected(values, pixel) for pixel in expected[shown]])
     focal = np.array([camera.K[0, 0], camera.K[1, 1]])
     np.testing.assert_allclose(back, plane * focal + camera.K[:2, 2], atol=1e-6)

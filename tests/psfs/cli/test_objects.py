@@ -13,7 +13,7 @@ from helpers import scenes
 
 from psfs.cameras.calibration.toml_tables import write_toml_tables
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.units import turned_rig, z_up_from
+from psfs.cameras.units import rotate_rig, rotation_to_z_up
 from psfs.cli import main
 from psfs.output.reconstruction_folder import ReconstructionFolder
 
@@ -45,7 +45,7 @@ def statue(tmp_path_factory: pytest.TempPathFactory) -> Path:
         target.mkdir(parents=True)
         assert cv2.imwrite(str(target / "0.png"), np.asarray(mask))
         cameras.append(camera)
-    y_up = turned_rig(CameraRig(tuple(cameras)), z_up_from("y").T)
+    y_up = rotate_rig(CameraRig(tuple(cameras)), rotation_to_z_up("y").T)
     write_toml_tables(folder / "calibration.toml", y_up)
     (folder / "sequence.toml").write_text('up = "y"\nfps = 1\n')
     return folder

@@ -1,11 +1,11 @@
-"""Sets of pixels and voxels: agreement and connected parts."""
+"""Regions of pixels and voxels: overlap and connected components."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from psfs.common.regions import bounding_box, iou, large_parts, largest_part_box
+from psfs.common.regions import bounding_box, find_largest_region_box, iou, keep_large_regions
 
 
 def test_iou() -> None:
@@ -22,16 +22,16 @@ def test_small_parts_go(dimensions: int) -> None:
     occupied[(9,) * dimensions] = True  # connected by a corner
     only = occupied.copy()
     only[small] = False
-    np.testing.assert_array_equal(large_parts(occupied, 0.1), only)
-    np.testing.assert_array_equal(large_parts(occupied, 0.0), occupied)
-    box = largest_part_box(occupied)
+    np.testing.assert_array_equal(keep_large_regions(occupied, 0.1), only)
+    np.testing.assert_array_equal(keep_large_regions(occupied, 0.0), occupied)
+    box = find_largest_region_box(occupied)
     assert box is not None
     np.testing.assert_array_equal(box, [[1] * dimensions, [10] * dimensions])
 
 
 def test_nothing_has_no_parts() -> None:
     empty = np.zeros((4, 5), bool)
-    assert not large_parts(empty, 0.5).any() and largest_part_box(empty) is None
+    assert not keep_large_regions(empty, 0.5).any() and find_largest_region_box(empty) is None
 
 
 def test_bounding_box() -> None:

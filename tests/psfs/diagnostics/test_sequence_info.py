@@ -11,8 +11,8 @@ from helpers import footage, scenes
 from helpers.shared import shared_data
 
 from psfs.cameras.camera import CameraRig
-from psfs.cameras.rig_geometry import axes_meet, seen_box
-from psfs.cameras.units import scaled_rig, turned_rig, z_up_from
+from psfs.cameras.rig_geometry import find_seen_box, intersect_axes
+from psfs.cameras.units import rotate_rig, rotation_to_z_up, scale_rig
 from psfs.cli import main
 from psfs.diagnostics.sequence_info import rig_warnings, sequence_info
 from psfs.sequence import Sequence
@@ -35,17 +35,17 @@ def test_axes_meet_at_the_common_target_and_survive_one_camera() -> None:
     unshifted = []
     for camera in rig:  # the axis through the principal point is the third row of R
         unshifted.append(replace(camera, distortion=np.zeros(5)))
-    np.testing.assert_allclose(axes_meet(CameraRig(tuple(unshifted))), [0, 0, 0.9], atol=1e-9)
+    np.testing.assert_allclose(intersect_axes(CameraRig(tuple(unshifted))), [0, 0, 0.9], atol=1e-9)
     alone = CameraRig((rig[0],))
-    assert np.isfinite(axes_meet(alone)).all()
+    assert np.isfinite(intersect_axes(alone)).all()
     assert rig_warnings(alone) == []
 
 
 def test_warnings_of_a_wrong_rig() -> None:
     rig = footage.rig(4)
-    assert any("millimetres read as metres" in w for w in rig_warnings(scaled_rig(rig, 1000)))
-    assert any("metres read as milli" in w for w in rig_warnings(scaled_rig(rig, 0.001)))
-    assert any("up axis" in w for w in rig_warnings(turned_rig(rig, z_up_from("-z"))))
+    assert any("millimetres read as metres" in w for w in rig_warnings(scale_rig(rig, 1000)))
+    assert any("metres read as milli" in w for w in rig_warnings(scale_rig(rig, 0.001)))
+    assert any("up axis" in w for w in rig_warnings(rotate_rig(rig, rotation_to_z_up("-z"))))
     away = scenes.looking_at("lost", np.array([3, 0, 1.5]), np.array([9, 0, 1]), footage.SIZE, 60.0)
     assert rig_warnings(CameraRig((*rig, away))) == [
         "camera lost sees nothing of the volume the others share"
@@ -58,7 +58,7 @@ def test_two_cameras_that_look_apart() -> None:
     left = scenes.looking_at("left", centre - aside, np.array([-9, 0, 1]), (64, 48), 60.0)
     right = scenes.looking_at("right", centre + aside, np.array([9, 0, 1]), (64, 48), 60.0)
     rig = CameraRig((left, right))
-    assert seen_box(rig, 2) is None
+    assert find_seen_box(rig, 2) is None
     assert any("no point is seen by two" in warning for warning in rig_warnings(rig))
 
 

@@ -1,4 +1,4 @@
-"""What a viewer draws of clouds, meshes, cameras and the floor."""
+"""Drawings of clouds, meshes, cameras and the floor."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from psfs.mesh.drawing import (
     COLOURINGS,
     Surface,
     colour_scale,
-    cubes,
-    floor,
-    frusta,
+    draw_floor,
+    draw_frusta,
+    make_cubes,
+    make_voxel_layer,
     voxel_colours,
-    voxel_layer,
 )
 from psfs.mesh.marching_cubes import CLAY
 from psfs.voxels.config import OccupancyConfig
@@ -23,7 +23,7 @@ from psfs.voxels.grid import VoxelCloud, VoxelGrid
 
 
 def cloud_of(count: int, coloured: bool = True) -> VoxelCloud:
-    """`count` voxels with probabilities up to 1, red."""
+    """Return `count` red voxels with probabilities up to 1."""
     grid = scenes.small_grid()
     indices = 10_000 + 7 * np.arange(count)
     colour = np.tile(np.uint8([255, 0, 0]), (count, 1)) if coloured else None
@@ -33,12 +33,12 @@ def cloud_of(count: int, coloured: bool = True) -> VoxelCloud:
 
 def test_voxels_are_shown_as_cubes_of_their_size() -> None:
     cloud = cloud_of(5)
-    vertices, faces = cubes(cloud)
+    vertices, faces = make_cubes(cloud)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(5 * cloud.grid.voxel_size**3)
     np.testing.assert_allclose(vertices.reshape(5, 8, 3).mean(1), cloud.centres)
-    assert len(cubes(cloud_of(0))[0]) == 0
+    assert len(make_cubes(cloud_of(0))[0]) == 0
 
 
 def test_colourings() -> None:
@@ -74,7 +74,7 @@ def test_the_layer_of_voxels_is_made_once() -> None:
         asked.append(frame)
         return cloud_of(frame), None
 
-    layer = voxel_layer(shape, scenes.small_grid())
+    layer = make_voxel_layer(shape, scenes.small_grid())
     first = layer.drawing(3, "colour")
     assert isinstance(first, Surface) and len(first.vertices) == len(first.colours) == 24
     assert layer.drawing(0, "colour") is None
@@ -88,7 +88,7 @@ def test_meshes_take_the_nearest_voxels_colours() -> None:
     cloud = cloud_of(40)
     ball = trimesh.creation.icosphere(2, 0.3)
     ball.apply_translation(cloud.centres.mean(0))
-    surface = voxel_layer(lambda _: (cloud, ball), cloud.grid).drawing(1, "probability")
+    surface = make_voxel_layer(lambda _: (cloud, ball), cloud.grid).drawing(1, "probability")
     assert isinstance(surface, Surface)
     np.testing.assert_allclose(surface.vertices[surface.faces], ball.vertices[ball.faces])
     distance = np.linalg.norm(surface.vertices[:, None] - cloud.centres, axis=-1)
@@ -99,7 +99,7 @@ def test_meshes_take_the_nearest_voxels_colours() -> None:
 
 def test_frusta_show_what_the_cameras_see() -> None:
     rig = scenes.ring(3)
-    lines = frusta(rig)
+    lines = draw_frusta(rig)
     assert len(lines.colours) == len(lines.pairs) > 3 * 8 - 1
     for view, camera in enumerate(rig):
         own = lines.points.reshape(3, -1, 3)[view]
@@ -113,11 +113,11 @@ def test_frusta_show_what_the_cameras_see() -> None:
 
 def test_the_floor_lies_under_the_grid() -> None:
     grid = VoxelGrid(np.array([-0.7, -0.4, 0.2]), 0.1, (14, 8, 17))
-    lines = floor(grid)
+    lines = draw_floor(grid)
     squares, axes = lines.pairs[:-3], lines.pairs[-3:]
     assert (lines.points[squares][..., 2] == 0).all()
     assert lines.points[:, :2].min() <= -0.7 - 1 and lines.points[:, :2].max() >= 0.7 + 1 - 0.3
     np.testing.assert_array_equal(np.diff(lines.points[axes], axis=1)[:, 0], np.eye(3))
     assert len(lines.colours) == len(lines.pairs)
-    tiny = floor(VoxelGrid(np.zeros(3), 0.001, (60, 40, 90)))
+    tiny = draw_floor(VoxelGrid(np.zeros(3), 0.001, (60, 40, 90)))
     assert np.ptp(tiny.points) < 0.2

@@ -1,4 +1,4 @@
-"""Time goes by, frame by frame, without a window."""
+"""The playback clock, without a window."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_frames_come_at_the_time_that_they_were_taken() -> None:
 
 
 def test_speed_and_gaps() -> None:
-    """Frames far apart are shown as long as they are apart; the last as long as that before."""
+    """A frame is shown until the next one's time; the last as long as the one before."""
     playback = Playback([0, 10, 20], 10.0, 0)
     playback.toggle()
     playback.change_speed(1)

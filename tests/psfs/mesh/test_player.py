@@ -1,11 +1,11 @@
-"""What is to be seen of a run, and what the keys do, without a window."""
+"""The viewer's state and its keys, without a window."""
 
 from __future__ import annotations
 
 import numpy as np
 from helpers import scenes
 
-from psfs.mesh.drawing import Lines, Surface, steady_layer, voxel_layer
+from psfs.mesh.drawing import Lines, Surface, make_static_layer, make_voxel_layer
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import KEYS, Player
 from psfs.voxels.grid import VoxelCloud
@@ -18,8 +18,8 @@ def cloud_of(count: int) -> VoxelCloud:
 
 
 def player() -> Player:
-    voxels = voxel_layer(lambda frame: (cloud_of(frame), None), scenes.small_grid())
-    layers = (voxels, steady_layer("floor", LINES))
+    voxels = make_voxel_layer(lambda frame: (cloud_of(frame), None), scenes.small_grid())
+    layers = (voxels, make_static_layer("floor", LINES))
     return Player(Playback([0, 2, 3], 10.0, 2), layers, lambda frame: f"{frame} voxels")
 
 

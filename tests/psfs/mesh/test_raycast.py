@@ -1,4 +1,4 @@
-"""Silhouettes and pictures of meshes, by rays."""
+"""Silhouettes and pictures of meshes by ray casting."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import trimesh
 from helpers import scenes
 
 from psfs.cameras.camera import Camera
-from psfs.mesh.preview import shaded_mesh
+from psfs.mesh.preview import draw_shaded_mesh
 from psfs.mesh.raycast import RayScene
 
 CENTRE, RADIUS = np.array([0.1, -0.2, 0.9]), 0.4
@@ -35,7 +35,7 @@ def test_directions_undo_the_projection() -> None:
 
 
 def test_silhouette_of_a_ball() -> None:
-    """The rays that pass the centre at less than the radius."""
+    """The silhouette is the rays that pass the centre at less than the radius."""
     view = camera()
     pixels = np.stack(np.meshgrid(np.arange(161), np.arange(121)), -1).reshape(-1, 2)
     directions = view.rays(pixels)
@@ -46,7 +46,7 @@ def test_silhouette_of_a_ball() -> None:
 
 
 def test_around_and_behind_the_camera() -> None:
-    """A camera inside the ball sees nothing else; one that looks away from it sees none of it."""
+    """A camera inside the ball sees only the ball; one that looks away from it does not see it."""
     view = camera()
     inside = replace(view, t=-view.R @ CENTRE)
     assert RayScene(ball()).silhouette(inside).all()
@@ -56,12 +56,12 @@ def test_around_and_behind_the_camera() -> None:
 
 def test_shaded_views_show_shape_and_colours() -> None:
     mesh = ball()
-    plain = shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
+    plain = draw_shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
     assert plain.shape == (120, 90, 3) and plain.dtype == np.uint8
     assert plain[60, 45, 2] > plain[60, 45, 0]  # clay
     assert plain[50, 35].sum() > plain[75, 60].sum() + 30  # lit from the upper left
     mesh.visual = trimesh.visual.ColorVisuals(
         mesh, vertex_colors=np.tile(np.uint8([10, 200, 10]), (len(mesh.vertices), 1))
     )
-    green = shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
+    green = draw_shaded_mesh(RayScene(mesh), 30, 10, (90, 120))
     assert green[60, 45].argmax() == 1

@@ -1,4 +1,4 @@
-"""`psfs view`: what the window gets, and the picture where there is none."""
+"""`psfs view`: the window's contents, and the picture without a display."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cl import InputError
 from psfs.cli import main
 from psfs.common.open3d import load_open3d
 from psfs.mesh import viewer
-from psfs.mesh.drawing import Lines, Surface, cubes, steady_layer, voxel_layer
+from psfs.mesh.drawing import Lines, Surface, make_cubes, make_static_layer, make_voxel_layer
 from psfs.mesh.playback import Playback
 from psfs.mesh.player import Player
 from psfs.voxels.grid import VoxelCloud
@@ -48,7 +48,7 @@ def test_the_window_gets_the_whole_run(
         seen.update(player=player)
 
     monkeypatch.setattr(command, "has_display", lambda: True)
-    monkeypatch.setattr(command, "show", show)
+    monkeypatch.setattr(command, "show_window", show)
     assert main(["view", str(out), *(["--mesh"] if name == "meshes" else [])]) == 0
     player: Player = seen["player"]
     assert player.playback.frames == [0, 1, 2] and player.playback.frame == 1
@@ -62,12 +62,12 @@ def test_the_window_gets_the_whole_run(
 
 def test_drawings_in_open3ds_form() -> None:
     cloud = VoxelCloud(scenes.small_grid(), np.arange(3), np.ones(3, np.float32))
-    vertices, faces = cubes(cloud)
+    vertices, faces = make_cubes(cloud)
     red = np.tile(np.uint8([255, 0, 0]), (len(vertices), 1))
-    mesh = viewer.geometry(Surface(vertices, faces, np.zeros_like(vertices), red))
+    mesh = viewer.convert_to_open3d(Surface(vertices, faces, np.zeros_like(vertices), red))
     assert len(mesh.triangles) == 36 and len(mesh.vertex_normals) == 24
     np.testing.assert_allclose(np.asarray(mesh.vertex_colors)[0], [1, 0, 0])
-    lines = viewer.geometry(Lines(np.eye(3), np.array([[0, 1]]), np.uint8([[0, 0, 255]])))
+    lines = viewer.convert_to_open3d(Lines(np.eye(3), np.array([[0, 1]]), np.uint8([[0, 0, 255]])))
     assert len(lines.points) == 3 and len(lines.lines) == 1
     np.testing.assert_allclose(np.asarray(lines.colors), [[0, 0, 1]])
 
@@ -86,12 +86,12 @@ def test_a_window_that_does_not_open_is_said(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(load_open3d().visualization, "gui", Gui)
     player = Player(Playback([1], 30.0, 1), ())
     with pytest.raises(InputError, match=r"vulkan library.*--png FILE"):
-        viewer.show("walk", scenes.ring(2), scenes.small_grid(), player)
+        viewer.show_window("walk", scenes.ring(2), scenes.small_grid(), player)
 
 
 class FakeGui:
-    """Open3D's gui as far as a window without a display goes: `script(window)` runs in place of
-    the loop that waits for keys."""
+    """A substitute for Open3D's gui without a display: `script(window)` runs instead of the event
+    loop."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, script: Any) -> None:
         visualization = load_open3d().visualization
@@ -106,7 +106,7 @@ class FakeGui:
         self.gui, self.scene = gui, rendering.Open3DScene.return_value
 
     def __getattr__(self, name: str) -> Any:
-        """`on_key`, `on_tick_event`: the window's callbacks."""
+        """Return the window's callback `on_key` or `on_tick_event`."""
         return getattr(self.window, f"set_{name}").call_args.args[0]
 
     def press(self, name: str) -> bool:
@@ -114,7 +114,7 @@ class FakeGui:
         return self.on_key(SimpleNamespace(key=self.gui.KeyName[name].value, type=down))
 
     def drawn(self) -> list[str]:
-        """The layers that were drawn since the last call."""
+        """Return the layers drawn since the last call."""
         names = [call.args[0] for call in self.scene.add_geometry.call_args_list]
         self.scene.add_geometry.reset_mock()
         return names
@@ -122,12 +122,12 @@ class FakeGui:
 
 def a_player(shape: Any) -> Player:
     lines = Lines(np.eye(3), np.array([[0, 1]]), np.zeros((1, 3), np.uint8))
-    layers = voxel_layer(shape, scenes.small_grid()), steady_layer("floor", lines)
+    layers = make_voxel_layer(shape, scenes.small_grid()), make_static_layer("floor", lines)
     return Player(Playback([1, 2, 3], 1000.0, 1), layers)
 
 
 def test_a_session_at_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only what changes is drawn; keys, slider and time change it."""
+    """Keys, slider and time change the drawings; only those that change are redrawn."""
 
     def shape(frame: int) -> tuple[VoxelCloud, None]:
         return VoxelCloud(scenes.small_grid(), np.arange(frame), np.ones(frame, np.float32)), None
@@ -156,7 +156,7 @@ def test_a_session_at_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
         fake.window.close.assert_called_once_with()
 
     fake = FakeGui(monkeypatch, script)
-    viewer.show("walk", scenes.ring(2), scenes.small_grid(), player)
+    viewer.show_window("walk", scenes.ring(2), scenes.small_grid(), player)
 
 
 def test_an_error_closes_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,4 +171,4 @@ def test_an_error_closes_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
 
     fake = FakeGui(monkeypatch, script)
     with pytest.raises(InputError, match="no such file"):
-        viewer.show("walk", scenes.ring(2), scenes.small_grid(), a_player(shape))
+        viewer.show_window("walk", scenes.ring(2), scenes.small_grid(), a_player(shape))

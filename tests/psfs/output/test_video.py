@@ -1,4 +1,4 @@
-"""Videos written whole, in H.264."""
+"""Videos are written completely, in H.264."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from cl import InputError
-from psfs.output.video import written_video
+from psfs.output.video import write_video
 
 
 def pictures(n: int, shape: tuple[int, int] = (64, 96)) -> list[np.ndarray]:
-    """A bright bar that moves."""
+    """Return pictures of a bright moving bar."""
     out = np.zeros((n, *shape, 3), np.uint8)
     for number, picture in enumerate(out):
         picture[:, 4 * number : 4 * number + 8] = (40, 120, 250)
@@ -25,7 +25,7 @@ def pictures(n: int, shape: tuple[int, int] = (64, 96)) -> list[np.ndarray]:
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     shown = pictures(20)
-    with written_video(tmp_path / "new" / "a.mp4", 25) as video:
+    with write_video(tmp_path / "new" / "a.mp4", 25) as video:
         for picture in shown:
             video.write(picture)
     with av.open(str(tmp_path / "new" / "a.mp4")) as container:
@@ -39,7 +39,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 def test_odd_sides(tmp_path: Path) -> None:
-    with written_video(tmp_path / "a.mp4", 29.97) as video:
+    with write_video(tmp_path / "a.mp4", 29.97) as video:
         for picture in pictures(3, (33, 47)):
             video.write(picture)
     capture = cv2.VideoCapture(str(tmp_path / "a.mp4"))
@@ -49,17 +49,17 @@ def test_odd_sides(tmp_path: Path) -> None:
 
 def test_nothing_stays_of_one_that_fails(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_text("older")
-    with pytest.raises(RuntimeError), written_video(tmp_path / "a.mp4", 25) as video:
+    with pytest.raises(RuntimeError), write_video(tmp_path / "a.mp4", 25) as video:
         video.write(pictures(1)[0])
         raise RuntimeError
     with (
         pytest.raises(InputError, match="0 of 0 pictures"),
-        written_video(tmp_path / "a.mp4", 25),
+        write_video(tmp_path / "a.mp4", 25),
     ):
         pass
     with (
         pytest.raises(InputError, match="cannot be written"),
-        written_video(tmp_path / "a.mp4" / "b.mp4", 25),
+        write_video(tmp_path / "a.mp4" / "b.mp4", 25),
     ):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
@@ -67,14 +67,14 @@ def test_nothing_stays_of_one_that_fails(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
-    """Played by a limit of the size of files."""
+    """A limit on file sizes simulates a full disk."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (30, 240, 320, 3), np.uint8)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
-        with pytest.raises(InputError, match=r"a\.mp4"), written_video(tmp_path / "a.mp4", 25) as v:
+        with pytest.raises(InputError, match=r"a\.mp4"), write_video(tmp_path / "a.mp4", 25) as v:
             for picture in noise:
                 v.write(picture)
     finally:

@@ -13,7 +13,7 @@ from helpers.recolour import peak_signal_to_noise, recoloured
 from helpers.shared import shared_data
 
 from cl import Device, InputError, NumpyDevice
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.colour import nearest_depth, surface_colour
 from psfs.reference.reconstructor import NumpyReconstructor, frame_evidence
@@ -59,7 +59,7 @@ def test_depths_agree_with_the_twin(device: Device, views: int) -> None:
     centres = grid.centres(voxels.surface.get(int(voxels.count.get()[0])))
     depths = launches[0].after["depths"].view(np.float32)
     for view, (camera, footprint) in enumerate(
-        zip(rig, footprints(rig, grid.voxel_size), strict=True)
+        zip(rig, voxel_footprints(rig, grid.voxel_size), strict=True)
     ):
         expected = nearest_depth(camera, centres, footprint, (rig.height, rig.width))
         assert np.isfinite(expected).any()

@@ -8,7 +8,7 @@ from helpers import scenes
 from scipy import ndimage
 
 from cl import Device, NumpyDevice
-from psfs.cameras.footprints import footprints
+from psfs.cameras.footprints import voxel_footprints
 from psfs.reconstructor import Reconstructor
 from psfs.reference.edge_distance import proximity
 from psfs.reference.reprojection import NumpyReprojection, boundary, splat
@@ -52,7 +52,7 @@ def test_the_host_has_the_twins_silhouette() -> None:
     rig, grid = scenes.ring(3), VoxelGrid.covering(np.full(3, -4.0), np.full(3, 4.0), 0.25)
     occupied = np.random.default_rng(0).random(grid.shape) < 0.01
     centres = grid.centres(surface_indices(occupied))
-    for camera, footprint in zip(rig, footprints(rig, grid.voxel_size), strict=True):
+    for camera, footprint in zip(rig, voxel_footprints(rig, grid.voxel_size), strict=True):
         inputs = (camera, centres, footprint, (rig.height, rig.width))
         np.testing.assert_array_equal(voxel_silhouette(*inputs), splat(*inputs))
 
