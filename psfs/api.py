@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cl import Device, NumpyDevice, select_device
+from psfs.backend import reconstructor_for
 from psfs.common.ranges import check_kind, check_range
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import Settings
@@ -73,7 +74,13 @@ def reconstruct(
     session = exclude_inconsistent_cameras(session, all_cameras)
     if volume is not None:
         session.replace_result(find_volume, Volume(low, high))
-    reconstructor = session.reconstructor(automatic_grid(session))
+    grid = automatic_grid(session)
+    if sparse:
+        reconstructor = session.reconstructor(grid)
+    else:
+        reconstructor = reconstructor_for(
+            session.device, session.rig, grid, session.background, session.reconstruction
+        )
 
     def clouds() -> Iterator[VoxelCloud]:
         for frame in session.sequence.frames(frames):
