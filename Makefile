@@ -2,6 +2,10 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+# Further extras of pyproject.toml that are installed, with commas between: make test EXTRAS=intel
+EXTRAS ?=
+comma  := ,
+DONE   := $(VENV)/.installed$(subst $(comma),-,$(EXTRAS:%=-%))
 
 .PHONY: demo test docs install clean
 
@@ -19,12 +23,12 @@ docs: install
 	$(BIN)/python -m pip install --quiet --editable ".[docs]"
 	$(BIN)/pdoc --output-directory build/docs cl psfs apf
 
-install: $(VENV)/.installed
+install: $(DONE)
 
-$(VENV)/.installed: pyproject.toml
+$(DONE): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --editable ".[dev$(EXTRAS:%=,%)]"
 	touch $@
 
 clean:

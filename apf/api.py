@@ -20,9 +20,15 @@ from apf.keypoints.keypoints import Keypoints
 from apf.tracking.settings import DEFAULT_BODY, TakeSettings
 from apf.tracking.take import Take, track_take
 from apf.tracking.track import Track
-from cl import Device, InputError, NumpyDevice
+from cl import Device as Device
+from cl import DeviceError as DeviceError
+from cl import InputError as InputError
+from cl import MissingFileError as MissingFileError
+from cl import NumpyDevice as NumpyDevice
+from cl import UserError as UserError
+from cl import select_device as select_device
 from psfs.api import check_sequence, chosen_device, exclude_inconsistent_cameras
-from psfs.common.ranges import check_kind, check_range
+from psfs.common.ranges import check_kind, check_number
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
@@ -103,7 +109,7 @@ def _check_arguments(height: float | None, **arguments: object) -> None:
     """Raise InputError for a height, m, that nobody has, or an argument of `track` that is not of
     its kind."""
     if height is not None:
-        check_range("height, m,", height, 0.5, 2.5, ends=True)
+        check_number("height, m,", height, 0.5, 2.5)
     kinds: dict[str, tuple[type, ...]] = {
         "method": (Method,),
         "body": (BodyModel, str, Path),

@@ -6,7 +6,6 @@ The only module beside tests and benchmarks that imports `apf.reference`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -189,7 +188,7 @@ def observer_for(
         )
     config = method.features
     if not footage.has_images:
-        config = replace(config, edges="outline")
+        config = config.replace(edges="outline")
     silhouette = None if reconstruction is None else reconstruction.silhouette
     features = features_for(device, footage.rig, footage.background, config, silhouette)
 

@@ -10,28 +10,8 @@ and `apf` stand on it. What a user can mend raises `InputError`, `MissingFileErr
 `DeviceError`, all of them `UserError`.
 """
 
-from cl.array import Array
-from cl.device import Device, NumpyDevice, select_device
-from cl.errors import DeviceError, InputError, MissingFileError, UserError
-from cl.launch import Kernel, Launch, Step
-from cl.listing import DeviceInfo, list_devices
-from cl.probe import Probe
-from cl.profile import Profile
+import lazy_loader as _lazy
 
-__all__ = [
-    "Array",
-    "Device",
-    "DeviceError",
-    "DeviceInfo",
-    "InputError",
-    "Kernel",
-    "Launch",
-    "MissingFileError",
-    "NumpyDevice",
-    "Probe",
-    "Profile",
-    "Step",
-    "UserError",
-    "list_devices",
-    "select_device",
-]
+# The names are in __init__.pyi; each is imported when it is first asked for: errors and settings
+# must not wait for OpenCL.
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

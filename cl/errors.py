@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-import pyopencl
+if TYPE_CHECKING:
+    import pyopencl
 
 
 class UserError(Exception):
@@ -31,6 +33,8 @@ class DeviceError(UserError, RuntimeError):
 def failing_as_device(device: str, what: str) -> Iterator[None]:
     """Turn the errors of OpenCL inside, of a device that was lost or whose memory does not suffice,
     into DeviceError that names the `device` and `what` it was doing."""
+    import pyopencl  # takes a while to load
+
     try:
         yield
     except pyopencl.Error as error:

@@ -14,140 +14,24 @@ Lengths are metres, the world is right-handed, Z is up. What a user can mend rai
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+import importlib
+from typing import Any
 
-if TYPE_CHECKING:
-    from cl import (
-        Device,
-        DeviceError,
-        InputError,
-        MissingFileError,
-        NumpyDevice,
-        UserError,
-        select_device,
-    )
-    from psfs.api import open_sequence, reconstruct
-    from psfs.background.config import (
-        AdaptationConfig,
-        BackgroundConfig,
-        ChromaKeyConfig,
-        EvidenceConfig,
-    )
-    from psfs.cameras.camera import Camera, CameraRig
-    from psfs.presets import preset
-    from psfs.reconstructor import ReconstructionConfig, Reconstructor
-    from psfs.sequence import Frame, Sequence
-    from psfs.session import Session, SessionSettings
-    from psfs.silhouettes.config import (
-        AppearanceConfig,
-        EvidenceSmoothingConfig,
-        FloorConfig,
-        RimConfig,
-        SilhouetteConfig,
-    )
-    from psfs.volume import automatic_grid
-    from psfs.voxels.clouds import read_cloud, write_cloud
-    from psfs.voxels.config import ColourConfig, ForegroundJoinConfig, OccupancyConfig, VolumeConfig
-    from psfs.voxels.grid import VoxelCloud, VoxelGrid
+import lazy_loader as _lazy
 
-__version__: str
-
-__all__ = [
-    "AdaptationConfig",
-    "AppearanceConfig",
-    "BackgroundConfig",
-    "Camera",
-    "CameraRig",
-    "ChromaKeyConfig",
-    "ColourConfig",
-    "Device",
-    "DeviceError",
-    "EvidenceConfig",
-    "EvidenceSmoothingConfig",
-    "FloorConfig",
-    "ForegroundJoinConfig",
-    "Frame",
-    "InputError",
-    "MissingFileError",
-    "NumpyDevice",
-    "OccupancyConfig",
-    "ReconstructionConfig",
-    "Reconstructor",
-    "RimConfig",
-    "Sequence",
-    "Session",
-    "SessionSettings",
-    "SilhouetteConfig",
-    "UserError",
-    "VolumeConfig",
-    "VoxelCloud",
-    "VoxelGrid",
-    "__version__",
-    "automatic_grid",
-    "open_sequence",
-    "preset",
-    "read_cloud",
-    "reconstruct",
-    "select_device",
-    "write_cloud",
-]
-
-#: Where the public names live. They are imported when they are first asked for: `import psfs` alone
-#: must not wait for OpenCL and OpenCV.
-_MODULES = {
-    "cl": (
-        "Device",
-        "DeviceError",
-        "InputError",
-        "MissingFileError",
-        "NumpyDevice",
-        "UserError",
-        "select_device",
-    ),
-    "psfs.api": ("open_sequence", "reconstruct"),
-    "psfs.background.config": (
-        "AdaptationConfig",
-        "BackgroundConfig",
-        "ChromaKeyConfig",
-        "EvidenceConfig",
-    ),
-    "psfs.cameras.camera": ("Camera", "CameraRig"),
-    "psfs.presets": ("preset",),
-    "psfs.reconstructor": ("ReconstructionConfig", "Reconstructor"),
-    "psfs.sequence": ("Frame", "Sequence"),
-    "psfs.session": ("Session", "SessionSettings"),
-    "psfs.silhouettes.config": (
-        "AppearanceConfig",
-        "FloorConfig",
-        "RimConfig",
-        "SilhouetteConfig",
-        "EvidenceSmoothingConfig",
-    ),
-    "psfs.volume": ("automatic_grid",),
-    "psfs.voxels.clouds": ("read_cloud", "write_cloud"),
-    "psfs.voxels.config": (
-        "ColourConfig",
-        "ForegroundJoinConfig",
-        "OccupancyConfig",
-        "VolumeConfig",
-    ),
-    "psfs.voxels.grid": ("VoxelCloud", "VoxelGrid"),
-}
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+# The names are in __init__.pyi; each is imported when it is first asked for: `import psfs` alone
+# must not wait for OpenCL, OpenCV and SciPy.
+_attribute, _, __all__ = _lazy.attach_stub(__name__, __file__)
+__all__ += ["__version__"]
 
 
-if not TYPE_CHECKING:  # which knows the names above, and that there are no others
-
-    def __getattr__(name: str) -> Any:
-        if name == "__version__":
-            return version("psfs-apf")
-        if name not in _MODULE_OF:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = globals()[name] = getattr(import_module(_MODULE_OF[name]), name)
-        return value
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("psfs-apf")
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _attribute(name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return list(__all__)

@@ -9,17 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from cl import Device, NumpyDevice, select_device
+from cl import Device as Device
+from cl import DeviceError as DeviceError
+from cl import InputError as InputError
+from cl import MissingFileError as MissingFileError
+from cl import NumpyDevice as NumpyDevice
+from cl import UserError as UserError
+from cl import select_device as select_device
 from psfs.backend import reconstructor_for
-from psfs.common.ranges import check_kind, check_range
+from psfs.common.ranges import check_kind, check_number
 from psfs.diagnostics.examination import examine
 from psfs.footage.settings import Settings
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import Volume, automatic_grid, find_volume
-from psfs.voxels.clouds import DEBRIS_SHARE, without_debris
-from psfs.voxels.grid import VOXEL_EDGES, VoxelCloud
+from psfs.voxels.clouds import without_debris
+from psfs.voxels.grid import VoxelCloud
+from psfs.voxels.limits import DEBRIS_SHARE, VOXEL_EDGES
 
 log = logging.getLogger(__name__)
 
@@ -64,9 +71,9 @@ def reconstruct(
     """
     check_sequence(sequence, frames)
     check_kind("config", config, ReconstructionConfig)
-    check_range("debris", debris, 0, 1, ends=True)
+    check_number("debris", debris, 0, 1)
     if voxel_size is not None:
-        check_range("voxel_size, m,", voxel_size, *VOXEL_EDGES, ends=True)
+        check_number("voxel_size, m,", voxel_size, *VOXEL_EDGES)
     if volume is not None:
         low, high = Settings(volume=volume).volume
     settings = SessionSettings(config or ReconstructionConfig(), frames or slice(None), voxel_size)
@@ -96,7 +103,7 @@ def check_sequence(sequence: Sequence, frames: slice | None) -> None:
     check_kind("sequence", sequence, Sequence, ": psfs.open_sequence(folder)", needed=True)
     check_kind("frames", frames, slice, ", such as slice(0, 100)")
     if frames is not None and frames.step is not None:
-        check_range("the step of frames", frames.step, 1, ends=True)
+        check_number("the step of frames", frames.step, 1)
 
 
 def exclude_inconsistent_cameras(session: Session, all_cameras: bool = False) -> Session:

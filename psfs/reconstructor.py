@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -12,42 +10,17 @@ from cl import Device, InputError
 from cl.staging import Uploads
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.common.configs import config_of
 from psfs.sequence import Frame, frame_input
 from psfs.silhouettes.appearance import follows
-from psfs.silhouettes.config import SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 from psfs.voxels.bricks import Bricks
-from psfs.voxels.config import ColourConfig, OccupancyConfig, VolumeConfig
+from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.moving_grid import Follower
 from psfs.voxels.occupancy import Occupancy
 from psfs.voxels.sparse import SparseSurface
 from psfs.voxels.surface import Surface
-
-
-@dataclass(frozen=True)
-class ReconstructionConfig:
-    """Parameters of the reconstruction, shared by the kernels and their NumPy twins."""
-
-    silhouette: SilhouetteConfig = field(default_factory=SilhouetteConfig)
-    """From pictures to silhouettes."""
-    occupancy: OccupancyConfig = field(default_factory=OccupancyConfig)
-    """From silhouettes to voxels."""
-    colour: ColourConfig = field(default_factory=ColourConfig)
-    """From pictures to the voxels' colours."""
-    volume: VolumeConfig = field(default_factory=VolumeConfig)
-    """How the volume is found, see `psfs.volume`."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for summaries."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any], where: str = "") -> ReconstructionConfig:
-        """Return the inverse of `to_dict`; arguments and errors as of `config_of`."""
-        return config_of(cls, values, where)
 
 
 class Reconstructor:

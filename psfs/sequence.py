@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 from pathlib import Path
@@ -75,7 +75,7 @@ class Sequence:
         self.name = resolve_path(folder).name
         self.layout = layout
         if settings.sync is None and footage.late:
-            settings = replace(settings, sync=footage.late)
+            settings = settings.replace(sync=footage.late)
         self.settings = settings
         self.notes = list(footage.notes)
         sync = settings.sync if isinstance(settings.sync, Mapping) else {}
@@ -103,14 +103,14 @@ class Sequence:
     def open(cls, folder: str | Path, **overrides: Any) -> Sequence:
         """Recognise the folder's layout and read its calibration.
 
-        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file, which
-        wins over the layout's own defaults. Raises InputError for whatever does not fit.
+        overrides: the keys of `sequence.toml` (see `Settings`); they win over the file,
+        which wins over the layout's own defaults. Raises InputError for whatever does not fit.
         """
         check_kind("folder", folder, (str, os.PathLike), needed=True)
         folder = Path(folder)
-        stated = Settings.of({k: v for k, v in overrides.items() if v is not None})
+        stated = Settings.from_dict({k: v for k, v in overrides.items() if v is not None})
         if stated.calibration is not None:  # a flag's path is the caller's, not the folder's
-            stated = replace(stated, calibration=str(resolve_path(stated.calibration)))
+            stated = stated.replace(calibration=str(resolve_path(stated.calibration)))
         settings = stated.over(Settings.read(folder / "sequence.toml"))
         layout = find_layout(folder, settings)
         settings = settings.over(layout.defaults)
@@ -125,14 +125,14 @@ class Sequence:
 
     def with_cameras(self, names: Collection[str]) -> Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
-        return self._again(replace(self.settings, cameras=tuple(names)))
+        return self._again(self.settings.replace(cameras=tuple(names)))
 
     def synchronised(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views, those shifted that come `late` by so many frames, by name."""
         before = self.settings.sync if isinstance(self.settings.sync, Mapping) else {}
         both = {name: before.get(name, 0) + late.get(name, 0) for name in self.rig.names}
         shifts = {name: by for name, by in both.items() if by}
-        return self._again(replace(self.settings, sync=shifts))
+        return self._again(self.settings.replace(sync=shifts))
 
     def _again(self, settings: Settings) -> Sequence:
         """Open the same folder with other settings."""

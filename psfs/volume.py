@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.camera import CameraRig
+from psfs.common.ranges import LARGEST
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, check_frames
@@ -66,7 +66,7 @@ def volume_config(sequence: Sequence, config: ReconstructionConfig | None = None
     that of people, so that there is no floor and voxels are as small as the object needs."""
     volume = (config or ReconstructionConfig()).volume
     if sequence.subject == "object":
-        return replace(volume, people_distance=math.inf)
+        return volume.replace(people_distance=LARGEST)
     return volume
 
 

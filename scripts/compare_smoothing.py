@@ -41,7 +41,7 @@ def main() -> int:
     parser.add_argument(
         "--convention", choices=tuple(CONVENTIONS), default="y-up", help="axes of a TRC"
     )
-    parser.add_argument("--cutoff", type=float, default=SmoothingConfig.cutoff, metavar="HZ")
+    parser.add_argument("--cutoff", type=float, default=SmoothingConfig().cutoff, metavar="HZ")
     add_message_flags(parser)
     parser.set_defaults(run=_run)
     return run_command(parser)
@@ -57,7 +57,7 @@ def _run(args: argparse.Namespace) -> None:
         for poses, shown in variants(track, args.cutoff).items():
             stands = true_stances(truth, track)
             if stands is None:
-                stands = smoothed(track, SmoothingConfig(args.cutoff)).standing
+                stands = smoothed(track, SmoothingConfig(cutoff=args.cutoff)).standing
             n_stances, travel = slides(shown, stands)
             error = 1000 * evaluate(shown, truth).mean_error
             figures = f"{error:.2f}", f"{jitter(shown):.2f}", f"{n_stances}", f"{travel:.1f}"
@@ -69,8 +69,8 @@ def variants(track: Track, cutoff: float) -> dict[str, Track]:
     """Return the track as it is, smoothed, and smoothed with feet held."""
     return {
         "as tracked": track,
-        "smoothed": smoothed(track, SmoothingConfig(cutoff, contact=None)),
-        "feet held": smoothed(track, SmoothingConfig(cutoff)),
+        "smoothed": smoothed(track, SmoothingConfig(cutoff=cutoff, contact=None)),
+        "feet held": smoothed(track, SmoothingConfig(cutoff=cutoff)),
     }
 
 

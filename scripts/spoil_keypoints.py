@@ -31,7 +31,7 @@ from apf.tracking.triangulated import TriangulatedConfig, triangulated_track
 from cl import select_device
 from psfs.cli.commandline import add_message_flags, stdout
 from psfs.cli.program import run_command
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.sequence import Sequence
 from psfs.session import Session
 
@@ -74,7 +74,7 @@ def _run(args: argparse.Namespace) -> None:
     table = Table("sequence", "keypoints", "triangulation", "tracked", "of clean")
     for folder in args.folders:
         sequence, truth = Sequence.open(folder), load_truth(folder / "truth.npz")
-        check_range("--camera", args.camera, 0, len(sequence.rig) - 1, ends=True)
+        check_number("--camera", args.camera, 0, len(sequence.rig) - 1)
         keypoints, clean = Keypoints.open(folder, sequence), np.nan
         for kind in KINDS:
             seen = spoilt(keypoints, kind, args.camera, args.seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import re
 import subprocess
@@ -18,6 +17,7 @@ import apf
 import apf.cli
 import psfs
 import psfs.cli
+from psfs.common.config import Config, part_of
 from psfs.common.toml import read_toml
 
 ROOT = Path(__file__).parents[1]
@@ -37,10 +37,10 @@ def test_public_names_are_there_documented_and_listed(package: ModuleType) -> No
         _ = package.nonsense
 
 
-def configs_in(config: type) -> set[type]:
+def configs_in(config: type[Config]) -> set[type[Config]]:
     """A config and all that it is made of."""
-    parts = {type(getattr(config(), field.name)) for field in dataclasses.fields(config)}
-    return {config}.union(*(configs_in(p) for p in parts if dataclasses.is_dataclass(p)))
+    parts = [part_of(field) for field in config.model_fields.values()]
+    return {config}.union(*(configs_in(part) for part in parts if part is not None))
 
 
 def test_all_settings_are_public() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from apf.cli.flags.evaluate import FILES
 from apf.evaluation.conventions import axes_that_fit
 from apf.evaluation.evaluate import (
     LOST_FRAMES,
@@ -17,61 +18,21 @@ from apf.evaluation.evaluate import (
     load_truth,
 )
 from apf.evaluation.evaluation_plot import write_plot
-from apf.evaluation.marker_truth import SHIPPED, evaluate_markers, load_markers
+from apf.evaluation.marker_truth import evaluate_markers, load_markers
 from apf.formats.c3d import read_c3d
-from apf.formats.trc import CONVENTIONS, JointSeries
+from apf.formats.trc import JointSeries
 from apf.tracking.track import Track, spans
 from cl import InputError
-from psfs.cli.commandline import add_command, path_or_name, stdout, warn
+from psfs.cli.commandline import stdout, warn
 from psfs.cli.settings import refuse_unused
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
-
-_FILES = {"csv": "errors per frame", "plot": "a picture (PNG)", "json": "all figures"}
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands, "evaluate", run, "Compare a track with the truth, joint by joint."
-    )
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
-    parser.add_argument("--truth", type=Path, required=True, metavar="FILE", help="npz, TRC or C3D")
-    parser.add_argument(
-        "--markers",
-        type=path_or_name,
-        metavar="SET",
-        help="compare markers on the body with the truth's, by their labels: a TOML file that says "
-        f"where each is fixed, or {', '.join(SHIPPED)} (docs/formats.md)",
-    )
-    parser.add_argument(
-        "--truth-start",
-        type=float,
-        metavar="N",
-        help="frame of the truth, counted from 0, that is the sequence's frame 0; truth at another "
-        "rate is taken at the frames' times (default: a C3D's own numbers)",
-    )
-    parser.add_argument(
-        "--convention",
-        choices=CONVENTIONS,
-        help="axes of a TRC or C3D: y-up (X Y Z) = world (x z -y), as `apf track` writes it; "
-        "pose2sim = world (y z x); z-up = world (x y z) (default: y-up of a TRC; what a C3D says)",
-    )
-    for kind, what in _FILES.items():
-        parser.add_argument(f"--{kind}", action="store_true", help=f"write {what}")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="where evaluation.csv, .png and .json go (default: beside the track); "
-        "all three unless some of --csv, --plot, --json choose",
-    )
+from psfs.common.ranges import check_number
 
 
 def run(args: argparse.Namespace) -> None:
     if args.truth_start is not None:
-        check_range("--truth-start, frames,", args.truth_start, -1e9, 1e9, ends=True)
+        check_number("--truth-start, frames,", args.truth_start, -1e9, 1e9)
     track = Track.open(args.track)
     truth, convention = _truth(args, track.fps)
     markers = None if args.markers is None else load_markers(args.markers)
@@ -90,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
         shown = ", ".join(f"{k} {v}" for k, v in track.smoothing.items() if v is not None)
         stdout.print(f"the track was smoothed: {shown}", soft_wrap=True)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
-    wanted = [kind for kind in _FILES if getattr(args, kind)] or list(_FILES)
+    wanted = [kind for kind in FILES if getattr(args, kind)] or list(FILES)
     with output_folder(folder, args.parser.prog, addition=True, replaces=True):
         written = _written(args, folder, evaluation, wanted)
     stdout.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)

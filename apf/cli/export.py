@@ -3,49 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from apf.body.limbs import limb_names
-from apf.cli.takes.opened_track import add_smoothing_flags, opened_track
-from apf.formats.trc import CONVENTIONS
-from apf.tracking.motion_files import EXPORTS, OF_POINTS, Export, export
+from apf.cli.takes.opened_track import opened_track
+from apf.tracking.motion_files import Export, export
 from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import spans
-from psfs.cli.commandline import add_command, stdout
+from psfs.cli.commandline import stdout
 from psfs.cli.settings import refuse_unused
 from psfs.common.outputs import output_folder
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "export",
-        run,
-        "Write a track as files of motion: BVH, C3D, TRC, OpenSim's MOT, angles as CSV, GLB, gait.",
-    )
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder of `apf track`, or its npz")
-    parser.add_argument(
-        "--to",
-        nargs="+",
-        choices=tuple(EXPORTS),
-        metavar="FORMAT",
-        help=f"{', '.join(EXPORTS)} (default: all; of a track without a body "
-        f"{', '.join(OF_POINTS)})",
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="where to (default: beside the track)"
-    )
-    parser.add_argument(
-        "--axes",
-        choices=tuple(CONVENTIONS),
-        default="y-up",
-        help="of the TRC: y-up (X Y Z) = world (x z -y), z-up = world (x y z), pose2sim = "
-        "world (y z x) (default: %(default)s)",
-    )
-    add_smoothing_flags(parser)
-    parser.add_argument(
-        "--raw", action="store_true", help="the poses as they were tracked, without smoothing"
-    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -53,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
         refuse_unused(args, ["cutoff"], "is of the smoothing; expected none with --raw")
     if args.to is not None and "trc" not in args.to:
         refuse_unused(args, ["axes"], "is of the TRC; expected --to trc with it")
-    config = SmoothingConfig(args.cutoff)
+    config = SmoothingConfig(cutoff=args.cutoff)
     track = opened_track(args)
     folder = args.output or (args.track if args.track.is_dir() else args.track.parent)
     with output_folder(folder, args.parser.prog, addition=True):

@@ -13,8 +13,8 @@ import numpy as np
 from apf.api import given_start
 from apf.backend import check_renderer
 from apf.body.model import BodyModel
-from apf.cli.first_pose import add_start_flags, check_start, found_start
-from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
+from apf.cli.first_pose import check_start, found_start
+from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.track import RESULTS, write_files
 from apf.evaluation.evaluate import load_truth
 from apf.filters.method import Method
@@ -30,65 +30,19 @@ from apf.live.sources import Replay, Source
 from apf.tracking.pipeline import track_of
 from apf.tracking.track import Track
 from cl import Device, InputError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, stderr, stdout, warn
+from psfs.cli.commandline import stderr, stdout, warn
 from psfs.cli.sequence_flags import (
-    add_sequence_flags,
     open_sequence,
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, refuse_unused, write_settings
-from psfs.common.configs import config_of
+from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.occupied_box import default_voxel_size
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(commands, "live", run, "Track while it happens; frames may be dropped.")
-    add_sequence_flags(parser, fps=False)  # --fps is the result's rate here
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
-    parser.add_argument(
-        "--captures",
-        nargs="+",
-        metavar="C",
-        help="cameras in the order of the calibration that lies in FOLDER (or that FOLDER is): USB "
-        "numbers, URLs or videos (default: play the recording in FOLDER at its own rate)",
-    )
-    parser.add_argument(
-        "--empty",
-        type=float,
-        default=2.0,
-        metavar="S",
-        help="seconds of the empty scene that --captures begin with, unless FOLDER/background "
-        "shows it (default: 2)",
-    )
-    parser.add_argument(
-        "--fps",
-        dest="budget",
-        type=float,
-        metavar="N",
-        help="poses per second to be reached, by a search of the size that allows it (default: as "
-        "many as frames if that leaves time for a good search, unless --particles or --layers "
-        "says a size)",
-    )
-    add_start_flags(parser)
-    parser.add_argument(
-        "--truth", type=Path, metavar="F", help="true joints (npz or TRC): to state the error"
-    )
-    parser.add_argument(
-        "--scale",
-        type=float,
-        metavar="S",
-        help="size of the pictures that are looked at, up to 1 (default: on a CPU as small as "
-        "pixels still are no larger than voxels, else 1)",
-    )
-    add_method_flags(parser)
-    add_configs(parser, live=partial(config_of, LiveConfig))
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -100,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     noise = method.filter.search.noise
     if method.uses_voxels and args.noise is None and "method" not in args.configs:
         noise = config.noise
-    method = replace(method, filter=method.filter.changed(velocity=0.0, noise=noise))
+    method = method.replace(filter=method.filter.changed(velocity=0.0, noise=noise))
     device = select_device(args.device)
     if not isinstance(device, Device):
         raise InputError("--device numpy is no device for live tracking; expected an OpenCL device")
@@ -149,8 +103,8 @@ def _live(
     else:
         warn(f"{pace}; {pace.advice}")
     late = warn if pace.keeps_up else None
-    if stderr.is_terminal:
-        with stderr.status("waiting for the first frame; Ctrl-C ends") as status:
+    if stderr.console.is_terminal:
+        with stderr.console.status("waiting for the first frame; Ctrl-C ends") as status:
             result = live.run(Progress(pace.wanted, status.update, None, late))
     else:
         say = partial(stderr.print, soft_wrap=True)

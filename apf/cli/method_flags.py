@@ -3,86 +3,33 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from dataclasses import fields, replace
-from typing import Any
+
+from pydantic.fields import FieldInfo
 
 from apf.cli.shape_flags import SHAPE_FLAGS, add_shape_flags, shape_settings
-from apf.filters.config import TERMS, USUAL_TERMS, FilterConfig, likelihood_weights
+from apf.filters.config import TERMS, USUAL_TERMS, likelihood_weights
 from apf.filters.method import OBJECTIVES, SEARCH_DEFAULTS, Method
-from apf.filters.sir import SirConfig
-from apf.filters.swarm import SwarmConfig
-from apf.image_objective.config import (
-    EDGE_KINDS,
-    PROXIMITIES,
-    RENDERERS,
-    FeatureConfig,
-    ObjectiveConfig,
-    ProximityConfig,
-)
+from apf.image_objective.config import ObjectiveConfig
+from apf.settings import Settings
 from cl import InputError
+from psfs.cli.setting_flags import add_setting_flags, flagged, with_flags
 from psfs.cli.settings import add_configs, refuse_unused
 
-#: Settings of the search that have a flag of their own.
-_SETTINGS = {
-    "n_particles": ("--particles", "particles"),
-    "n_layers": ("--layers", "annealing layers, or the swarm's iterations"),
-    "seed": ("--seed", "seed of the noise; the same seed gives the same track"),
-    "noise": ("--noise", "scale of the noise"),
-    "spread": ("--spread", "bound of the noise, times the set's own deviation; 0 for none"),
-    "trunk_layers": ("--trunk-layers", "apf: first layers that move the trunk alone"),
-    "surface_weight": ("--surface-weight", "weight of surface voxels left unexplained"),
-    "overlap_weight": ("--overlap-weight", "weight of parts lying in each other"),
-}
+#: The destinations of the flags of single settings, by the names that lead to those.
+_FLAGS = {path: path[-1] for path, _ in flagged(Method)}
 #: Weights that the voxels' likelihood and the image objectives have both.
-_WEIGHTS = {
-    "edge_weight": ("--edge-weight", "weight of the edges, Song et al. eq. (14); or w2, Rymut"),
-    "silhouette_weight": ("--silhouette-weight", "of the silhouettes, eq. (15); or w1, Rymut"),
-}
-#: Settings of the other parts of a method, by its field; proximity is part of the features.
-_PARTS: dict[str, tuple[type, dict[str, tuple[str, str]]]] = {
-    "swarm": (
-        SwarmConfig,
-        {
-            "inertia": ("--inertia", "pso: share of its velocity that a particle keeps"),
-            "cognitive": ("--cognitive", "pso: pull of a particle's own best"),
-            "social": ("--social", "pso: pull of the best of all"),
-        },
-    ),
-    "sir": (
-        SirConfig,
-        {"sigma_z": ("--sigma-z", "sir: of Rymut eq. (2.42), 0 for one found in each frame")},
-    ),
-    "image": (
-        ObjectiveConfig,
-        {"renderer": ("--renderer", f"image objectives: {', '.join(RENDERERS)}")},
-    ),
-    "features": (
-        FeatureConfig,
-        {
-            "edges": ("--edges", f"image objectives: {', '.join(EDGE_KINDS)}"),
-        },
-    ),
-    "proximity": (
-        ProximityConfig,
-        {
-            "function": ("--proximity", f"image objectives: {', '.join(PROXIMITIES)}"),
-            "farthest": ("--edge-reach", "image objectives: px of 640 at which it is 0"),
-        },
-    ),
-}
-
+_WEIGHTS = ("edge_weight", "silhouette_weight")
 #: Flags that one method alone has a use for.
 _OWNERS = {
     ("trunk_layers",): "apf",
-    ("inertia", "cognitive", "social"): "pso",
-    ("sigma_z",): "sir",
+    tuple(flag for path, flag in _FLAGS.items() if path[0] == "swarm"): "pso",
+    tuple(flag for path, flag in _FLAGS.items() if path[0] == "sir"): "sir",
     ("low_pass", "max_error", "longest_gap"): "triangulate",
 }
 
 #: Flags that image objectives alone, the voxels' likelihood alone, and both have a use for.
 _OF_IMAGES = (
-    *(name for part in ("image", "features", "proximity") for name in _PARTS[part][1]),
+    *(f for p, f in _FLAGS.items() if p[0] in ("image", "features") and f not in _WEIGHTS),
     *SHAPE_FLAGS,
 )
 _OF_VOXELS = ("likelihood", "surface_weight")
@@ -90,8 +37,8 @@ _OF_PICTURES = (*_WEIGHTS, "voxel_size", "all_cameras")
 
 #: Flags of which a table [method] says all.
 METHOD_FLAGS = (
-    *("method", "objective", "likelihood", "one_way", *_SETTINGS, *_WEIGHTS),
-    *(name for _, flags in _PARTS.values() for name in flags),
+    *("method", "objective", "likelihood", "one_way"),
+    *dict.fromkeys(_FLAGS.values()),
     *SHAPE_FLAGS,
 )
 
@@ -101,7 +48,7 @@ def add_method_flags(
 ) -> None:
     """--method and --objective with their defaults, and the flags of their settings. more: what
     the command knows beside the searches, for --help."""
-    add_configs(parser, method=Method.from_dict)
+    add_configs(parser, Settings, "method")
     group = parser.add_argument_group("search", "what is searched with, and by what it is judged")
     group.add_argument(
         "--method",
@@ -123,52 +70,31 @@ def add_method_flags(
         f"pictures (default: {','.join(USUAL_TERMS)}, and silhouette_recall where limbs are "
         "searched for)",
     )
-    rows = [(FilterConfig().settings, {**_SETTINGS, **_WEIGHTS})]
-    rows += [
-        ({of.name: of.default for of in fields(part)}, flags) for part, flags in _PARTS.values()
-    ]
-    for defaults, flags in rows:
-        for name, (flag, what) in flags.items():
-            group.add_argument(
-                flag,
-                dest=name,
-                type=type(defaults[name]),
-                help=f"{what} (default: {_default(name, defaults[name])})",
-            )
+    add_setting_flags(group, Method, _default)
     add_shape_flags(parser)
 
 
-def _default(name: str, value: object) -> str:
-    """A default as --help shows it: where methods differ, with theirs."""
+def _default(path: tuple[str, ...], field: FieldInfo) -> str:
+    """Return a default as --help shows it: where methods differ, with theirs."""
+    name = path[-1]
     others = [f"{v[name]} with {search}" for search, v in SEARCH_DEFAULTS.items() if name in v]
     if name in _WEIGHTS:
         others.append(f"{getattr(ObjectiveConfig(), name)} with image features")
-    return ", ".join([str(value), *others])
+    return ", ".join([str(field.default), *others])
 
 
 def chosen_method(args: argparse.Namespace) -> Method:
-    """What the flags of `add_method_flags` and --config choose. Raises InputError."""
-
-    def given(names: Iterable[str]) -> dict[str, Any]:
-        return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-
-    base = _base(args)
-    images = base.uses_images
-    _refuse_others(args, base)
+    """Return what the flags of `add_method_flags` and --config choose. Raises InputError."""
+    method = _base(args)
+    _refuse_others(args, method)
     shape = shape_settings(args)
-    terms = _terms(args.likelihood) if args.likelihood is not None else {}
-    settings = terms | given(_SETTINGS) | ({} if images else given(_WEIGHTS))
-    method = replace(base, filter=base.filter.changed(**settings))
-    looks = given({**_WEIGHTS, **_PARTS["image"][1]}) | shape
-    image = replace(method.image, **looks) if images else method.image
-    proximity = replace(method.features.proximity, **given(_PARTS["proximity"][1]))
-    features = replace(method.features, proximity=proximity, **given(_PARTS["features"][1]))
-    swarm = replace(method.swarm, **given(_PARTS["swarm"][1]))
-    sir = replace(method.sir, **given(_PARTS["sir"][1]))
-    both_ways = method.both_ways and not getattr(args, "one_way", False)
-    return replace(
-        method, both_ways=both_ways, image=image, features=features, swarm=swarm, sir=sir
-    )
+    if args.likelihood is not None:
+        method = method.replace(filter=method.filter.changed(**_terms(args.likelihood)))
+    if shape:
+        method = method.replace(image=method.image.replace(**shape))
+    others = ("filter.likelihood",) if method.uses_images else ("image", "features")
+    method = with_flags(method, args, without=others)
+    return method.replace(both_ways=method.both_ways and not getattr(args, "one_way", False))
 
 
 def _refuse_others(args: argparse.Namespace, base: Method) -> None:
@@ -207,7 +133,7 @@ def _base(args: argparse.Namespace) -> Method:
     stated = args.stated_settings
     objective = stated.get("objective", base.objective)
     if stated.get("method", base.search) == base.search:
-        return replace(base, objective=objective)
+        return base.replace(objective=objective)
     if args.config is None:  # a preset, which says no more than it means
         own = {"search": args.method, "objective": objective}
         return Method.from_dict({**args.preset_tables["method"], **own}, "method")

@@ -12,15 +12,15 @@ import numpy as np
 from apf.backend import pictures_for
 from apf.body import BodyModel, load_body
 from apf.body.mesh import BodyMesh
-from apf.cli.shape_flags import add_shape_flags, shape_settings
+from apf.cli.shape_flags import shape_settings
 from apf.image_objective.config import ObjectiveConfig
 from apf.image_objective.opengl.renderer import draw_by_opengl
 from apf.scene import Scene
 from apf.tracking.track import Track
 from cl import Device, InputError, NumpyDevice, select_device
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
-from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
+from psfs.cli.commandline import progress_bar, stdout
+from psfs.cli.sequence_flags import open_sequence, selected_frames
 from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.files import write_picture
 from psfs.common.outputs import OutputFolder, output_folder
@@ -29,21 +29,6 @@ from psfs.output.preview import crop_view
 #: What is written of every picture, each into a folder of its own.
 KINDS = ("silhouettes", "edges", "overlay")
 _WHITE, _TINT = (255, 255, 255), 0.45
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands, "render", run, "Draw a track's silhouettes and edges in every camera, as PNG."
-    )
-    add_sequence_flags(parser)
-    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT")
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
-    )
-    add_shape_flags(parser)
-    parser.add_argument("--opengl", action="store_true", help="render by OpenGL instead of OpenCL")
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from apf.report.agreement import choose_rows
 from apf.report.judged import OVERLAY, judge_track, write_report
+from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
-from apf.report.page import PAGE
 from apf.report.summary import (
     open_tracked_sequence,
     read_summary,
@@ -18,23 +18,10 @@ from apf.report.summary import (
 )
 from apf.tracking.track import Track
 from cl import InputError, select_device
-from psfs.cameras.calibration.common import name_file_in_errors
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.common.files import name_file_in_errors
 from psfs.common.outputs import MANIFEST, output_folder
 from psfs.session import Session, SessionSettings
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "report",
-        run,
-        "Judge a track and write its page, report.html, as `apf track` does: a 3-D player, the "
-        "overlay, confidence, agreement with the silhouettes, angles.",
-    )
-    parser.add_argument("track", type=Path, metavar="OUT", help="folder that `apf track` wrote")
-    parser.add_argument("--no-overlay", action="store_true", help="draw no overlay that is missing")
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:

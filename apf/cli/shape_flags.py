@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from apf.body.mesh import FRUSTUM_VERTICES
+from apf.image_objective.config import ObjectiveConfig
 from cl import InputError
 from psfs.cli.commandline import path_or_name
+from psfs.common.config import choices_of
 
 #: Of these flags, the settings of `ObjectiveConfig`.
 SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
@@ -16,7 +17,8 @@ SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
 def add_shape_flags(parser: argparse.ArgumentParser) -> None:
     """--shape, --shape-weights, --shape-pose and --round-ends."""
     group = parser.add_argument_group("shape", "how the body looks in pictures")
-    known = ", ".join(map(str, FRUSTUM_VERTICES))
+    _, *frusta = choices_of(ObjectiveConfig.model_fields["vertices_per_part"])
+    known = ", ".join(map(str, frusta))
     group.add_argument(
         "--shape",
         type=path_or_name,

@@ -14,38 +14,35 @@ import numpy as np
 from apf.api import given_start, template_of
 from apf.backend import check_renderer
 from apf.body import BodyModel, save_body
-from apf.cli.first_pose import add_start_flags, check_start, naming_init, warn_of_doubts
-from apf.cli.keypoints.flags import add_keypoint_flags, keypoints_of
-from apf.cli.keypoints.triangulate import TRIANGULATE, add_triangulation_flags, run_triangulate
-from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
+from apf.cli.first_pose import check_start, naming_init, warn_of_doubts
+from apf.cli.keypoints.flags import keypoints_of
+from apf.cli.keypoints.triangulate import TRIANGULATE, run_triangulate
+from apf.cli.method_flags import METHOD_FLAGS, chosen_method
 from apf.cli.takes.job import TrackJob, chosen_seeds, take_names
 from apf.cli.takes.kept_parts import Keeper, remove_parts
 from apf.cli.takes.take_report import Judgement, Line, TakeLine, TakeReport, was_interrupted
 from apf.evaluation.evaluate import evaluate, load_truth
 from apf.filters.method import Method
 from apf.formats.pose import write_pose
-from apf.presets import PRESETS
 from apf.report.judged import FILES, judge_track, keep_judged_frames, run_facts, write_report
+from apf.report.names import PAGE
 from apf.report.overlay import write_overlay
-from apf.report.page import PAGE
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY
-from apf.tracking.batch import BatchConfig, at_once
+from apf.tracking.batch import at_once
 from apf.tracking.settings import TakeSettings
 from apf.tracking.take import Take, check_cameras, track_take
 from apf.tracking.track import PARTS, Track, spans
 from cl import Device, InputError, NumpyDevice, UserError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stderr, stdout
+from psfs.cli.commandline import progress_bar, stderr, stdout
 from psfs.cli.sequence_flags import (
-    add_all_cameras_flag,
-    add_sequence_flags,
     chosen_frames,
     examine_footage,
     open_sequence,
     selected_frames,
     stated,
 )
-from psfs.cli.settings import add_configs, add_preset_flag, refuse_unused, write_settings
+from psfs.cli.settings import refuse_unused, write_settings
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import Examination
 from psfs.output.reconstruction_folder import sequence_facts
@@ -55,63 +52,6 @@ from psfs.session import Session, SessionSettings
 
 #: What a take is written to.
 RESULTS = (*FILES, SUMMARY, PAGE, PARTS)
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(commands, "track", run, "Reconstruct and track a person, frame by frame.")
-    add_output_flag(parser)
-    add_track_flags(parser)
-    parser.add_argument(
-        "--at-once",
-        type=int,
-        metavar="N",
-        help="of several takes, work on N at a time "
-        f"(default: {BatchConfig.on_gpu} on a GPU, else {BatchConfig.on_cpu})",
-    )
-
-
-def add_output_flag(parser: argparse.ArgumentParser) -> None:
-    """Add -o of one take or of several."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help="folder for the results; of several takes each has its own in it, by its name",
-    )
-
-
-def add_track_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the takes' folders and all flags that say how each is tracked."""
-    add_sequence_flags(parser, several=True)
-    add_start_flags(parser)
-    add_all_cameras_flag(parser)
-    add_method_flags(
-        parser, more=f"; {TRIANGULATE}: --keypoints alone, triangulated, without a body"
-    )
-    add_triangulation_flags(add_keypoint_flags(parser))
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        metavar="N",
-        help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
-        "how far they differ",
-    )
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
-    add_preset_flag(parser, PRESETS)
-    parser.add_argument(
-        "--one-way",
-        action="store_true",
-        help="track forward alone, as live: in about half of the time, less accurately",
-    )
-    parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
-    parser.add_argument(
-        "--no-report",
-        action="store_true",
-        help=f"write no {PAGE}, and leave the track uncompared with the silhouettes",
-    )
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:

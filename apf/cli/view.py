@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
@@ -14,19 +13,8 @@ from apf.report.viewer_layers import cone_layer, note_of, skeleton_layer
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_command
-from psfs.cli.view import OnTop, add_view_flags, view_run
+from psfs.cli.view import OnTop, view_run
 from psfs.sequence import Frame
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "Play a run of psfs reconstruct with a track's skeleton and cones on top"
-    parser = add_command(commands, "view", run, f"{help}.")
-    add_view_flags(parser, help)
-    parser.add_argument("track", type=Path, metavar="TRACK", help="folder that `apf track` wrote")
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model (default: body.toml beside the track)"
-    )
 
 
 def run(args: argparse.Namespace) -> None:

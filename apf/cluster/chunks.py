@@ -13,17 +13,6 @@ from apf.tracking.track import Track
 
 
 @dataclass(frozen=True)
-class ChunksConfig:
-    """The overlap of chunks, and the threshold for their agreement."""
-
-    overlap: float = 1.0
-    """Overlap of two chunks, s. A track settles within about half of it after a found start."""
-    agreement: float = 0.05
-    """Largest mean distance of the joints, m, at which two tracks of a frame differ by noise only.
-    Runs with different seeds differ by 10 to 20 mm, a wrong start by 100 mm and more."""
-
-
-@dataclass(frozen=True)
 class Seam:
     """The join of two chunks.
 

@@ -14,7 +14,7 @@ from apf.cluster.workers import Share, make_setup_plugin
 from cl import InputError
 from psfs.common.files import read_json
 from psfs.common.schema import Table, checked
-from psfs.output.reconstruction_folder import versions
+from psfs.common.versions import versions
 
 
 class _SchedulerFile(Table):

@@ -11,7 +11,7 @@ from typing import Any
 
 from cl import InputError
 from psfs.common.files import unreadable_error, write_json
-from psfs.output.reconstruction_folder import versions
+from psfs.common.versions import versions
 
 RECORD = "take.json"
 _LOT = 1 << 22  # bytes read at a time

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cl import InputError
 from psfs.common.outputs import MANIFEST, Manifest
+from psfs.common.system import is_alive
 
 #: .NAME.partial-HOST-PID-ATTEMPT
 _PARTIAL = re.compile(r"\.([^/]+)\.partial-([^/]+)-(\d+)-[0-9a-f]{8}\b")
@@ -95,17 +96,7 @@ def clear_partial(path: Path, of_all: bool = False) -> None:
         found = _PARTIAL.fullmatch(folder.name.removesuffix(_OLD))
         if found is None or found[1] != path.name:
             continue
-        if of_all or (found[2] == platform.node() and not _is_running(int(found[3]))):
+        if of_all or (found[2] == platform.node() and not is_alive(int(found[3]))):
             if folder.suffix == _OLD and not path.exists():  # killed between the two renames
                 folder.rename(path)
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

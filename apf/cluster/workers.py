@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
-import signal
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from apf.cluster.config import WorkerConfig
 from cl import Device, NumpyDevice, list_devices, select_device
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
+from psfs.common.system import (
+    ignore_signals,
+    keep_freed_memory,
+    list_own_cores,
+    pin_to_cores,
+)
 from psfs.footage.memory import FRAME_MEMORY
 
 #: Most workers of one machine.
@@ -21,24 +26,8 @@ DEVICE, CORES = "APF_DEVICE", "APF_CORES"
 #: core of the machine, costs 22 s of 32 cores where one thread costs 6 s and takes as long; views
 #: are decoded in parallel anyway.
 _OPENCV = ("OPENCV_FOR_THREADS_NUM", "OPENCV_FFMPEG_THREADS")
-#: Constants of glibc's malloc.h; and a size above any single allocation of a take.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _KEPT_BYTES = -1, -3, 2**28
-
-
-@dataclass(frozen=True)
-class WorkerConfig:
-    """The number of workers of an embedded cluster; a worker is a process that tracks one take at a
-    time."""
-
-    per_gpu: int = 8
-    """Most workers per GPU. A take leaves a GPU idle while its host decodes and fits; contexts on
-    one GPU take turns. On an H200 with 16 cores, 2 workers tracked 24 takes per minute, 4 41 and 8
-    70, see `docs/cluster.md`."""
-    beside_gpu: float = 2.0
-    """Cores per worker of a GPU, which its take keeps busy decoding and waiting."""
-    cores: int = 1
-    """Cores of a worker that computes on the CPU. Set by hand: decoding and start of a take use one
-    core."""
+#: A size above any single allocation of a take.
+_KEPT_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -70,8 +59,8 @@ def share_machine(
     """
     config = config or WorkerConfig()
     if n_workers is not None:
-        check_range("--workers", n_workers, 1, MOST_WORKERS, ends=True)
-    chosen = select_device(device)  # selected in a process that does not start workers by forking
+        check_number("--workers", n_workers, 1, MOST_WORKERS)
+    chosen = select_device(device)  # in a process that starts no worker by forking
     if not isinstance(chosen, NumpyDevice) and chosen.is_gpu:
         names = [device]
         if device in ("auto", "gpu"):
@@ -87,13 +76,6 @@ def share_machine(
     return [Share(device, group or tuple(cores)) for group in groups]
 
 
-def list_own_cores() -> list[int]:
-    """Return the indices of the cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
 def set_up_worker(ignore_interrupts: bool) -> None:
     """Set up this worker process before its first take.
 
@@ -101,16 +83,14 @@ def set_up_worker(ignore_interrupts: bool) -> None:
     it was started on.
     """
     stated = [int(core) for core in os.environ.get(CORES, "").split(",") if core]
-    if stated and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, stated)
-    threads = str(
-        len(stated or list_own_cores())
-    )  # PoCL counts the machine's cores, not the process's
+    if stated:
+        pin_to_cores(stated)
+    threads = str(len(stated or list_own_cores()))  # PoCL counts the machine's, not the process's
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):  # before PoCL 4, and since
         os.environ.setdefault(name, threads)
     keep_memory()
     if ignore_interrupts:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        ignore_signals(["SIGINT"])
 
 
 def keep_memory() -> None:
@@ -121,10 +101,7 @@ def keep_memory() -> None:
     1.3 million page faults and 3.2 s of a core, with kept memory 0.06 million and 0.6 s.
     """
     FRAME_MEMORY.keep = True
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if mallopt is not None:
-        mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)
-        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+    keep_freed_memory(_KEPT_BYTES)
 
 
 def select_worker_device(asked: str) -> Device | NumpyDevice:

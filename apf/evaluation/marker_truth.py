@@ -10,17 +10,14 @@ import numpy as np
 
 from apf.body.kinematics import bone_matrices
 from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
+from apf.evaluation.marker_sets import FOLDER, SHIPPED
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.toml import read_toml
-
-_FOLDER = Path(__file__).parent / "markers"
-#: Names of the sets that are shipped.
-SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class MarkerSet:
 def load_markers(source: str | Path) -> MarkerSet:
     """Read a marker set: the name of a shipped one, or a TOML file with [[marker]] tables, whose
     keys are those of `landmarks.toml`, and perhaps `stature`. Raises InputError."""
-    path = _FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
+    path = FOLDER / f"{source}.toml" if str(source) in SHIPPED else Path(source)
     if path.suffix.lower() != ".toml":
         raise InputError(f"markers {source}: expected a TOML file or one of {listed(SHIPPED)}")
     values = read_toml(path)
@@ -44,7 +41,7 @@ def load_markers(source: str | Path) -> MarkerSet:
     if values or not isinstance(entries, list) or not isinstance(stature, int | float):
         found = listed(values) if values else "another kind of value"
         raise InputError(f"{path}: {found}; expected [[marker]] tables, and perhaps stature, m")
-    check_range(f"{path}: stature, m,", float(stature), 0.3, 3, ends=True)
+    check_number(f"{path}: stature, m,", float(stature), 0.3, 3)
     # How surely a marker sits there is not asked for: nothing is learnt from it.
     spread = {"spread": 0.01}
     tables = [spread | entry if isinstance(entry, dict) else entry for entry in entries]

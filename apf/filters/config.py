@@ -7,111 +7,193 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from functools import reduce
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
+from pydantic import model_validator
 
 from apf.likelihood.config import KeypointConfig, LikelihoodConfig
 from cl import InputError
-from psfs.common.ranges import check_range
+from psfs.common.config import Config, fields_below, part, setting
+
+if TYPE_CHECKING:
+    import numpy as np
 
 #: Frame rate, 1/s, that the sigmas of body models are stated for.
 SIGMA_FPS = 60.0
 
 
-@dataclass(frozen=True)
-class SearchConfig:
+class SearchConfig(Config):
     """The particles and the layers in which they are annealed."""
 
-    n_particles: int = 200
-    """Particles. Song et al. section 4."""
-    n_layers: int = 10
-    """Annealing layers; iterations of a swarm. Song et al. section 4."""
-    first_survival: float = 0.5
-    """Effective sample size over number of particles that the exponent beta of the first layer
-    reaches (Deutscher & Reid 2005, who take 0.5 in every layer)."""
-    last_survival: float = 0.05
-    """That of the last layer; linear in between. By hand: the mean is of the best particles."""
-    noise: float = 0.35
-    """Deviation of the first layer's noise, in the body's sigmas. Tuned on nine sequences, with the
-    refinement behind it."""
-    noise_decay: float = 0.8
-    """Its factor from layer to layer. By hand: a tenth is left after ten layers."""
-    spread: float = 0.0
-    """Where positive, noise after the first layer is at most this times the set's own deviation
-    (Deutscher & Reid 2005). Off: it did not help with so few particles."""
-    velocity: float = 0.5
-    """Share of the last change that is expected again: 0 for Song et al. eq. (13), 1 for constant
-    velocity. Tuned: no legs are swapped at low frame rates."""
-    trunk_layers: int = 3
-    """So many first layers move the trunk alone (partitioned sampling, MacCormick & Isard 2000).
-    Tuned on nine sequences."""
-    seed: int = 0
-    """Of the random numbers, 0 to 2^64 - 1: the same seed gives the same track."""
+    n_particles: int = setting(
+        200,
+        "Number of particles.",
+        "Song et al. section 4",
+        least=2,
+        most=1_000_000,
+        flag="--particles",
+        flag_help="particles",
+    )
+    n_layers: int = setting(
+        10,
+        "Number of annealing layers, or of a swarm's iterations.",
+        "Song et al. section 4",
+        least=1,
+        most=1000,
+        flag="--layers",
+        flag_help="annealing layers, or the swarm's iterations",
+    )
+    first_survival: float = setting(
+        0.5,
+        "Share of the particles, as effective sample size, that the exponent beta of the first "
+        "layer leaves; above 1 / `n_particles`.",
+        "Deutscher & Reid 2005, who take 0.5 in every layer",
+        above=0,
+        below=1,
+    )
+    last_survival: float = setting(
+        0.05,
+        "The same share of the last layer; linear in between.",
+        "by hand: the mean is of the best particles",
+        above=0,
+        below=1,
+    )
+    noise: float = setting(
+        0.35,
+        "Standard deviation of the first layer's noise.",
+        "tuned on nine sequences, with the refinement behind it",
+        "of the body's sigmas",
+        above=0,
+        below=100,
+        flag="--noise",
+        flag_help="scale of the noise",
+    )
+    noise_decay: float = setting(
+        0.8,
+        "Factor of the noise from layer to layer.",
+        "by hand: a tenth is left after ten layers",
+        above=0,
+        below=100,
+    )
+    spread: float = setting(
+        0.0,
+        "Bound of the noise after the first layer, times the set's own deviation (Deutscher & Reid "
+        "2005); 0 for none.",
+        "off: it did not help with so few particles",
+        least=0,
+        most=1000,
+        flag="--spread",
+        flag_help="bound of the noise, times the set's own deviation; 0 for none",
+    )
+    velocity: float = setting(
+        0.5,
+        "Share of the last change that is expected again: 0 for Song et al. eq. (13), 1 for "
+        "constant velocity.",
+        "tuned: no legs are swapped at low frame rates",
+        least=0,
+        most=1000,
+    )
+    trunk_layers: int = setting(
+        3,
+        "Number of first layers that move the trunk alone (partitioned sampling, MacCormick & "
+        "Isard 2000).",
+        "tuned on nine sequences",
+        least=0,
+        most=1000,
+        flag="--trunk-layers",
+        flag_help="apf: first layers that move the trunk alone",
+    )
+    seed: int = setting(
+        0,
+        "Seed of the random numbers: the same seed gives the same track.",
+        "any",
+        least=0,
+        most=2**64 - 1,
+        flag="--seed",
+        flag_help="seed of the noise; the same seed gives the same track",
+    )
 
-    def __post_init__(self) -> None:
-        check_range("n_particles", self.n_particles, 2, 1_000_000, ends=True)
-        check_range("n_layers", self.n_layers, 1, 1000, ends=True)
-        if not 0 <= self.seed < 2**64:
-            raise InputError(f"the seed is {self.seed}; expected 0 to 2^64 - 1")
+    @model_validator(mode="after")
+    def _some_survive(self) -> SearchConfig:
         for name in ("first_survival", "last_survival"):
             rate = getattr(self, name)
-            if not 1 / self.n_particles < rate < 1:
+            if not rate > 1 / self.n_particles:
                 raise InputError(
                     f"{name} is {rate}; expected between 1 / n_particles = "
                     f"{1 / self.n_particles:.3g} and 1"
                 )
-        for name in ("noise", "noise_decay"):
-            check_range(name, getattr(self, name), 0, 100)
-        for name in ("spread", "velocity", "trunk_layers"):
-            check_range(name, getattr(self, name), 0, 1000, ends=True)
+        return self
 
     @property
     def survival_rates(self) -> np.ndarray:
         """(n_layers,) target of each layer."""
+        import numpy as np
+
         return np.linspace(self.first_survival, self.last_survival, self.n_layers)
 
     @property
     def layer_noise(self) -> np.ndarray:
         """(n_layers,) factor of sigma with which the particles of each layer are spread."""
+        import numpy as np
+
         return self.noise * self.noise_decay ** np.arange(self.n_layers)
 
 
-@dataclass(frozen=True)
-class RefinementConfig:
+class RefinementConfig(Config):
     """Gauss-Newton steps of the estimate against the surface voxels."""
 
-    steps: int = 4
-    """Steps; 0 for no refinement and no limb search. Tuned: a fifth one changes nothing."""
-    scale: float = 0.03
-    """m, distance at which a voxel is half unexplained in the cost (Geman & McClure 1987). By hand:
-    about a voxel."""
-    reach: float = 0.06
-    """m, the scale that voxels are weighed by in the first step; it shrinks to `scale`, so that
-    those far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987). By
-    hand."""
-    strength: float = 1350.0
-    """Weight of the voxels' mean cost against the prior's squared distance. By hand."""
-    width: float = 4.0
-    """Deviation of the prior about the particles' mean, in the first layer's noise. By hand: as far
-    as the particles reach."""
-    point_strength: float = 1.0
-    """Weight of each observed point's squared distance, in deviations, against the prior's: 1 where
-    their errors have nothing to do with each other."""
-    point_scale: float = 2.5
-    """Deviations at which an observed point is half missed."""
-    point_reach: float = 10.0
-    """Deviations that observed points are weighed by in the first step; they shrink to
-    `point_scale`, as `reach` does."""
+    SOURCE: ClassVar = "by hand"
 
-    def __post_init__(self) -> None:
-        check_range("refinement_steps", self.steps, 0, ends=True)
-        names = ("scale", "reach", "strength", "width", "point_strength", "point_scale",
-                 "point_reach")  # fmt: skip
-        for name in names:
-            check_range(f"refinement_{name}", getattr(self, name), 0)
+    steps: int = setting(
+        4,
+        "Number of steps; 0 for no refinement and no limb search.",
+        "tuned: a fifth one changes nothing",
+        least=0,
+    )
+    scale: float = setting(
+        0.03,
+        "Distance at which a voxel is half unexplained in the cost (Geman & McClure 1987).",
+        "by hand: about a voxel",
+        "m",
+        above=0,
+    )
+    reach: float = setting(
+        0.06,
+        "Scale that voxels are weighed by in the first step; it shrinks to `scale`, so that those "
+        "far from any cone pull first (graduated non-convexity, Blake & Zisserman 1987).",
+        unit="m",
+        above=0,
+    )
+    strength: float = setting(
+        1350.0, "Weight of the voxels' mean cost against the prior's squared distance.", above=0
+    )
+    width: float = setting(
+        4.0,
+        "Standard deviation of the prior about the particles' mean.",
+        "by hand: as far as the particles reach",
+        "of the first layer's noise",
+        above=0,
+    )
+    point_strength: float = setting(
+        1.0,
+        "Weight of each observed point's squared distance, in deviations, against the prior's.",
+        "1 where their errors have nothing to do with each other",
+        above=0,
+    )
+    point_scale: float = setting(
+        2.5,
+        "Distance at which an observed point is half missed.",
+        unit="standard deviations",
+        above=0,
+    )
+    point_reach: float = setting(
+        10.0,
+        "Scale that observed points are weighed by in the first step; it shrinks to `point_scale`, "
+        "as `reach` does.",
+        unit="standard deviations",
+        above=0,
+    )
 
     @property
     def reaches(self) -> list[tuple[float, float]]:
@@ -129,41 +211,72 @@ class RefinementConfig:
         return list(zip(voxels, shrinking(self.point_reach, self.point_scale), strict=True))
 
 
-@dataclass(frozen=True)
-class LimbSearchConfig:
+class LimbSearchConfig(Config):
     """The search for limbs elsewhere, before a frame's estimate is final."""
 
-    reach: float = 16.0
-    """Limbs are looked for within up to so many of the body's sigmas, and anywhere within their
-    limits; 0 for not at all. Tuned on the synthetic walks."""
-    rounds: int = 4
-    """Rounds that look about the best of the round before, each half as far. Tuned on
-    synth_box_4cam and synth_salsa_4cam_hd: without them arms that were lost were seldom found
-    again, for few poses that are anywhere have a forearm where its outlines are."""
-    round_reach: float = 8.0
-    """Deviation in the first of these rounds, in the body's sigmas. Tuned with them."""
-    near_margin: float = 0.01
-    """Share by which the error must fall for a limb to be moved within that reach. Tuned."""
-    far_margin: float = 0.05
-    """Share by which it must fall for a limb to be moved anywhere. Tuned: with 0.03 limbs were
-    moved that had been right."""
-    least_recall: float = 2.0
-    """Least weight of the silhouette recall when the best are compared: two legs may hide in the
-    silhouette of one. Tuned on the synthetic walks."""
-    point_steps: int = 6
-    """Gauss-Newton steps by observed points alone, whose pose of each limb is among those tried."""
-    point_reach: float = 60.0
-    """Deviations that observed points are weighed by in the first of them: about 250 px."""
-    point_width: float = 40.0
-    """Deviation of the prior about the mean in these, in the first layer's noise: as far as a limb
-    swings in a few frames."""
+    SOURCE: ClassVar = "by hand"
 
-    def __post_init__(self) -> None:
-        for name in ("reach", "rounds", "near_margin", "far_margin", "least_recall"):
-            check_range(f"limb_search_{name}", getattr(self, name), 0, ends=True)
-        check_range("limb_search_point_steps", self.point_steps, 1, ends=True)
-        for name in ("round_reach", "point_reach", "point_width"):
-            check_range(f"limb_search_{name}", getattr(self, name), 0)
+    reach: float = setting(
+        16.0,
+        "Distance within which limbs are looked for, and anywhere within their limits; 0 for not "
+        "at all.",
+        "tuned on the synthetic walks",
+        "of the body's sigmas",
+        least=0,
+    )
+    rounds: int = setting(
+        4,
+        "Number of rounds that look about the best of the round before, each half as far.",
+        "tuned on synth_box_4cam and synth_salsa_4cam_hd: without them arms that were lost were "
+        "seldom found again, for few poses that are anywhere have a forearm where its outlines are",
+        least=0,
+    )
+    round_reach: float = setting(
+        8.0,
+        "Standard deviation in the first of these rounds.",
+        "tuned with them",
+        "of the body's sigmas",
+        above=0,
+    )
+    near_margin: float = setting(
+        0.01,
+        "Share by which the error must fall for a limb to be moved within that reach.",
+        "tuned on the synthetic walks",
+        least=0,
+    )
+    far_margin: float = setting(
+        0.05,
+        "Share by which the error must fall for a limb to be moved anywhere.",
+        "tuned: with 0.03 limbs were moved that had been right",
+        least=0,
+    )
+    least_recall: float = setting(
+        2.0,
+        "Least weight of the silhouette recall when the best are compared: two legs may hide in "
+        "the silhouette of one.",
+        "tuned on the synthetic walks",
+        least=0,
+    )
+    point_steps: int = setting(
+        6,
+        "Number of Gauss-Newton steps by observed points alone, whose pose of each limb is among "
+        "those tried.",
+        least=1,
+    )
+    point_reach: float = setting(
+        60.0,
+        "Scale that observed points are weighed by in the first of these steps.",
+        "by hand: about 250 px",
+        "standard deviations",
+        above=0,
+    )
+    point_width: float = setting(
+        40.0,
+        "Standard deviation of the prior about the mean in these steps.",
+        "by hand: as far as a limb swings in a few frames",
+        "of the first layer's noise",
+        above=0,
+    )
 
     @property
     def reaches(self) -> list[float]:
@@ -171,19 +284,20 @@ class LimbSearchConfig:
         return [self.reach, *(self.round_reach * 0.5**i for i in range(self.rounds))]
 
 
-@dataclass(frozen=True)
-class FilterConfig:
+class FilterConfig(Config):
     """All settings of a filter.
 
     `FilterConfig.of(n_particles=100, surface_weight=2.0, limb_search_reach=0.0)` sets single ones:
     those of search and likelihood by their own names, those of the smaller parts after the part's.
     """
 
-    search: SearchConfig = field(default_factory=SearchConfig)
-    likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
-    refinement: RefinementConfig = field(default_factory=RefinementConfig)
-    limb_search: LimbSearchConfig = field(default_factory=LimbSearchConfig)
-    keypoints: KeypointConfig = field(default_factory=KeypointConfig)
+    search: SearchConfig = part(SearchConfig, "The particles and their layers.")
+    likelihood: LikelihoodConfig = part(LikelihoodConfig, "The terms of the likelihood.")
+    refinement: RefinementConfig = part(
+        RefinementConfig, "What brings an estimate closer to the voxels."
+    )
+    limb_search: LimbSearchConfig = part(LimbSearchConfig, "The search for limbs elsewhere.")
+    keypoints: KeypointConfig = part(KeypointConfig, "The observed points.")
 
     @classmethod
     def of(cls, **settings: Any) -> FilterConfig:
@@ -193,16 +307,22 @@ class FilterConfig:
 
     def changed(self, **settings: Any) -> FilterConfig:
         """Return these settings but for single ones, named as in `of`."""
-        unknown = sorted(settings.keys() - self.settings.keys())
+        unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
             raise TypeError(f"no setting of a filter: {', '.join(unknown)}")
-        changed: FilterConfig = _changed(self, "", settings)
-        return changed
+        values: dict[str, Any] = {}
+        for name, value in settings.items():
+            *parts, last = _PATHS[name]
+            table = values
+            for of in parts:
+                table = table.setdefault(of, {})
+            table[last] = value
+        return self.overlaid(values)
 
     @property
     def settings(self) -> dict[str, Any]:
         """Every single setting by its name in `of`."""
-        return dict(_listed(self, ""))
+        return {name: reduce(getattr, path, self) for name, path in _PATHS.items()}
 
     @property
     def by_points(self) -> FilterConfig:
@@ -232,31 +352,12 @@ class FilterConfig:
 _UNPREFIXED = ("search", "likelihood", "reprojection", "samples")
 
 
-def _inner(part_name: str) -> str:
-    return "" if part_name in _UNPREFIXED else f"{part_name}_"
+def _short(path: tuple[str, ...]) -> str:
+    return path[-1] if path[-2] in _UNPREFIXED else f"{path[-2]}_{path[-1]}"
 
 
-def _listed(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of every single setting of a config."""
-    for entry in fields(part):
-        value = getattr(part, entry.name)
-        if is_dataclass(value):
-            yield from _listed(value, _inner(entry.name))
-        else:
-            yield prefix + entry.name, value
-
-
-def _changed(part: Any, prefix: str, settings: dict[str, Any]) -> Any:
-    """Return a config with those of `settings` whose names are its own and its parts'."""
-    values = {}
-    for entry in fields(part):
-        value = getattr(part, entry.name)
-        if is_dataclass(value):
-            values[entry.name] = _changed(value, _inner(entry.name), settings)
-        elif prefix + entry.name in settings:
-            values[entry.name] = settings[prefix + entry.name]
-    return replace(part, **values)
-
+#: The names that lead to each single setting, by its own.
+_PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}
 
 #: Settings that weigh the likelihood's terms: the usual ones, which are on by default,
 _USUAL_TERMS = {

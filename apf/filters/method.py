@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar, Literal, get_args
+
+from pydantic import model_validator
 
 from apf.filters.config import KEYPOINTS_ON, FilterConfig
-from apf.filters.sir import SirConfig
-from apf.filters.swarm import SwarmConfig
 from apf.image_objective.config import OBJECTIVE_KINDS, FeatureConfig, ObjectiveConfig
-from cl import InputError
-from psfs.cameras.names import listed
-from psfs.common.configs import changed_config
-from psfs.common.ranges import check_range
+from psfs.common.config import Config, part, setting
 
-SEARCHES = ("apf", "pso", "sir")
+Search = Literal["apf", "pso", "sir"]
+Objective = Literal["voxel", "keypoints", "ws", "sp", "aows", "aosp", "posp"]
+SEARCHES: tuple[str, ...] = get_args(Search)
 #: The voxels' likelihood, keypoints alone, and the image objectives of Rymut 2016 eq.
 #: (4.46)-(4.50).
-OBJECTIVES = ("voxel", "keypoints", *OBJECTIVE_KINDS)
+OBJECTIVES: tuple[str, ...] = get_args(Objective)
 
 #: What a search changes in the defaults of FilterConfig. By hand: a swarm has no annealing, so that
 #: more particles spread wider at once; it compares errors of different iterations, which therefore
@@ -37,53 +35,120 @@ SEARCH_DEFAULTS: dict[str, dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Method:
-    """A search, an objective and the settings of both; those of others are not looked at.
+class SwarmConfig(Config):
+    """Factors of a particle swarm, Rymut 2016 eq. (2.27), who does not state his."""
 
-    filter: of every search (n_layers are the swarm's iterations) and of the voxels' likelihood.
-    A swarm compares errors of different iterations: with it, `point_turns` should be 1. recover:
-    whether a person who was lost is looked for again, which no paper does. both_ways: whether a
-    take is tracked back, too, see `apf.tracking.two_way`; image features are not. runs: how many
-    runs, each both ways, make a track then.
-    """
+    SOURCE: ClassVar = (
+        "by hand: these contract faster than those that Clerc & Kennedy (2002) derive for long "
+        "searches (0.73, 1.5, 1.5), which ten iterations are not"
+    )
 
-    search: str = "apf"
-    objective: str = "voxel"
-    recover: bool = True
-    both_ways: bool = True
-    runs: int = 2
-    filter: FilterConfig = field(default_factory=FilterConfig)
-    swarm: SwarmConfig = field(default_factory=SwarmConfig)
-    sir: SirConfig = field(default_factory=SirConfig)
-    image: ObjectiveConfig = field(default_factory=ObjectiveConfig)
-    features: FeatureConfig = field(default_factory=FeatureConfig)
+    inertia: float = setting(
+        0.6,
+        "Share w of its velocity that a particle keeps.",
+        least=0,
+        below=1,
+        flag="--inertia",
+        flag_help="pso: share of its velocity that a particle keeps",
+    )
+    cognitive: float = setting(
+        1.2,
+        "Pull c1 of a particle's own best.",
+        least=0,
+        flag="--cognitive",
+        flag_help="pso: pull of a particle's own best",
+    )
+    social: float = setting(
+        1.2,
+        "Pull c2 of the best of all.",
+        least=0,
+        flag="--social",
+        flag_help="pso: pull of the best of all",
+    )
 
-    def __post_init__(self) -> None:
-        if self.search not in SEARCHES:
-            raise InputError(f"the method is {self.search!r}; expected {listed(SEARCHES)}")
-        if self.objective not in OBJECTIVES:
-            raise InputError(f"the objective is {self.objective!r}; expected {listed(OBJECTIVES)}")
-        check_range("the method: runs", self.runs, 1, ends=True)
-        if self.uses_images:
-            object.__setattr__(self, "image", replace(self.image, kind=self.objective))
-        if self.objective == "keypoints" and not self.uses_keypoints:
-            object.__setattr__(self, "filter", self.filter.changed(**KEYPOINTS_ON))
+
+class SirConfig(Config):
+    """The observation model of a particle filter with resampling, Rymut 2016 eq. (2.42)."""
+
+    sigma_z: float = setting(
+        0.0,
+        "Standard deviation of 1 - f; 0 finds it anew in each frame, such that the effective "
+        "sample size is `SearchConfig.first_survival` of the particles.",
+        "Rymut does not state his",
+        least=0,
+        flag="--sigma-z",
+        flag_help="sir: of Rymut eq. (2.42), 0 for one found in each frame",
+    )
+
+    @property
+    def beta(self) -> float:
+        """The exponent of exp(-(1 - f)^2), 0 for one to be found."""
+        return self.sigma_z**-2 if self.sigma_z > 0 else 0.0
+
+
+class Method(Config):
+    """A search, an objective and the settings of both; those of others are not looked at."""
+
+    search: Search = setting(
+        "apf", "Search: annealed particle filter, particle swarm or particle filter.", "Song et al."
+    )
+    objective: Objective = setting(
+        "voxel",
+        "What is searched for: the voxels' likelihood, keypoints alone, or a function of image "
+        "features (Rymut 2016 eq. 4.46-4.50).",
+        "Song et al.",
+    )
+    recover: bool = setting(
+        True,
+        "Whether a person who was lost is looked for again, which no paper does.",
+        "docs/tracking.md",
+    )
+    both_ways: bool = setting(
+        True,
+        "Whether a take is tracked back, too, see `apf.tracking.two_way`; image features are not.",
+        "docs/accuracy.md",
+    )
+    runs: int = setting(
+        2, "Number of runs, each both ways, that make a track then.", "docs/accuracy.md", least=1
+    )
+    filter: FilterConfig = part(
+        FilterConfig,
+        "Settings of every search, and of the voxels' likelihood. A swarm compares errors of "
+        "different iterations: with it, `point_turns` should be 1.",
+    )
+    swarm: SwarmConfig = part(SwarmConfig, "Settings of the particle swarm.")
+    sir: SirConfig = part(SirConfig, "Settings of the particle filter with resampling.")
+    image: ObjectiveConfig = part(ObjectiveConfig, "Settings of the objectives over images.")
+    features: FeatureConfig = part(FeatureConfig, "Which image features are looked at.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _agree(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Let image objectives be of the kind that the objective names, and keypoints alone have a
+        weight."""
+        objective = values.get("objective", "voxel")
+        if objective in OBJECTIVE_KINDS:
+            image = values.get("image") or ObjectiveConfig()
+            return {**values, "image": image.replace(kind=objective)}
+        if objective == "keypoints":
+            config = values.get("filter") or FilterConfig()
+            if not config.keypoints.weight > 0:
+                return {**values, "filter": config.changed(**KEYPOINTS_ON)}
+        return values
 
     @classmethod
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
         """Return a method with the search's own defaults and single `settings` of its filter, named
         as in `FilterConfig.of`."""
         config = FilterConfig.of(**{**SEARCH_DEFAULTS.get(search, {}), **settings})
-        return cls(search, objective, filter=config)
+        return cls().replace(search=search, objective=objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
-        """Return the inverse of `dataclasses.asdict`; what is not stated has the search's own
-        default. Arguments and errors as of `config_of`."""
+        """Return the inverse of `to_dict`; what is not stated has the search's own default."""
         search = values.get("search")
         base = cls.of(search) if search in SEARCHES else cls()
-        return changed_config(base, values, where)
+        return base.overlaid(values, where)
 
     @property
     def uses_voxels(self) -> bool:
@@ -115,7 +180,7 @@ class Method:
         unless they have one."""
         room = max(self.filter.keypoints.room, n_sightings)
         weight = {} if self.uses_keypoints else KEYPOINTS_ON
-        return replace(self, filter=self.filter.changed(keypoints_room=room, **weight))
+        return self.replace(filter=self.filter.changed(keypoints_room=room, **weight))
 
     def described(self) -> dict[str, Any]:
         """Return what was used, for a track's provenance."""
@@ -128,9 +193,9 @@ class Method:
             "filter": self.filter.settings,
         }
         if self.search == "pso":
-            used["swarm"] = asdict(self.swarm)
+            used["swarm"] = self.swarm.to_dict()
         if self.search == "sir":
-            used["sir"] = asdict(self.sir)
+            used["sir"] = self.sir.to_dict()
         if self.uses_images:
-            used |= {"image": asdict(self.image), "features": asdict(self.features)}
+            used |= {"image": self.image.to_dict(), "features": self.features.to_dict()}
         return used

@@ -2,34 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig
+from apf.filters.method import SirConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
 from cl import InputError, Step
-from psfs.common.ranges import check_range
-
-
-@dataclass(frozen=True)
-class SirConfig:
-    """The observation model of Rymut 2016 eq. (2.42)."""
-
-    sigma_z: float = 0.0
-    """Deviation of 1 - f; 0, the default, finds it anew in each frame, such that the effective
-    sample size is `SearchConfig.first_survival` of the particles (Rymut does not state his)."""
-
-    def __post_init__(self) -> None:
-        check_range("sigma_z", self.sigma_z, 0, ends=True)
-
-    @property
-    def beta(self) -> float:
-        """The exponent of exp(-(1 - f)^2), 0 for one to be found."""
-        return self.sigma_z**-2 if self.sigma_z > 0 else 0.0
 
 
 class SirParticleFilter(DeviceTracker):

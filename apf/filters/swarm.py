@@ -2,43 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.filters.base import DeviceTracker
 from apf.filters.config import FilterConfig, SearchConfig
+from apf.filters.method import SwarmConfig
 from apf.filters.particle_set import ParticleSet
 from apf.likelihood.base import Likelihood
 from apf.scene import Scene
-from cl import Array, Device, InputError, Kernel, Launch, Step
+from cl import Array, Device, Kernel, Launch, Step
 
 _GROUP = 256
-
-
-@dataclass(frozen=True)
-class SwarmConfig:
-    """Factors of Rymut 2016 eq. (2.27), who does not state his.
-
-    By hand: these contract faster than those that Clerc & Kennedy (2002) derive for long searches
-    (0.73, 1.5, 1.5), which ten iterations are not.
-    """
-
-    inertia: float = 0.6
-    """w, share of its velocity that a particle keeps, from 0 to less than 1."""
-    cognitive: float = 1.2
-    """c1, pull of a particle's own best."""
-    social: float = 1.2
-    """c2, pull of the best of all."""
-
-    def __post_init__(self) -> None:
-        factors = (self.inertia, self.cognitive, self.social)
-        if not (0 <= self.inertia < 1 and min(factors) >= 0 and sum(factors) < np.inf):
-            raise InputError(
-                f"the swarm's inertia is {self.inertia}, its factors {self.cognitive} and "
-                f"{self.social}; expected 0 <= inertia < 1 and factors from 0 on"
-            )
 
 
 class Swarm(ParticleSet):

@@ -1,39 +1,5 @@
 """Motion file formats by file ending: `WRITERS` need points only, `BODY_WRITERS` need the body."""
 
-from collections.abc import Callable
-from pathlib import Path
+import lazy_loader as _lazy
 
-from apf.formats.angles import write_angle_csv, write_mot
-from apf.formats.bvh import write_bvh
-from apf.formats.c3d import write_c3d
-from apf.formats.glb import write_glb
-from apf.formats.joint_csv import write_csv
-from apf.formats.motion import BodyMotion
-from apf.formats.trc import JointSeries, write_trc
-
-#: Writers of named points over time, by file ending.
-WRITERS: dict[str, Callable[[str | Path, JointSeries], None]] = {
-    ".trc": write_trc,
-    ".csv": write_csv,
-    ".c3d": write_c3d,
-}
-#: Writers of a body's motion, by file ending.
-BODY_WRITERS: dict[str, Callable[[str | Path, BodyMotion], None]] = {
-    ".bvh": write_bvh,
-    ".glb": write_glb,
-    ".mot": write_mot,
-}
-
-__all__ = [
-    "BODY_WRITERS",
-    "WRITERS",
-    "BodyMotion",
-    "JointSeries",
-    "write_angle_csv",
-    "write_bvh",
-    "write_c3d",
-    "write_csv",
-    "write_glb",
-    "write_mot",
-    "write_trc",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -13,15 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
+from apf.formats.axes import AXES
 from cl import InputError
 from psfs.common.files import read_text, written_whole
 
 #: Rotations from TRC axes to the world's (Z up): world = trc @ matrix.T
-CONVENTIONS: dict[str, np.ndarray] = {
-    "y-up": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # world = (X, -Z, Y), as written here
-    "pose2sim": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
-    "z-up": np.eye(3),  # world = (X, Y, Z)
-}
+CONVENTIONS: dict[str, np.ndarray] = dict(
+    zip(
+        AXES,
+        (
+            np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # world = (X, -Z, Y), as written here
+            np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # world = (Z, X, Y)
+            np.eye(3),  # world = (X, Y, Z)
+        ),
+        strict=True,
+    )
+)
 #: Largest distance of a marker from the origin, m; most frames; most bytes of a file.
 FARTHEST, _MOST_FRAMES, _MOST_BYTES = 1e5, 1e9, 2**29
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}

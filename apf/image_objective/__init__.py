@@ -3,19 +3,6 @@
 Kwolek & Rymut 2016; Rymut 2016, chapters 2, 4 and 5.
 """
 
-from apf.image_objective.config import FeatureConfig, ObjectiveConfig, ProximityConfig
-from apf.image_objective.features import Features
-from apf.image_objective.objective import FeatureMaps, ImageObjective
-from apf.image_objective.opengl import OpenGLObjective
-from apf.image_objective.renderer import draw_hypotheses
+import lazy_loader as _lazy
 
-__all__ = [
-    "FeatureConfig",
-    "FeatureMaps",
-    "Features",
-    "ImageObjective",
-    "ObjectiveConfig",
-    "OpenGLObjective",
-    "ProximityConfig",
-    "draw_hypotheses",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

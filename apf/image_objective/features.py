@@ -151,7 +151,7 @@ def distance_launch(
 
     Channel 0: 255 where `evidence` (V, H, W) int8 is positive. Channel 1: the entry of `table`
     (reach^2 + 2,) uint8 at the exact squared distance, px^2, to the nearest of the `edges`
-    (V, H, W) uint8 in the region, the last entry beyond reach. metric: one of METRICS.
+    (V, H, W) uint8 in the region, the last entry beyond reach. metric: as of `ProximityConfig`.
     """
     views, height, width = edges.shape
     # No distance is longer than the picture's diagonal.

@@ -1,8 +1,5 @@
 """The automatic start: a person's body and first pose from the first voxel clouds alone."""
 
-from apf.initialisation.automatic import find_start
-from apf.initialisation.config import StartConfig
-from apf.initialisation.sequence import initialise
-from apf.initialisation.start import Start, StartError
+import lazy_loader as _lazy
 
-__all__ = ["Start", "StartConfig", "StartError", "find_start", "initialise"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,84 +1,146 @@
-"""Settings of the automatic start and of the fit to joints, in parts.
-
-Where a default names no other source it was tuned on the starts of the shared walks
-(`synth_walk_4cam`, `synth_walk_8cam`, `synth_box_4cam`, `bodytrack_walk`).
-"""
+"""Settings of the automatic start, in parts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from functools import partial
+from typing import ClassVar
+
+from pydantic import Field
 
 from apf.filters.config import FilterConfig
+from psfs.common.config import Config, part, setting
+
+#: Where the defaults come from that name no other source.
+TUNED = "tuned on the starts of synth_walk_4cam, synth_walk_8cam, synth_box_4cam and bodytrack_walk"
 
 
-@dataclass(frozen=True)
-class FrameChoice:
+class FrameChoice(Config):
     """Which frames a start looks at, and what is a person in them."""
 
-    n_fitted: int = 10
-    """Frames that the body is fitted to."""
-    duration: float = 1.0
-    """s over which they are spread: a stride, so that legs part. Who stoops for 0.8 s comes out a
-    hundredth shorter by those, and a high kick in 1.2 s does the same."""
-    n_between: int = 1
-    """About so many frames between two of them, which only lead from one to the next."""
-    n_searched: int = 4
-    """Of the fitted frames so many are searched over all headings, first and last among them."""
-    min_voxels: int = 200
-    """Fewest surface voxels that can be a person."""
-    min_part: float = 0.05
-    """Connected parts smaller than this share of the largest are debris ..."""
-    min_near_part: float = 0.01
-    """... or than this one, if they are near those that are none: a head without its neck."""
-    near: float = 0.15
-    """m, how near."""
-    n_looks: int = 12
-    """So many later frames are looked at for one in which the person stands taller; 0: none."""
-    taller: float = 1.08
-    """By this factor at least; else the first ones show the person well enough. By hand."""
+    SOURCE: ClassVar = TUNED
+
+    n_fitted: int = setting(10, "Number of frames that the body is fitted to.", least=1)
+    duration: float = setting(
+        1.0,
+        "Time over which these are spread: a stride, so that legs part.",
+        "who stoops for 0.8 s comes out a hundredth shorter by those, and a high kick in 1.2 s "
+        "does the same",
+        "s",
+        above=0,
+    )
+    n_between: int = setting(
+        1,
+        "Number of frames, about, between two of them, which only lead from one to the next.",
+        least=0,
+    )
+    n_searched: int = setting(
+        4,
+        "Number of fitted frames that are searched over all headings, first and last among them.",
+        least=1,
+    )
+    min_voxels: int = setting(
+        200, "Fewest surface voxels that can be a person.", unit="voxels", least=1
+    )
+    min_part: float = setting(
+        0.05,
+        "Share of the largest connected part below which another is debris, unless it is near.",
+        least=0,
+        most=1,
+    )
+    min_near_part: float = setting(
+        0.01,
+        "The same share for parts near those that are no debris: a head without its neck.",
+        least=0,
+        most=1,
+    )
+    near: float = setting(0.15, "Distance within which a part is near.", unit="m", least=0)
+    n_looks: int = setting(
+        12,
+        "Number of later frames that are looked at for one in which the person stands taller; 0 "
+        "for none.",
+        least=0,
+    )
+    taller: float = setting(
+        1.08,
+        "Factor by which the person must stand taller there; else the first frames show the person "
+        "well enough.",
+        "by hand",
+        least=1,
+    )
 
 
-@dataclass(frozen=True)
-class HeadingConfig:
+class HeadingConfig(Config):
     """Which directions a person may look in, and which of them are followed up."""
 
-    n_headings: int = 8
-    """Headings from which the search begins, evenly around."""
-    n_kept: int = 3
-    """So many of the best go on."""
-    separation: float = 0.8
-    """rad by which their directions differ at least: the same direction need not go on twice."""
-    max_first_ratio: float = 1.4
-    """Limbs are searched for in hypotheses whose cost is at most so many times the least one: limbs
-    amiss cost up to a third more."""
-    max_cost_ratio: float = 1.2
-    """Hypotheses are then followed whose cost is at most so many times the least one."""
-    backwards_cost: float = 0.25
-    """People look where they go: share by which a cost grows when they go backwards."""
-    min_way: float = 0.25
-    """m that the person must move over the first frames for that to count."""
+    SOURCE: ClassVar = TUNED
+
+    n_headings: int = setting(
+        8, "Number of headings from which the search begins, evenly around.", least=1
+    )
+    n_kept: int = setting(3, "Number of the best headings that go on.", least=1)
+    separation: float = setting(
+        0.8,
+        "Least angle between their directions: the same direction need not go on twice.",
+        unit="rad",
+        least=0,
+    )
+    max_first_ratio: float = setting(
+        1.4,
+        "Ratio to the least cost up to which limbs are searched for in a hypothesis: limbs amiss "
+        "cost up to a third more.",
+        least=1,
+    )
+    max_cost_ratio: float = setting(
+        1.2, "Ratio to the least cost up to which hypotheses are then followed.", least=1
+    )
+    backwards_cost: float = setting(
+        0.25,
+        "Share by which a cost grows when the person goes backwards: people look where they go.",
+        least=0,
+    )
+    min_way: float = setting(
+        0.25,
+        "Distance that the person must move over the first frames for that to count.",
+        unit="m",
+        least=0,
+    )
 
 
-@dataclass(frozen=True)
-class SpreadConfig:
+class SpreadConfig(Config):
     """Standard deviations of the searches that know no pose, in their first layer."""
 
-    root_horizontal: float = 0.08
-    """m, of the root along x and y: the voxels' middle says where it is."""
-    root_vertical: float = 0.06
-    """m, of the root along z."""
-    root_tilt: float = 0.15
-    """rad, of the root about x and y: people stand upright."""
-    root_heading: float = 0.35
-    """rad, of the root about z: about half the angle between two headings."""
-    body_share: float = 0.2
-    """Of another axis, when the whole body is searched for: share of what its limits span."""
-    body_max: float = 0.6
-    """At most so many rad of it."""
-    limb_share: float = 0.25
-    """As `body_share`, when one limb is searched for."""
-    limb_max: float = 0.8
-    """At most so many rad of it."""
+    SOURCE: ClassVar = TUNED
+
+    root_horizontal: float = setting(
+        0.08,
+        "Standard deviation of the root along x and y: the voxels' middle says where it is.",
+        unit="m",
+        least=0,
+    )
+    root_vertical: float = setting(
+        0.06, "Standard deviation of the root along z.", unit="m", least=0
+    )
+    root_tilt: float = setting(
+        0.15,
+        "Standard deviation of the root about x and y: people stand upright.",
+        unit="rad",
+        least=0,
+    )
+    root_heading: float = setting(
+        0.35,
+        "Standard deviation of the root about z: about half the angle between two headings.",
+        unit="rad",
+        least=0,
+    )
+    body_share: float = setting(
+        0.2,
+        "Standard deviation of another axis, as a share of what its limits span, when the whole "
+        "body is searched for.",
+        least=0,
+    )
+    body_max: float = setting(0.6, "Most of that standard deviation.", unit="rad", least=0)
+    limb_share: float = setting(0.25, "The same share when one limb is searched for.", least=0)
+    limb_max: float = setting(0.8, "Most of that standard deviation.", unit="rad", least=0)
 
     def root(self, kind: str) -> float:
         """Return the deviation of the root's axis of this kind (`tx` .. `rz`), m or rad."""
@@ -88,182 +150,235 @@ class SpreadConfig:
         }[kind]  # fmt: skip
 
 
-@dataclass(frozen=True)
-class PoseSearchConfig:
+class PoseSearchConfig(Config):
     """The searches for a pose in one frame."""
 
-    n_particles_body: int = 300
-    """Particles of the search for a whole body."""
-    n_particles_limb: int = 150
-    """Particles of the search for a limb."""
-    n_particles_near: int = 100
-    """Particles of the search near a pose."""
-    noise: float = 1.0
-    """Scale of the deviations of `SpreadConfig` in the first layer."""
-    noise_decay: float = 0.75
-    """Its factor from layer to layer."""
-    near_noise: float = 0.1
-    """Scale of the body's own sigma in the search near a pose."""
-    n_limb_starts: int = 4
-    """Poses from which a limb is searched for: as it was, at rest, and elsewhere."""
-    n_size_steps: int = 4
-    """Steps of the fit of size and girth to one frame."""
-    trunk_low: float = 0.5
-    """The trunk stands amid the voxels above this share of the height ..."""
-    trunk_high: float = 0.75
-    """... and below this one: from the hips to the chest (Drillis & Contini 1966)."""
-    part_margin: float = 0.1
-    """Of a body without head or feet the voxels up to this share of the height beyond the hips are
-    looked at (the belly ends there)."""
+    SOURCE: ClassVar = TUNED
+
+    n_particles_body: int = setting(
+        300, "Number of particles of the search for a whole body.", least=2
+    )
+    n_particles_limb: int = setting(150, "Number of particles of the search for a limb.", least=2)
+    n_particles_near: int = setting(100, "Number of particles of the search near a pose.", least=2)
+    noise: float = setting(
+        1.0, "Scale of the deviations of `SpreadConfig` in the first layer.", above=0
+    )
+    noise_decay: float = setting(0.75, "Factor of the noise from layer to layer.", above=0)
+    near_noise: float = setting(
+        0.1, "Scale of the body's own sigma in the search near a pose.", above=0
+    )
+    n_limb_starts: int = setting(
+        4,
+        "Number of poses from which a limb is searched for: as it was, at rest, and elsewhere.",
+        least=1,
+    )
+    n_size_steps: int = setting(
+        4, "Number of steps of the fit of size and girth to one frame.", least=0
+    )
+    trunk_low: float = setting(
+        0.5,
+        "Share of the height above which the trunk stands amid the voxels.",
+        "from the hips to the chest (Drillis & Contini 1966)",
+        least=0,
+        most=1,
+    )
+    trunk_high: float = setting(
+        0.75,
+        "Share of the height below which the trunk stands amid the voxels.",
+        "from the hips to the chest (Drillis & Contini 1966)",
+        least=0,
+        most=1,
+    )
+    part_margin: float = setting(
+        0.1,
+        "Share of the height beyond the hips up to which voxels are looked at for a body without "
+        "head or feet.",
+        "the belly ends there",
+        least=0,
+        most=1,
+    )
 
 
-@dataclass(frozen=True)
-class CostConfig:
+class CostConfig(Config):
     """What hypotheses are compared by: likelihood error times registration error to a power."""
 
-    registration_exponent: float = 0.3
-    """1 % of registration error counts as this share of 1 % of likelihood error."""
-    surface_scale: float = 0.04
-    """m at which a point is half unexplained (Geman & McClure 1987)."""
-    bend: float = 0.003
-    """Unexplained share that counts as much as one joint bent by `bend_range`."""
-    bend_range: float = 0.25
-    """Share of an axis's range."""
-    overlap: float = 0.1
-    """Unexplained share that counts as much as parts wholly in each other."""
+    SOURCE: ClassVar = TUNED
+
+    registration_exponent: float = setting(
+        0.3, "Exponent of the registration error: 1 % of it counts as 0.3 % of likelihood error."
+    )
+    surface_scale: float = setting(
+        0.04,
+        "Distance at which a point is half unexplained (Geman & McClure 1987).",
+        unit="m",
+        above=0,
+    )
+    bend: float = setting(
+        0.003, "Unexplained share that counts as much as one joint bent by `bend_range`.", least=0
+    )
+    bend_range: float = setting(0.25, "Share of an axis's range.", above=0)
+    overlap: float = setting(
+        0.1, "Unexplained share that counts as much as parts wholly in each other.", least=0
+    )
 
     def of(self, error: float, registration_error: float) -> float:
         """Return the cost; the less the better."""
         return error * registration_error**self.registration_exponent
 
 
-@dataclass(frozen=True)
-class ShapePrior:
+class ShapePrior(Config):
     """Standard deviations around the template, of logs of scales where no unit is named."""
 
-    size: float = 0.08
-    """Of the whole body's size; statures of adults vary by 4 % within a sex."""
-    girth: float = 0.15
-    """Of all radii beside the size."""
-    length: float = 0.025
-    """Of a bone's length beside the size."""
-    radius: float = 0.08
-    """Of a part's radius beside size and girth."""
-    stature: float = 0.005
-    """m, of a known stature: as exactly as people state it."""
-    angle: float = 1.0
-    """rad, of an angle from rest; only decides what the voxels leave open."""
+    SOURCE: ClassVar = TUNED
+
+    size: float = setting(
+        0.08,
+        "Standard deviation of the whole body's size.",
+        "statures of adults vary by 4 % within a sex",
+        above=0,
+    )
+    girth: float = setting(0.15, "Standard deviation of all radii beside the size.", above=0)
+    length: float = setting(
+        0.025, "Standard deviation of a bone's length beside the size.", above=0
+    )
+    radius: float = setting(
+        0.08, "Standard deviation of a part's radius beside size and girth.", above=0
+    )
+    stature: float = setting(
+        0.005,
+        "Standard deviation of a known stature.",
+        "as exactly as people state it",
+        "m",
+        above=0,
+    )
+    angle: float = setting(
+        1.0,
+        "Standard deviation of an angle from rest; it only decides what the voxels leave open.",
+        unit="rad",
+        above=0,
+    )
 
 
-@dataclass(frozen=True)
-class StandingConfig:
+class StandingConfig(Config):
     """The feet stand on the floor, of which silhouettes say little: shoes look like floor, and
     shadows like shoes."""
 
-    height: float = 0.0
-    """m, of the floor."""
-    reach: float = 0.3
-    """m: a person whose lowest voxels are less far above the floor stands on it; 0 for nobody. By
-    hand: feet and shins that silhouettes lose are shorter."""
-    below: float = 0.1
-    """m that the lowest voxels may lie below it: thick hulls."""
-    ankle: float = 0.012
-    """m, deviation of the lower ankle from its height when the foot is flat. By hand."""
-    lifted: float = 0.1
-    """m by which both feet may be off the floor until that counts half (Geman & McClure 1987)."""
+    SOURCE: ClassVar = TUNED
+
+    height: float = setting(0.0, "Height of the floor.", "by definition", "m")
+    reach: float = setting(
+        0.3,
+        "Height above the floor below which the lowest voxels of a person are who stands on it; 0 "
+        "for nobody.",
+        "by hand: feet and shins that silhouettes lose are shorter",
+        "m",
+        least=0,
+    )
+    below: float = setting(
+        0.1,
+        "Depth below the floor down to which the lowest voxels may lie: thick hulls.",
+        unit="m",
+        least=0,
+    )
+    ankle: float = setting(
+        0.012,
+        "Standard deviation of the lower ankle from its height when the foot is flat.",
+        "by hand",
+        "m",
+        above=0,
+    )
+    lifted: float = setting(
+        0.1,
+        "Height of both feet over the floor that counts half (Geman & McClure 1987).",
+        unit="m",
+        above=0,
+    )
 
     def stands(self, lowest: float) -> bool:
         """Return whether a person with the lowest voxels at z = `lowest` m stands on the floor."""
         return self.reach > 0 and -self.below < lowest - self.height < self.reach
 
 
-@dataclass(frozen=True)
-class ShapeFitConfig:
+class ShapeFitConfig(Config):
     """The least-squares fit of the body's shape to the clouds of several frames."""
 
-    prior: ShapePrior = field(default_factory=ShapePrior)
-    """What is known of people's shapes."""
-    standing: StandingConfig = field(default_factory=StandingConfig)
-    """What is known of their feet."""
-    n_distances: float = 300.0
-    """What all clouds together count: as many independent distances. The body is not made of cones,
-    and wrong in the same way in every frame: more frames know no more of it."""
-    noise: float = 0.02
-    """m, deviation of one of them."""
-    stray: float = 0.002
-    """Share of the points below the feet or above the head."""
-    spacing: float = 0.06
-    """m between points on the body's surface."""
-    n_points: int = 800
-    """Points of each cloud that are compared."""
-    damping: float = 1e-3
-    """Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."""
-    n_steps: int = 6
-    """Gauss-Newton steps."""
-    first_reach: float = 0.08
-    """m at which a point counts a quarter in the first step."""
-    last_reach: float = 0.03
-    """m, in the last step; those between are spaced geometrically."""
+    SOURCE: ClassVar = TUNED
+
+    prior: ShapePrior = part(ShapePrior, "What is known of people's shapes.")
+    standing: StandingConfig = part(StandingConfig, "What is known of their feet.")
+    n_distances: float = setting(
+        300.0,
+        "Number of independent distances that all clouds together count as. The body is not made "
+        "of cones, and wrong in the same way in every frame: more frames know no more of it.",
+        above=0,
+    )
+    noise: float = setting(0.02, "Standard deviation of one of them.", unit="m", above=0)
+    stray: float = setting(
+        0.002, "Share of the points below the feet or above the head.", least=0, most=1
+    )
+    spacing: float = setting(
+        0.06, "Distance between points on the body's surface.", unit="m", above=0
+    )
+    n_points: int = setting(800, "Number of points of each cloud that are compared.", least=1)
+    damping: float = setting(
+        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).", least=0
+    )
+    n_steps: int = setting(6, "Number of Gauss-Newton steps.", least=1)
+    first_reach: float = setting(
+        0.08, "Distance at which a point counts a quarter in the first step.", unit="m", above=0
+    )
+    last_reach: float = setting(
+        0.03,
+        "The same distance in the last step; those between are spaced geometrically.",
+        unit="m",
+        above=0,
+    )
 
 
-@dataclass(frozen=True)
-class AcceptanceConfig:
+class AcceptanceConfig(Config):
     """When a start is good enough, and what speaks against one."""
 
-    good: float = 0.3
-    """Registration error above which a start is looked for again with other random numbers: what
-    chance decides, several attempts decide better, and the score tells which."""
-    n_attempts: int = 3
-    """So many times in all."""
-    hopeless: float = 0.55
-    """Registration error above which no body was found."""
-    rival: float = 1.1
-    """A start is doubtful with a rival that fits only by this factor worse ..."""
-    stout: float = 3.0
-    """... or a girth so many deviations of the prior above the template's: hardly anybody who
-    stands has one."""
+    SOURCE: ClassVar = TUNED
+
+    good: float = setting(
+        0.3,
+        "Registration error above which a start is looked for again with other random numbers: "
+        "what chance decides, several attempts decide better, and the score tells which.",
+        least=0,
+    )
+    n_attempts: int = setting(3, "Number of attempts in all.", least=1)
+    hopeless: float = setting(0.55, "Registration error above which no body was found.", least=0)
+    rival: float = setting(
+        1.1, "Factor of misfit below which another hypothesis makes a start doubtful.", least=1
+    )
+    stout: float = setting(
+        3.0,
+        "Girth above the template's from which on a start is doubtful: hardly anybody who stands "
+        "has one.",
+        unit="standard deviations of the prior",
+        least=0,
+    )
 
 
-def _start_likelihood() -> FilterConfig:
-    return FilterConfig.of(
-        surface_weight=1.0, silhouette_recall_weight=2.0, contour_weight=4.0,
-        part_colour_weight=0.0,  # nothing is learnt yet
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class StartConfig:
+class StartConfig(Config):
     """Everything that the automatic start goes by."""
 
-    frames: FrameChoice = field(default_factory=FrameChoice)
-    headings: HeadingConfig = field(default_factory=HeadingConfig)
-    spread: SpreadConfig = field(default_factory=SpreadConfig)
-    search: PoseSearchConfig = field(default_factory=PoseSearchConfig)
-    cost: CostConfig = field(default_factory=CostConfig)
-    shape: ShapeFitConfig = field(default_factory=ShapeFitConfig)
-    acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
-    filter: FilterConfig = field(default_factory=_start_likelihood)
-    """Search and likelihood. Hulls of few cameras are thicker than the person, and a body turned or
-    bent wrongly fills them as well; what it covers in the pictures, and their edges, tell more than
-    in tracking."""
-
-
-@dataclass(frozen=True)
-class JointFitConfig:
-    """The fit of body and pose to 3-D joints."""
-
-    joint: float = 0.01
-    """m, deviation of a joint's position."""
-    scale: float = 0.3
-    """Deviation of the log of a bone's scale; only decides what the joints leave open."""
-    angle: float = 3.0
-    """rad, deviation of an angle from rest; likewise."""
-    max_log_scale: float = 1.0
-    """Largest log of a bone's scale, and the negative of the smallest: from 0.37 to 2.7 times."""
-    min_joints: int = 8
-    """Known joints that are asked for, or all of a body with fewer: enough for the root, and a
-    joint in every limb."""
-    n_headings: int = 4
-    """Headings that are tried, evenly around."""
-    n_trial: int = 8
-    """Evaluations after which the best of the headings is gone on with."""
+    frames: FrameChoice = part(FrameChoice, "Which frames it looks at.")
+    headings: HeadingConfig = part(HeadingConfig, "Which directions a person may look in.")
+    spread: SpreadConfig = part(SpreadConfig, "How far searches without a pose spread.")
+    search: PoseSearchConfig = part(PoseSearchConfig, "The searches for a pose in one frame.")
+    cost: CostConfig = part(CostConfig, "What hypotheses are compared by.")
+    shape: ShapeFitConfig = part(ShapeFitConfig, "The fit of the body's shape.")
+    acceptance: AcceptanceConfig = part(AcceptanceConfig, "When a start is good enough.")
+    filter: FilterConfig = Field(
+        default_factory=partial(
+            FilterConfig.of,
+            surface_weight=1.0,
+            silhouette_recall_weight=2.0,
+            contour_weight=4.0,
+            part_colour_weight=0.0,  # nothing is learnt yet
+        ),
+        description="Search and likelihood. Hulls of few cameras are thicker than the person, and "
+        "a body turned or bent wrongly fills them as well; what it covers in the pictures, and "
+        "their edges, tell more than in tracking.",
+    )

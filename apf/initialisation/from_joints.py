@@ -13,7 +13,7 @@ from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.toml import TALLEST
 from apf.formats.pose import FARTHEST
-from apf.initialisation.config import JointFitConfig
+from apf.initialisation.fit_config import JointFitConfig
 from cl import InputError
 from psfs.cameras.names import listed
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from apf.body.model import BodyModel
 from apf.body.stature import stature
-from apf.initialisation.point_fit import PointFit, PointFitConfig, PointFitter, PointViews
+from apf.initialisation.fit_config import KeypointStartConfig
+from apf.initialisation.point_fit import PointFit, PointFitter, PointViews
 from apf.initialisation.start import StartError
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import BodyPoints, locate_points
@@ -19,25 +20,6 @@ from psfs.cameras.camera import CameraRig
 
 #: Median length of a vector of two normal coordinates of deviation 1.
 _RAYLEIGH = 1.1774
-
-
-@dataclass(frozen=True)
-class KeypointStartConfig:
-    """How body and points are learnt from keypoints."""
-
-    n_frames: int = 40
-    """Frames that they are learnt from, evenly over all."""
-    error: float = 8.0
-    """px at a picture height of 480 px by which a keypoint is taken to err at first."""
-    outlier: float = 20.0
-    """px at 480 px: mean reprojection error beyond which cameras are left out of a point."""
-    least_points: int = 6
-    """Triangulated points that a frame must have to be looked at."""
-    n_levels: int = 5
-    """Levels of confidence whose error is measured, each with as many keypoints."""
-    least_error: float = 1.0
-    """px at 480 px, of any keypoint."""
-    fit: PointFitConfig = field(default_factory=PointFitConfig)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,45 +16,12 @@ from apf.body.jacobian import bone_point_jacobian
 from apf.body.kinematics import bone_matrices
 from apf.body.limbs import limb_chains
 from apf.body.model import BodyModel, sideless
+from apf.initialisation.fit_config import PointFitConfig
 from apf.initialisation.shape_model import inner_axes
 from psfs.cameras.camera import CameraRig
 
 #: Difference of a log of a length for derivatives.
 _STEP = 1e-5
-
-
-@dataclass(frozen=True)
-class PointFitConfig:
-    """The fit of body and poses to points of the body that cameras see."""
-
-    size: float = 0.15
-    """Deviation of the log of the body's size: children, too."""
-    length: float = 0.1
-    """Of the log of a bone's length beside the size."""
-    angle: float = 1.0
-    """rad, of an angle from rest; only decides what the points leave open."""
-    noise: float = 0.02
-    """m, of triangulated points, to which the poses are brought first."""
-    stray: float = 0.15
-    """m at which a triangulated point counts a quarter."""
-    n_near_steps: int = 40
-    """Steps of every frame's pose towards the triangulated points."""
-    n_steps: int = 12
-    """Steps of everything by what the cameras see."""
-    first_reach: float = 8.0
-    """Deviations at which a point in a picture counts a quarter in the first of them (Geman &
-    McClure 1987) ..."""
-    last_reach: float = 2.5
-    """... and in the last; those between are spaced geometrically."""
-    damping: float = 1e-3
-    """Share of a pose's own normal matrix added to its diagonal (Levenberg 1944)."""
-    suspect: float = 1.5
-    """Poses are looked for anew, from those of the frames around and the other way round, where
-    they miss more than so many times the median frame's share. By hand."""
-    n_independent: float = 2.0
-    """Frames that all frames together count as, beside the priors of what they share: a network
-    errs alike in all of them, and bodies bend otherwise than the model does. Tuned: with 20 hips
-    and shoulders lie 40 mm off."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,5 @@
 """2-D keypoints of any pose network: files, points on the body, triangulation."""
 
-from apf.keypoints.keypoints import Keypoints
-from apf.keypoints.landmarks import BodyPoints, Landmark, load_landmarks, locate_points
-from apf.keypoints.triangulation import Triangulation, TriangulationConfig, triangulate
+import lazy_loader as _lazy
 
-__all__ = [
-    "BodyPoints",
-    "Keypoints",
-    "Landmark",
-    "Triangulation",
-    "TriangulationConfig",
-    "load_landmarks",
-    "locate_points",
-    "triangulate",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

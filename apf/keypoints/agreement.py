@@ -6,35 +6,15 @@ A camera is compared with the points that the others triangulate (Hartley & Stur
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from apf.keypoints.config import AgreementConfig, TriangulationConfig
 from apf.keypoints.keypoints import Keypoints
 from apf.keypoints.landmarks import find_landmarks
-from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
-
-
-@dataclass(frozen=True)
-class AgreementConfig:
-    """Thresholds for wrong keypoints.
-
-    They lie between the values of correct sequences (in brackets) and those of corrupted ones.
-    """
-
-    away: float = 0.04
-    """Largest median distance between a camera's keypoints and where the others place them, as a
-    share of the picture's height (correct sequences: up to 0.025)."""
-    n_points: int = 100
-    """Number of keypoints compared, spread over frames and names."""
-    confidence: float = 0.3
-    """Least confidence of the keypoints compared."""
-    known: float = 0.2
-    """Least share of a camera's keypoints that the others must triangulate for a comparison."""
-    resolutions: tuple[float, ...] = (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0)
-    """Scale factors to test, in case the keypoints are of pictures of another size."""
 
 
 def find_disagreements(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -17,45 +16,22 @@ from typing import Any
 
 import numpy as np
 
+from apf.keypoints.config import CropConfig
 from apf.keypoints.network import PoseNetwork, check_network
 from apf.keypoints.readers.orders import MEDIAPIPE
 from cl import DeviceError, InputError, select_device
 from psfs.backend import evidence_for
 from psfs.common.files import written_whole
-from psfs.common.ranges import check_range
 from psfs.common.regions import keep_large_regions
+from psfs.common.system import ignore_signals
 from psfs.sequence import Frame, Sequence
 from psfs.silhouettes.config import SilhouetteConfig
 
 
 @dataclass(frozen=True)
-class CropConfig:
-    """The crop of pictures around the silhouette for the network."""
-
-    margin: float = 0.5
-    """Margin added on every side, as a share of the silhouette's larger side."""
-    slack: float = 0.1
-    """Least distance of the silhouette from the crop's border, as the same share; below it a new
-    crop is made, and the network detects the person again."""
-    largest: float = 4.0
-    """A crop is replaced if it is this many times as large as the silhouette."""
-    speckle: float = 0.1
-    """Regions of the silhouette smaller than this share of the largest are removed."""
-
-    def __post_init__(self) -> None:
-        check_range("margin", self.margin, self.slack)
-        check_range("slack", self.slack, 0, ends=True)
-        check_range("largest", self.largest, 1 + 2 * self.margin)
-        check_range("speckle", self.speckle, 0, 1, ends=True)
-
-
-@dataclass(frozen=True)
 class EstimationJob:
-    """A job for the processes.
-
-    overrides: of `Sequence.open`. device: name of the device for the silhouettes that pictures are
-    cropped by; None: whole pictures.
-    """
+    """What is to be done. overrides: of `Sequence.open`. device: name, for the silhouettes that
+    pictures are cropped by; None for whole pictures."""
 
     folder: Path
     overrides: Mapping[str, Any]
@@ -107,9 +83,7 @@ def _set_up_process(done: Any, stop: Any) -> None:
 
     The messages of the network's libraries are useless to users.
     """
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    ignore_signals(["SIGINT", "SIGTERM", "SIGHUP"])
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     _shared.update(done=done, stop=stop)
 

@@ -7,29 +7,13 @@ cameras' choices.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from apf.keypoints.triangulation import TriangulationConfig, reprojection_errors, triangulate
+from apf.keypoints.config import PersonConfig, TriangulationConfig
+from apf.keypoints.triangulation import reprojection_errors, triangulate
 from psfs.cameras.camera import CameraRig
-
-
-@dataclass(frozen=True)
-class PersonConfig:
-    """Costs that choose a person, relative to confidence and size, which score 0 to 1 per frame."""
-
-    motion: float = 2.0
-    """Cost of a step as long as the person is large; longer steps cost no more."""
-    agreement: float = 3.0
-    """Cost of a distance, as long as the person is large, from where the other cameras see the
-    person."""
-    rounds: int = 3
-    """Number of comparisons between cameras; each uses the others' choices of the round before."""
-    largest_error: float = 0.3
-    """Largest reprojection error, as a share of the person's size in the picture, at which cameras
-    agree on a point."""
 
 
 def choose_person(

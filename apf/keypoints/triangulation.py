@@ -11,26 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from apf.keypoints.config import TriangulationConfig
 from psfs.cameras.camera import CameraRig
-from psfs.common.ranges import check_range
-
-
-@dataclass(frozen=True)
-class TriangulationConfig:
-    """Thresholds to exclude a camera from a point, and to reject a point."""
-
-    max_error: float = 15.0
-    """Largest mean reprojection error, px; cameras are excluded until it is below. Pose2Sim's
-    default, for pictures about 1000 px high."""
-    min_confidence: float = 0.3
-    """A keypoint with less confidence counts as missing. Pose2Sim's default."""
-    min_cameras: int = 2
-    """Fewest cameras that give a point."""
-
-    def __post_init__(self) -> None:
-        check_range("max_error", self.max_error, 0)
-        check_range("min_confidence", self.min_confidence, 0, 1, ends=True)
-        check_range("min_cameras", self.min_cameras, 2, ends=True)
 
 
 @dataclass(frozen=True, eq=False)

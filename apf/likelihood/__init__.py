@@ -1,28 +1,5 @@
 """How badly poses fit the voxels: Song et al. eq. (14)-(16), and more terms."""
 
-from apf.likelihood.base import Likelihood, PointSubset
-from apf.likelihood.config import (
-    ContourConfig,
-    LikelihoodConfig,
-    MotionPriorConfig,
-    PartColourConfig,
-)
-from apf.likelihood.contour import Contours
-from apf.likelihood.motion_prior import MotionPrior
-from apf.likelihood.part_colour import PartColours
-from apf.likelihood.silhouette_recall import SilhouetteRecall
-from apf.likelihood.voxel import VoxelLikelihood
+import lazy_loader as _lazy
 
-__all__ = [
-    "ContourConfig",
-    "Contours",
-    "Likelihood",
-    "LikelihoodConfig",
-    "MotionPrior",
-    "MotionPriorConfig",
-    "PartColourConfig",
-    "PartColours",
-    "PointSubset",
-    "SilhouetteRecall",
-    "VoxelLikelihood",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

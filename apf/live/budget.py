@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +27,7 @@ def sized(method: Method, evaluations: float, config: SizeConfig | None = None) 
     size = {"n_particles": particles, "n_layers": layers}
     if method.search == "apf":
         size["trunk_layers"] = round(config.trunk_share * layers)
-    return replace(method, filter=method.filter.changed(**size))
+    return method.replace(filter=method.filter.changed(**size))
 
 
 def sizes(method: Method, config: SizeConfig | None = None) -> list[Method]:

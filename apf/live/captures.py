@@ -27,7 +27,7 @@ def cameras_of(folder: Path, stated: dict[str, Any], names: list[str], empty: fl
     `folder` may be the calibration file itself. stated: keys of `sequence.toml`, which they win
     over. Where `folder/background` shows the empty scene it is the background. Raises InputError.
     """
-    settings = Settings.of(stated)
+    settings = Settings.from_dict(stated)
     if folder.is_file():
         calibration, plates = folder, None
     else:

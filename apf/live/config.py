@@ -1,99 +1,157 @@
-"""Settings of live tracking, in parts.
-
-Where a default names no other source it was tuned on replays of `synth_walk_4cam` and
-`bodytrack_walk` on two CPU cores and an H200.
-"""
+"""Settings of live tracking, in parts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import ClassVar
 
-from apf.tracking.recovery import RecoveryConfig
-from psfs.reconstructor import ReconstructionConfig
+from pydantic import Field
+
+from apf.tracking.config import RecoveryConfig
+from psfs.common.config import Config, part, setting
 from psfs.silhouettes.config import AppearanceConfig, SilhouetteConfig
+from psfs.voxels.config import ReconstructionConfig
+
+#: Where the defaults come from that name no other source.
+_TUNED = "tuned on replays of synth_walk_4cam and bodytrack_walk on two CPU cores and an H200"
 
 
-@dataclass(frozen=True)
-class SizeConfig:
+class SizeConfig(Config):
     """The sizes of search that a run chooses from."""
 
-    fewest: int = 960
-    """Evaluations of a pose in a frame; with fewer a search does not follow a person."""
-    most: int = 6000
-    """With more it gains nothing."""
-    n_sizes: int = 6
-    """Sizes between these, spaced geometrically: each about half as large again as the one
-    before."""
-    particle_step: int = 16
-    """Particles come in multiples of this, a vector of most devices."""
-    min_particles: int = 48
-    """And there are at least so many."""
-    min_layers: int = 6
-    """A swarm with fewer iterations does not converge (Rymut 2016, figure 6.9)."""
-    max_layers: int = 15
-    """Beyond these it gains little (there, too)."""
-    trunk_share: float = 1 / 3
-    """Share of the layers in which an annealed particle filter moves the trunk alone."""
+    SOURCE: ClassVar = _TUNED
+
+    fewest: int = setting(
+        960,
+        "Fewest evaluations of a pose in a frame; with fewer a search does not follow a person.",
+        least=1,
+    )
+    most: int = setting(
+        6000, "Most evaluations of a pose in a frame; with more it gains nothing.", least=1
+    )
+    n_sizes: int = setting(
+        6,
+        "Number of sizes between these, spaced geometrically: each about half as large again as "
+        "the one before.",
+        least=1,
+    )
+    particle_step: int = setting(
+        16, "Number that particles come in multiples of: a vector of most devices.", least=1
+    )
+    min_particles: int = setting(48, "Fewest particles.", least=2)
+    min_layers: int = setting(
+        6,
+        "Fewest layers.",
+        "a swarm with fewer iterations does not converge (Rymut 2016, figure 6.9)",
+        least=1,
+    )
+    max_layers: int = setting(
+        15, "Most layers.", "beyond these it gains little (Rymut 2016, figure 6.9)", least=1
+    )
+    trunk_share: float = setting(
+        1 / 3,
+        "Share of the layers in which an annealed particle filter moves the trunk alone.",
+        least=0,
+        most=1,
+    )
 
 
-@dataclass(frozen=True)
-class GovernorConfig:
+class GovernorConfig(Config):
     """When the search is made larger or smaller."""
 
-    share: float = 0.85
-    """Share of a frame's time that is planned with."""
-    window: int = 8
-    """The size is chosen anew by the median of so many frames ..."""
-    too_long: float = 1.2
-    """... where it is more than this times what is allowed ..."""
-    with_room: float = 0.7
-    """... or a larger search would take less than this share of it."""
+    SOURCE: ClassVar = _TUNED
+
+    share: float = setting(0.85, "Share of a frame's time that is planned with.", above=0, most=1)
+    window: int = setting(
+        8, "Number of frames by whose median the size is chosen anew.", unit="frames", least=1
+    )
+    too_long: float = setting(
+        1.2, "Factor of the time allowed above which a smaller search is chosen.", above=0
+    )
+    with_room: float = setting(
+        0.7, "Share of the time allowed that a larger search must stay below to be chosen.", above=0
+    )
 
 
-@dataclass(frozen=True)
-class CaptureConfig:
+class CaptureConfig(Config):
     """Cameras whose pictures are read as they come."""
 
-    patience: float = 5.0
-    """s without a new picture after which a camera counts as gone."""
-    default_fps: float = 30.0
-    """frames/s of a camera that states none: that of most."""
-    box_side: float = 1.3
-    """m, voxels are looked for at first in a box around the first pose: to each side ..."""
-    box_below: float = 0.2
-    """... m below the lowest joint, for the feet ..."""
-    box_height: float = 2.5
-    """... and its height, m: a tall person with raised arms."""
+    SOURCE: ClassVar = "by hand"
+
+    patience: float = setting(
+        5.0, "Time without a new picture after which a camera counts as gone.", unit="s", above=0
+    )
+    default_fps: float = setting(
+        30.0, "Frame rate of a camera that states none.", "that of most", "frames/s", above=0
+    )
+    box_side: float = setting(
+        1.3,
+        "Distance to each side of the first pose up to which voxels are looked for at first.",
+        unit="m",
+        above=0,
+    )
+    box_below: float = setting(
+        0.2, "Depth of that box below the lowest joint, for the feet.", unit="m", least=0
+    )
+    box_height: float = setting(
+        2.5, "Height of that box: a tall person with raised arms.", unit="m", above=0
+    )
 
 
-@dataclass(frozen=True)
-class LiveConfig:
+def _without_second_look() -> ReconstructionConfig:
+    appearance = AppearanceConfig(look_again=False)
+    return ReconstructionConfig(silhouette=SilhouetteConfig(appearance=appearance))
+
+
+class LiveConfig(Config):
     """Everything that live tracking goes by."""
 
-    noise: float = 0.22
-    """Scale of the noise of searches in voxels: their mean shows where the body has moved to, so
-    less is needed than in `FilterConfig`."""
-    max_gap: float = 0.5
-    """s; a pose is searched for as widely as the time since the last good one asks for, up to
-    this."""
-    max_objective_error: float = 0.9
-    """Error of image objectives (1 is no overlap at all) beyond which a pose is not believed."""
-    n_probes: int = 2
-    """Searches in the first frame that the cost of one is measured by, after one to compile."""
-    early: float = 0.25
-    """How much earlier than needed the processing begins, as a share of what it takes."""
-    smoothing: float = 0.2
-    """Weight of the newest in the running means of durations."""
-    sizes: SizeConfig = field(default_factory=SizeConfig)
-    governor: GovernorConfig = field(default_factory=GovernorConfig)
-    recovery: RecoveryConfig = field(
-        default_factory=lambda: RecoveryConfig(ratio=3.0, least=0.6, unknown=0.6)
+    SOURCE: ClassVar = _TUNED
+
+    noise: float = setting(
+        0.22,
+        "Standard deviation of the noise of searches in voxels: their mean shows where the body "
+        "has moved to, so less is needed than in `FilterConfig`.",
+        unit="of the body's sigmas",
+        above=0,
     )
-    """Far from the frame before, few particles find no better than 0.6; only beyond it nothing
-    fits."""
-    reconstruction: ReconstructionConfig = field(
-        default_factory=lambda: ReconstructionConfig(
-            SilhouetteConfig(appearance=AppearanceConfig(look_again=False))
-        )
+    max_gap: float = setting(
+        0.5,
+        "Greatest time since the last good pose that widens a search: a pose is searched for as "
+        "widely as that time asks for.",
+        unit="s",
+        least=0,
     )
-    """Frames that are dropped leave gaps; time is worth more than a second look at every frame."""
+    max_objective_error: float = setting(
+        0.9,
+        "Error of image objectives (1 is no overlap at all) beyond which a pose is not believed.",
+        least=0,
+    )
+    n_probes: int = setting(
+        2,
+        "Number of searches in the first frame that the cost of one is measured by, after one to "
+        "compile.",
+        least=1,
+    )
+    early: float = setting(
+        0.25,
+        "Time by which the processing begins earlier than needed, as a share of what it takes.",
+        least=0,
+    )
+    smoothing: float = setting(
+        0.2, "Weight of the newest in the running means of durations.", above=0, most=1
+    )
+    sizes: SizeConfig = part(SizeConfig, "The sizes of search.")
+    governor: GovernorConfig = part(GovernorConfig, "When the search is made larger or smaller.")
+    recovery: RecoveryConfig = part(
+        RecoveryConfig,
+        "When the person is lost. Far from the frame before, few particles find no better than "
+        "0.6; only beyond it nothing fits.",
+        ratio=3.0,
+        least=0.6,
+        unknown=0.6,
+    )
+    reconstruction: ReconstructionConfig = Field(
+        default_factory=_without_second_look,
+        description="The reconstruction. Frames that are dropped leave gaps; time is worth more "
+        "than a second look at every frame.",
+    )

@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from apf.filters.method import Method
+from psfs.common.config import Config, part, setting
 from psfs.common.presets import presets_in, read_preset
 from psfs.presets import PRESETS as OF_RECONSTRUCTION
-from psfs.reconstructor import ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name; one of the reconstruction's name begins with that.
 PRESETS = presets_in(Path(__file__).parent, OF_RECONSTRUCTION)
 
 
-@dataclass(frozen=True)
-class Preset:
-    """The settings of `apf track --preset name`; without a name, its defaults.
+class Preset(Config):
+    """The settings of `apf track --preset name`; without a name, its defaults."""
 
-    body, background: names, as of its flags; None for its defaults. all_cameras: keep those that
-    disagree with the others.
-    """
-
-    name: str = ""
-    method: Method = field(default_factory=Method)
-    reconstruction: ReconstructionConfig = field(default_factory=ReconstructionConfig)
-    body: str | None = None
-    background: str | None = None
-    all_cameras: bool = False
+    name: str = setting("", "Name of the preset.")
+    method: Method = part(Method, "Search, objective and their settings.")
+    reconstruction: ReconstructionConfig = part(ReconstructionConfig, "The reconstruction.")
+    body: str | None = setting(None, "Name of the body, as of --body.", "the command's")
+    background: str | None = setting(
+        None, "How silhouettes are made, as of --background.", "the sequence's"
+    )
+    all_cameras: bool = setting(False, "Whether cameras are kept that disagree with the others.")
 
 
 def preset(name: str, **choice: Any) -> Preset:
@@ -36,9 +33,11 @@ def preset(name: str, **choice: Any) -> Preset:
     Raises InputError for an unknown name."""
     values = read_preset(PRESETS, name)
     return Preset(
-        name,
-        Method.from_dict({**values["method"], **choice}, "method"),
-        ReconstructionConfig.from_dict(values.get("reconstruction", {}), "reconstruction"),
+        name=name,
+        method=Method.from_dict({**values["method"], **choice}, "method"),
+        reconstruction=ReconstructionConfig.from_dict(
+            values.get("reconstruction", {}), "reconstruction"
+        ),
         body=values.get("body"),
         background=values.get("background"),
         all_cameras=values.get("all-cameras", False),

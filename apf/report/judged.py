@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from apf.report.agreement import Agreement, choose_rows, compare_with_silhouettes
-from apf.report.page import PAGE, write_page
+from apf.report.names import PAGE
+from apf.report.page import write_page
 from apf.report.quality import Quality
 from apf.report.summary import SUMMARY, body_facts, read_tracked_grid
 from apf.tracking.track import Track
 from cl import Device, NumpyDevice
 from psfs.common.files import read_text, write_json
-from psfs.output.reconstruction_folder import device_facts, versions
+from psfs.common.versions import versions
+from psfs.output.reconstruction_folder import device_facts
 from psfs.reconstructor import ReconstructionConfig
 from psfs.session import Session
 

@@ -15,8 +15,6 @@ from apf.report.player import player_scene
 from apf.report.quality import DOUBTFUL, Quality
 from psfs.common.files import written_whole
 
-PAGE = "report.html"
-
 
 def write_page(
     path: Path, name: str, quality: Quality, summary: dict[str, Any], settings: str, video: Path

@@ -65,7 +65,7 @@ def generate(
                 if progress is not None:
                     progress(i + 1, config.frames)
         write_truth(temporary, scene)
-        write_toml(temporary / MARK, {"synthetic": dict(config.__dict__)})
+        write_toml(temporary / MARK, {"synthetic": config.to_dict()})
 
 
 def write_truth(folder: Path, scene: SyntheticScene) -> None:

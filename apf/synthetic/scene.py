@@ -5,59 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from apf.synthetic.walk import Walk
+from apf.synthetic.config import SceneConfig
 from psfs.cameras.camera import Camera, CameraRig
-from psfs.common.ranges import check_range
 
 #: Half width, half depth and height of the room, m.
 ROOM = (4.7, 4.9, 4.8)
 #: Styles that `box_colour` in scene_room.h implements.
 WOOD, CARDBOARD, BOOKS, CLOTH = range(4)
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """A synthetic sequence. Raises InputError if a value is implausible."""
-
-    cameras: int = 4
-    """Number of cameras on a ring around the person."""
-    frames: int = 60
-    """Frames per camera."""
-    fps: float = 30.0
-    """Frame rate, frames/s."""
-    size: tuple[int, int] = (640, 480)
-    """Picture size (width, height), px."""
-    seed: int = 1
-    """Random seed of person, walk, room, cameras and noise."""
-    noise: float = 2.5
-    """Standard deviation of the sensor's noise, grey levels."""
-    flicker: float = 0.01
-    """Relative standard deviation of each frame's gain."""
-    height: float = 1.76
-    """Stature, m."""
-
-    def __post_init__(self) -> None:
-        width, height = self.size
-        limits = {
-            "cameras": (self.cameras, 1, 64),
-            "frames": (self.frames, 1, 1_000_000),
-            "fps": (self.fps, 1, 1000),
-            "size, width in px,": (width, 32, 8192),
-            "size, height in px,": (height, 32, 8192),
-            "seed": (self.seed, 0, 2**63),
-            "noise, grey levels,": (self.noise, 0, 50),
-            "flicker": (self.flicker, 0, 0.2),
-            "height, m,": (self.height, 1.2, 2.2),
-        }
-        for name, (value, low, high) in limits.items():
-            check_range(f"synthetic scene: {name}", value, low, high, ends=True)
-
-    @property
-    def walk(self) -> Walk:
-        return Walk.varied(self.seed, self.height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +59,8 @@ def _make_camera(
     size: tuple[int, int],
     rng: np.random.Generator,
 ) -> Camera:
+    import cv2  # takes a while to load
+
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

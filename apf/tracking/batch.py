@@ -14,26 +14,14 @@ import logging
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from typing import TypeVar
 
+from apf.tracking.config import BatchConfig
 from cl import Device, NumpyDevice, UserError
 
 log = logging.getLogger(__name__)
 
 R = TypeVar("R")
-
-
-@dataclass(frozen=True)
-class BatchConfig:
-    """How many takes are worked on at a time. Measured with takes of 172 frames."""
-
-    on_gpu: int = 4
-    """On an H200 with 16 cores four at once took 58 s, in processes one after the other about
-    150 s; six took as long a take as four, for they wait for each other's Python, that of the
-    starts above all."""
-    on_cpu: int = 2
-    """On 2 cores two at once saved an eighth."""
 
 
 def default_at_once(device: Device | NumpyDevice) -> int:

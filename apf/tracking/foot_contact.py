@@ -8,58 +8,18 @@ motion capture editing").
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
 from apf.body.stature import ANKLES
-from psfs.common.ranges import check_range
+from apf.tracking.config import ContactConfig
 
 #: Gauss-Newton steps; the longest, rad or m, for a straight knee hardly changes the leg's length;
 #: the step of their derivatives.
 _STEPS, _LONGEST, _DELTA = 12, 0.1, 1e-4
 #: m, within which a foot is held, along the floor and in height.
 _TOLERANCE = np.array([5e-4, 5e-4, 5e-3])
-
-
-@dataclass(frozen=True)
-class ContactConfig:
-    """When a foot stands, by its ankle's speed and its height over the lowest ones. It starts and
-    stops at different values, lest it flicker. Raises InputError where a value makes no sense."""
-
-    start_speed: float = 0.45
-    """m/s along the floor, a foot slower than this may begin to stand. Chosen with `stop_speed` on
-    synth_walk_8cam and synth_walk_4cam, where true feet stand below 0.3 and swing at up to 4."""
-    stop_speed: float = 0.5
-    """m/s, a foot faster than this stands no longer: its heel is off the floor."""
-    start_height: float = 0.04
-    """m over the level at which the lower foot's ankle usually is."""
-    stop_height: float = 0.06
-    """m over that level."""
-    window: float = 0.1
-    """s, over which the speed is taken."""
-    shortest: float = 0.1
-    """s, what is shorter is no stance, and between two stances no swing; a sixth of usual ones."""
-    longest_slide: float = 0.12
-    """m along the floor; a foot that gets farther is drawn along, it does not stand. Tracks of
-    synth_walk_4cam slide by up to 0.074 where the true foot stands."""
-    flat_height: float = 0.025
-    """m over the lowest in its stance, below which a standing foot's heel is down, too. With it the
-    ankles of synth_walk_8cam and synth_walk_4cam are right to 3 degrees."""
-    fade: float = 0.12
-    """s, over which the correction of a held foot fades before and after."""
-
-    def __post_init__(self) -> None:
-        check_range("the speed at which a foot begins to stand, m/s,", self.start_speed, 0)
-        check_range("the speed at which it stops, m/s,", self.stop_speed, self.start_speed)
-        check_range("the height at which a foot begins to stand, m,", self.start_height, 0)
-        check_range("the height at which it stops, m,", self.stop_height, self.start_height)
-        check_range("the shortest stance, s,", self.shortest, 0, ends=True)
-        check_range("the longest slide, m,", self.longest_slide, 0)
-        check_range("the height up to which a foot is flat, m,", self.flat_height, 0)
-        check_range("the fading, s,", self.fade, 0)
 
 
 def feet(body: BodyModel) -> list[int]:

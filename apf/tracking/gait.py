@@ -15,30 +15,12 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from apf.body.stature import ANKLES, HIPS
+from apf.tracking.config import GaitConfig
 from apf.tracking.foot_contact import stances
 from apf.tracking.track import Track
-from psfs.common.ranges import check_range
 
 #: Between which the pelvis is, where it is no joint of its own.
 _HIP_JOINTS = ("l_hip", "r_hip")
-
-
-@dataclass(frozen=True)
-class GaitConfig:
-    """What counts as walking. Raises InputError where a value makes no sense."""
-
-    speed: float = 0.3
-    """m/s, the pelvis of somebody who walks is at least this fast; old people's slow walk is
-    about 0.6."""
-    swing: float = 0.15
-    """m, by which a foot comes nearer and falls back, against the pelvis, in every stride."""
-    window: float = 0.5
-    """s, over which direction and speed of the pelvis are taken: about a step."""
-
-    def __post_init__(self) -> None:
-        check_range("the least speed of a walk, m/s,", self.speed, 0)
-        check_range("the least swing of a foot, m,", self.swing, 0)
-        check_range("the time over which the direction is taken, s,", self.window, 0)
 
 
 @dataclass(frozen=True)

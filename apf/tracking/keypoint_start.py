@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from apf.backend import tracker_for
@@ -41,7 +39,7 @@ def _first_pose(session: Session, witness: KeypointStart, method: Method) -> np.
     back = frames[: frames.index(anchor)][::-1]
     alone = Method.of(objective="keypoints", seed=method.filter.search.seed)
     alone = alone.with_keypoints(method.filter.keypoints.room)
-    scaled = replace(alone, filter=alone.filter.at_rate(session.rate))
+    scaled = alone.replace(filter=alone.filter.at_rate(session.rate))
     tracker = tracker_for(Scene(session.device, session.rig, None, witness.body), scaled)
     tracker.start(pose)
     for frame in back:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from apf.formats import write_angle_csv, write_c3d
 from apf.formats.c3d import C3dEvent
+from apf.tracking.exports import EXPORTS, OF_POINTS
 from apf.tracking.gait import Gait, gait_of
 from apf.tracking.smoothing import SmoothingConfig, smoothed
 from apf.tracking.track import Track
@@ -15,20 +16,6 @@ from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import write_json
 
-#: What is written, and as what file.
-EXPORTS = {
-    "bvh": "motion.bvh",
-    "c3d": "motion.c3d",
-    "trc": "motion.trc",
-    "mot": "motion.mot",
-    "csv": "angles.csv",
-    "glb": "motion.glb",
-    "gait": "gait.json",
-}
-
-
-#: What needs no body, but points alone.
-OF_POINTS = ("c3d", "trc", "gait")
 _LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
 
 

@@ -4,72 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from apf.body.model import BodyModel
-from apf.body.stature import has_head, is_whole
 from apf.filters.base import Estimate
-from cl import InputError
-from psfs.common.ranges import check_range
+from apf.tracking.config import RecoveryConfig
 
 #: How a frame's estimate was come by.
 TRACKED, LOCAL_RESTART, GLOBAL_RESTART = 0, 1, 2
-
-
-@dataclass(frozen=True)
-class RecoveryConfig:
-    """When a track is lost, and how the person is looked for again.
-
-    A track is lost where the misfit (see `apf.likelihood.base`) exceeds a limit. The defaults were
-    tuned on the shared walks with 4 and 8 cameras. Raises InputError where a value makes no sense.
-    """
-
-    on: bool = True
-    """Whether a track can be lost at all."""
-    ratio: float = 2.0
-    """The limit is so many times the median misfit of the last good frames ..."""
-    window: int = 60
-    """... of which there are so many: a second at 60 frames/s."""
-    least: float = 0.4
-    """The limit is never below this: good frames differ by as much."""
-    worst: float = 0.9
-    """Nor above this: here nearly nothing of the body is seen."""
-    unknown: float = 0.45
-    """The limit as long as there are no good frames."""
-    retry: int = 5
-    """While lost, search everywhere in every so many frames: that takes seconds."""
-    steepness: float = 4.0
-    """Power of misfit over limit by which the confidence falls; it is 1/2 at the limit."""
-    n_steps: int = 2
-    """Searches, one from the other, on the frame in which the person was lost."""
-    wider: float = 4.0
-    """Factor of the noise in these searches."""
-    longer: int = 2
-    """Factor of their layers; a particle filter (SIR) has none."""
-    everywhere_too: bool = False
-    """Whether to search everywhere though somebody fits near the last pose: legs alone fit arms and
-    trunk, so bodies without a head do."""
-
-    def __post_init__(self) -> None:
-        if not (self.ratio > 1 and 0 < self.least <= self.unknown <= self.worst):
-            raise InputError(
-                f"recovery: ratio {self.ratio:g}, limits {self.least:g}, {self.unknown:g}, "
-                f"{self.worst:g}; expected a ratio above 1 and ascending positive limits"
-            )
-        for name in ("window", "retry", "n_steps", "longer"):
-            check_range(f"recovery: {name}", getattr(self, name), 1, ends=True)
-        for name in ("steepness", "wider"):
-            check_range(f"recovery: {name}", getattr(self, name), 0)
-
-    def for_body(self, body: BodyModel) -> RecoveryConfig:
-        """Return the config for a track of `body`. A body that is only a part of the person never
-        explains the rest of him: with no good frame to compare with, only `worst` is a limit."""
-        if is_whole(body):
-            return self
-        return replace(self, unknown=self.worst, everywhere_too=not has_head(body))
 
 
 class Judge:

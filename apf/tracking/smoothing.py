@@ -8,38 +8,16 @@ forward and the smoother of Rauch, Tung & Striebel (1965) backward.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from apf.body.kinematics import posed_joints
 from apf.body.model import BodyModel
-from apf.tracking.foot_contact import ContactConfig, feet, held, stances, standing
+from apf.tracking.config import ContactConfig, SmoothingConfig
+from apf.tracking.foot_contact import feet, held, stances, standing
 from apf.tracking.track import Track
 from cl import InputError
-from psfs.common.ranges import check_range
-
-
-@dataclass(frozen=True)
-class SmoothingConfig:
-    """How a track is smoothed. Raises InputError where a value makes no sense."""
-
-    cutoff: float = 6.0
-    """Hz, motion this fast keeps half of its amplitude (where the stated deviation is the usual
-    one); the custom of gait analysis (Winter 2009)."""
-    lag: int | None = None
-    """Frames to look ahead, None for all that follow."""
-    min_deviation: float = 0.1
-    """Stated deviations below this share of their median are taken for it: none is certain."""
-    contact: ContactConfig | None = field(default_factory=ContactConfig)
-    """When feet stand, which then do not slide; None to leave them alone. A fixed lag cannot hold
-    them: it does not know yet how long they will stand."""
-
-    def __post_init__(self) -> None:
-        check_range("the cutoff, Hz,", self.cutoff, 0)
-        check_range("the least deviation", self.min_deviation, 0)
-        if self.lag is not None:
-            check_range("the lag, frames,", self.lag, 0, ends=True)
 
 
 def smoothed(track: Track, config: SmoothingConfig | None = None) -> Track:

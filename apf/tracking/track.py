@@ -25,7 +25,7 @@ from cl import InputError
 from psfs.cameras.names import listed
 from psfs.common.files import written_whole
 from psfs.common.npz import Values, get_scalar, read_npz
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Of a track that is being written, in the order of their names; see `part_name`.
 PARTS = "parts/track_*.npz"
@@ -134,7 +134,7 @@ class Track:
             and tuple(self.body.joint_names) == self.joint_names
         ):
             raise InputError(f"the body {self.body.name} is not the one that was tracked")
-        check_range("fps", self.fps, 0, 1e5)
+        check_number("fps", self.fps, 1e-12, 1e5)
         for name in ("poses", "joints") if self.dof_names else ("poses",):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError(f"{name} hold a number that is not finite; expected finite ones")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ _GOLDEN = 0x9E3779B97F4A7C15
 
 def seeded(method: Method, seeds: list[int]) -> list[Method]:
     """Return `method` with each of `seeds`. Raises InputError for impossible ones."""
-    return [replace(method, filter=method.filter.changed(seed=seed)) for seed in seeds]
+    return [method.replace(filter=method.filter.changed(seed=seed)) for seed in seeds]
 
 
 def run_seeds(seed: int, n_runs: int) -> list[int]:
@@ -52,13 +51,13 @@ def watched(
     """Make the tracker of `method` that knows when it has lost the person, see `recovery`; of
     `tracker`, if there is one, which searches by that method."""
     config = (config or RecoveryConfig()).for_body(scene.body)
-    config = replace(config, on=config.on and method.recover)
+    config = config.replace(on=config.on and method.recover)
     if method.objective == "keypoints":  # which say at once where somebody is
-        config = replace(config, retry=1)
+        config = config.replace(retry=1)
     search = method.filter.search
     longer = {} if method.search == "sir" else {"n_layers": config.longer * search.n_layers}
     wide = method.filter.changed(noise=config.wider * search.noise, **longer)
-    wider = replace(method, filter=wide)
+    wider = method.replace(filter=wide)
 
     def everywhere(observation: Any) -> list[np.ndarray]:
         shown, points = parted(observation)

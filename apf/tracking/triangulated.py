@@ -7,38 +7,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 import numpy as np
 
-from apf.keypoints import Keypoints, TriangulationConfig, triangulate
+from apf.keypoints import Keypoints, triangulate
 from apf.keypoints.landmarks import find_landmarks, landmark_edges
 from apf.keypoints.series import fill_gaps, low_pass
+from apf.tracking.config import TriangulatedConfig
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
 from psfs.sequence import Sequence
 
 #: What such a track says in place of its body's name.
 BODY_NAME = "triangulated"
-
-
-@dataclass(frozen=True)
-class TriangulatedConfig:
-    """How keypoints become a track."""
-
-    triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
-    longest_gap: float | None = None
-    """s. Longer gaps stay gaps; None to fill all."""
-    low_pass: float = 0.0
-    """Hz, of a Butterworth filter; 0 for none. 6 Hz is usual for walking."""
-
-    def __post_init__(self) -> None:
-        if self.longest_gap is not None:
-            check_range("longest_gap", self.longest_gap, 0, ends=True)
-        check_range("low_pass", self.low_pass, 0, ends=True)
 
 
 def triangulated_track(
@@ -99,7 +82,7 @@ def triangulated_track(
                 "sequence": str(sequence.folder),
                 "version": version("psfs-apf"),
                 "method": "triangulate",
-                "triangulated": asdict(config),
+                "triangulated": config.to_dict(),
             }
         ),
     )

@@ -14,7 +14,7 @@ memory. Live there is no way back.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -27,56 +27,15 @@ from apf.body.model import BodyModel
 from apf.filters.base import Estimate
 from apf.initialisation.kept_voxels import CroppedVoxels, RestoredVoxels, cropped
 from apf.likelihood.observations import parted, with_points
+from apf.tracking.config import TwoWayConfig
 from apf.tracking.foot_contact import stances
 from apf.tracking.limb_confidence import REGRESSION
 from apf.tracking.recovery import SeparateRuns, WatchedRuns
 from apf.tracking.smoothing import unwrapped
 from cl import Device, NumpyDevice, UserError
-from psfs.common.ranges import check_range
 
 #: A frame of a window: its number, what was observed, and for each track its runs' estimates.
 Seen = tuple[int, Any, list[list[Estimate]]]
-
-#: m from the parabolas of its joints within which a limb stays.
-_STEADY_WITHIN = 0.01
-
-
-@dataclass(frozen=True)
-class TwoWayConfig:
-    """How the ways are made one. Raises InputError where a value makes no sense."""
-
-    near: float = 0.15
-    """m, joints of ways that are nearer are the same: their mean is taken. Tuned on
-    synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good."""
-    jump: float = 0.03
-    """m by which joints jump where the way changes, on average ..."""
-    misfit: float = 0.05
-    """... which costs as much as this error, in the likelihood's unit, in one frame. Three times as
-    much or as little changes nothing."""
-    steady: float = 0.15
-    """s, through the frames of so much time about each goes a parabola, see `steadied`; through
-    those of the window, where that begins or ends. Longer ones flatten fast motion."""
-    overlap: int = 30
-    """Frames that the way back goes before a window's poses are final; a third of a short one's."""
-    memory: float = 0.5
-    """GB of observations in a window: of 4 cameras of 640 x 480 some 500 frames where silhouettes
-    are clean, of 4 of 1920 x 1080 with specks all over 17."""
-    longest: int = 1000
-    """Frames of a window, at most."""
-
-    def __post_init__(self) -> None:
-        for name in ("near", "jump", "misfit", "steady", "memory"):
-            check_range(f"two ways: {name}", getattr(self, name), 0)
-        for name in ("overlap", "longest"):
-            check_range(f"two ways: {name}", getattr(self, name), 1, ends=True)
-
-    def n_steady(self, fps: float) -> int:
-        """Return the frames of a parabola, an odd number."""
-        return round(self.steady * fps) | 1
-
-    def full(self, n_frames: int, n_bytes: int) -> bool:
-        """Return whether a window of so many frames and bytes has room for no other."""
-        return n_frames >= self.longest or (n_frames > 2 and n_bytes > 1e9 * self.memory)
 
 
 def both_ways(
@@ -243,7 +202,7 @@ def combined(
         pose[:, dofs] = reached(*mean, limb)[:, dofs]
         deviation[:, dofs] = averaged_deviation(ways.deviations, agreed)[:, dofs]
     known = np.any(~ways.lost, axis=0)
-    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 2)
+    pose = steadied(body, pose, known, config.n_steady(fps), config.near / 2, config.steady_within)
     apart = ways.apart_from(pose)
     return [
         replace(of[way], pose=pose[row], deviation=deviation[row], disagreement=apart[row])
@@ -264,13 +223,19 @@ def _errors_of_limbs(errors: np.ndarray, own: np.ndarray, whole: np.ndarray) -> 
 
 
 def steadied(
-    body: BodyModel, poses: np.ndarray, known: np.ndarray, n: int, most: float
+    body: BodyModel,
+    poses: np.ndarray,
+    known: np.ndarray,
+    n: int,
+    most: float,
+    within: float,
 ) -> np.ndarray:
     """Return poses (F, D) by parabolas through the `n` frames about each (Savitzky & Golay 1964),
-    within the body's limits: first of the angles, then limbs reach for the parabolas of their
-    joints, since some angles go other ways round to the same pose. What would take a joint farther
-    than `most` m from where it was tracked is left as it is: limbs that jump to where they are
-    found again. So are frames that are not `known` (F,), and nothing is fitted across them.
+    within the body's limits: first of the angles, then limbs reach, to `within` m, for the
+    parabolas of their joints, since some angles go other ways round to the same pose. What would
+    take a joint farther than `most` m from where it was tracked is left as it is: limbs that jump
+    to where they are found again. So are frames that are not `known` (F,), and nothing is fitted
+    across them.
     """
     poses = unwrapped(poses, body)
     for part in stances(known):
@@ -284,9 +249,7 @@ def steadied(
         moved = np.linalg.norm(places - tracked, axis=-1)
         for dofs, joints in zip(limb_masks(body), limb_joints(body), strict=True):
             near = moved[:, joints].max(1, initial=0) < most
-            reached = solve_inverse_kinematics(
-                body, poses[part], dofs, joints, places, _STEADY_WITHIN
-            )
+            reached = solve_inverse_kinematics(body, poses[part], dofs, joints, places, within)
             poses[part] = np.where(near[:, None], reached, poses[part])
     return poses
 

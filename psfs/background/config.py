@@ -1,75 +1,107 @@
-"""Parameters of the background: how it is learnt, how it looks, what it says of a pixel."""
+"""Settings of the background: how it is learnt, how it looks, what it says of a pixel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
+from psfs.common.config import Config, setting
 
-from cl import InputError
-from psfs.common.ranges import check_range
+if TYPE_CHECKING:
+    import numpy as np
 
 
-@dataclass(frozen=True)
-class PlateConfig:
+class PlateConfig(Config):
     """How the empty scene is learnt from pictures, see `psfs.background.gaussian`."""
 
-    std_floor: float = 2.0
-    """Least standard deviation, grey levels: a noiseless background must not make N(I; mu, sigma)
-    explode. Set by hand."""
-    prior_std: float = 6.0
-    """Standard deviation, grey levels, believed in before any frame is seen; set by hand."""
-    prior_frames: float = 2.0
-    """Weight of `prior_std`, in frames. A single picture as background thus gets 4.9 grey levels;
-    set by hand."""
-    clip: float = 3.0
-    """Standard deviations beyond which a value is left out of the mean: the usual 3 sigma."""
-    samples: int = 25
-    """Frames that a background is learnt from when the scene is never empty: enough for a median;
-    set by hand."""
-    mixture_samples: int = 50
-    """Frames that mixtures of Gaussians are learnt from when the scene is never empty; set by
-    hand."""
-    mixture_rate: float = 0.0005
-    """alpha of Rymut 2016 eq. (2.5), who does not state his: share of a frame in a mixture that
-    goes on learning. By hand: OpenCV takes for scene what is a tenth of the mixture, so somebody
-    may stand still for 210 frames."""
+    SOURCE: ClassVar = "by hand"
+
+    std_floor: float = setting(
+        2.0,
+        "Least standard deviation that is learnt: a noiseless background must not make "
+        "N(I; mu, sigma) explode.",
+        unit="grey levels",
+        above=0,
+    )
+    prior_std: float = setting(
+        6.0,
+        "Standard deviation that is believed in before any frame is seen.",
+        unit="grey levels",
+        above=0,
+    )
+    prior_frames: float = setting(
+        2.0,
+        "Weight of `prior_std`. A single picture as background thus gets 4.9 grey levels.",
+        unit="frames",
+        least=0,
+    )
+    clip: float = setting(
+        3.0,
+        "Distance from the mean beyond which a value is left out of it.",
+        "the usual 3 sigma",
+        "standard deviations",
+        above=0,
+    )
+    samples: int = setting(
+        25,
+        "Number of frames that a background is learnt from when the scene is never empty.",
+        "by hand: enough for a median",
+        "frames",
+        least=1,
+    )
+    mixture_samples: int = setting(
+        50,
+        "Number of frames that mixtures of Gaussians are learnt from when the scene is never "
+        "empty.",
+        unit="frames",
+        least=1,
+    )
+    mixture_rate: float = setting(
+        0.0005,
+        "Share of a frame in a mixture that goes on learning, alpha of Rymut 2016 eq. (2.5). "
+        "OpenCV takes for scene what is a tenth of the mixture, so somebody may stand still for "
+        "210 frames.",
+        "by hand; Rymut does not state his",
+        least=0,
+        most=1,
+    )
 
 
-@dataclass(frozen=True)
-class BackgroundConfig:
+class BackgroundConfig(Config):
     """The density of a background pixel's colour: N(I; alpha mu, sigma), Song et al. eq. (1) under
-    a light dimmed or brightened by a factor alpha; the floor has rules of its own.
+    a light dimmed or brightened by a factor alpha; the floor has rules of its own."""
 
-    The defaults were tuned on synthetic walks with true masks and on a real person on a green
-    carpet.
-    """
+    SOURCE: ClassVar = (
+        "tuned on synthetic walks with true masks and on a real person on a green carpet"
+    )
 
-    sigma_floor: float = 3.0
-    """Least standard deviation of the background, grey levels."""
-    shadow_low: float = 0.5
-    """Least light factor alpha; `shadow_low` = `shadow_high` = 1 switches these shadows off."""
-    shadow_high: float = 1.1
-    """Greatest light factor alpha."""
-    shadow_width_grey: float = 0.02
-    """Standard deviation of alpha around 1 before a grey background: a grey wall under less light
-    looks like many clothes."""
-    shadow_width_colour: float = 0.06
-    """The same before a background of full saturation, linear between: a green carpet under less
-    light looks like nothing else."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.shadow_low <= 1 <= self.shadow_high:
-            raise InputError(
-                f"the shadow range is {self.shadow_low}..{self.shadow_high}; "
-                "expected 0 < low <= 1 <= high"
-            )
-        for name in ("sigma_floor", "shadow_width_grey", "shadow_width_colour"):
-            check_range(name, getattr(self, name), 0)
+    sigma_floor: float = setting(
+        3.0, "Least standard deviation of the background.", unit="grey levels", above=0
+    )
+    shadow_low: float = setting(
+        0.5,
+        "Least light factor alpha; `shadow_low` = `shadow_high` = 1 switches these shadows off.",
+        above=0,
+        most=1,
+    )
+    shadow_high: float = setting(1.1, "Greatest light factor alpha.", least=1)
+    shadow_width_grey: float = setting(
+        0.02,
+        "Standard deviation of alpha around 1 before a grey background: a grey wall under less "
+        "light looks like many clothes.",
+        above=0,
+    )
+    shadow_width_colour: float = setting(
+        0.06,
+        "Standard deviation of alpha around 1 before a background of full saturation, linear "
+        "between: a green carpet under less light looks like nothing else.",
+        above=0,
+    )
 
     def shadow_width(self, mean: np.ndarray) -> np.ndarray:
         """Return the standard deviation (...) of alpha before a background of colour (..., 3)."""
+        import numpy as np
+
         brightest = mean.max(-1)
         saturation = (brightest - mean.min(-1)) / np.maximum(brightest, 1)
         width: np.ndarray = self.shadow_width_grey + saturation * (
@@ -78,35 +110,43 @@ class BackgroundConfig:
         return width
 
 
-@dataclass(frozen=True)
-class AdaptationConfig:
-    """How the background follows the light, see `psfs.background.adaptation`.
+class AdaptationConfig(Config):
+    """How the background follows the light, see `psfs.background.adaptation`."""
 
-    The defaults were set by hand; the tests hold them on synthetic scenes under fading light.
-    """
+    SOURCE: ClassVar = "by hand; the tests hold it on synthetic scenes under fading light"
 
-    rate: float = 0.025
-    """Share of the difference to the frame that the mean takes on per frame where nobody is; 0
-    switches that off. It needs `AppearanceConfig.learn`."""
-    period: int = 8
-    """Frames in which every pixel is looked at once, a part of the picture in each: more
-    often takes more time."""
-    variance_slowdown: float = 4.0
-    """The variance drifts so many times as slowly as the mean: it needs more samples."""
-    nearest: float = 30.0
-    """Squared distance to the background, in its standard deviations, of what it may drift to.
-    Shadows and whatever else passes for background are further away, and leave no trace."""
-    enough: float = 10_000.0
-    """Grey levels of background that must be seen in a frame to estimate the view's change."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.rate < 1:
-            raise InputError(
-                f"the adaptation's rate is {self.rate}; expected a number from 0 to below 1"
-            )
-        check_range("period", self.period, 1, ends=True)
-        for name in ("variance_slowdown", "nearest", "enough"):
-            check_range(name, getattr(self, name), 0)
+    rate: float = setting(
+        0.025,
+        "Share of the difference to the frame that the mean takes on per frame where nobody is; 0 "
+        "switches that off. It needs `AppearanceConfig.learn`.",
+        least=0,
+        below=1,
+    )
+    period: int = setting(
+        8,
+        "Number of frames in which every pixel is looked at once, a part of the picture in each: "
+        "more often takes more time.",
+        unit="frames",
+        least=1,
+    )
+    variance_slowdown: float = setting(
+        4.0,
+        "Factor by which the variance drifts more slowly than the mean: it needs more samples.",
+        above=0,
+    )
+    nearest: float = setting(
+        30.0,
+        "Squared distance to the background of what it may drift to. Shadows and whatever else "
+        "passes for background are further away, and leave no trace.",
+        unit="squared standard deviations",
+        above=0,
+    )
+    enough: float = setting(
+        10_000.0,
+        "Sum of background that must be seen in a frame to estimate the view's change.",
+        unit="grey levels",
+        above=0,
+    )
 
     def rates(self) -> tuple[float, float]:
         """Return the share of the difference that a pixel's mean and variance take on each time
@@ -118,83 +158,119 @@ class AdaptationConfig:
         return mean, variance
 
 
-@dataclass(frozen=True)
-class ScreenConfig:
-    """How the screen of one colour is found in pictures, see `psfs.background.chroma_key`.
+class ScreenConfig(Config):
+    """How the screen of one colour is found in pictures, see `psfs.background.chroma_key`."""
 
-    The defaults were set by hand; the tests hold them on synthetic screens under uneven light.
-    """
+    SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens under uneven light"
 
-    samples: int = 12
-    """Frames of every camera that the screen's colour is looked for in."""
-    stride: int = 2
-    """Every so many pixels are looked at, along both axes."""
-    brightest: float = 30.0
-    """Brightest channel, grey levels, below which a pixel's chromaticity is noise."""
-    saturation: float = 0.12
-    """Least saturation of a screen, see `psfs.common.colours.chromaticity`."""
-    near: float = 0.12
-    """Distance of chromaticities within which a pixel is of the screen's colour."""
-    least_share: float = 0.1
-    """Share of the pictures that a screen fills at least."""
-    closing: int = 9
-    """Edge, px, of gaps in the screen that are closed."""
-    std: float = 2.0
-    """Standard deviation, grey levels, that is stated for the screen's colour."""
-
-
-@dataclass(frozen=True)
-class ChromaKeyConfig:
-    """The density of a screen's pixel, see `psfs.reference.chroma_key`.
-
-    The defaults were set by hand; the tests hold them on synthetic screens with shade and spill.
-    """
-
-    spread: float = 0.03
-    """Least standard deviation of the screen's chromaticity."""
-    noise: float = 3.0
-    """Grey levels of noise in a channel: dark pixels have no sure chromaticity."""
-    dark: float = 0.3
-    """Least light of the screen, as a share of its usual one: darker is black clothes."""
-    bright: float = 2.0
-    """Greatest light of the screen, as a share of its usual one: brighter is a lamp."""
-    light_width: float = 0.05
-    """Standard deviation of the light beyond that range."""
-
-    def __post_init__(self) -> None:
-        check_range("spread", self.spread, 0)
+    samples: int = setting(
+        12,
+        "Number of frames of every camera in which the screen's colour is looked for.",
+        unit="frames",
+        least=1,
+    )
+    stride: int = setting(
+        2, "Distance, along both axes, of the pixels that are looked at.", unit="px", least=1
+    )
+    brightest: float = setting(
+        30.0,
+        "Brightest channel below which a pixel's chromaticity is noise.",
+        unit="grey levels",
+        least=0,
+    )
+    saturation: float = setting(
+        0.12,
+        "Least saturation of a screen, see `psfs.common.colours.chromaticity`.",
+        least=0,
+        most=1,
+    )
+    near: float = setting(
+        0.12, "Distance of chromaticities within which a pixel is of the screen's colour.", above=0
+    )
+    least_share: float = setting(
+        0.1, "Least share of the pictures that a screen fills.", least=0, most=1
+    )
+    closing: int = setting(9, "Edge of gaps in the screen that are closed.", unit="px", least=1)
+    std: float = setting(
+        2.0,
+        "Standard deviation that is stated for the screen's colour.",
+        unit="grey levels",
+        above=0,
+    )
 
 
-@dataclass(frozen=True)
-class EvidenceConfig:
-    """What a pixel's log ratio of background over foreground says of the voxels seen there.
+class ChromaKeyConfig(Config):
+    """The density of a screen's pixel, see `psfs.reference.chroma_key`."""
 
-    The limits were tuned on synthetic walks with true masks and on a real person on a green carpet.
-    """
+    SOURCE: ClassVar = "by hand; the tests hold it on synthetic screens with shade and spill"
 
-    foreground_prior: float = 0.5
-    """P(F = 1) of a pixel: even odds."""
-    occlusion_prior: float = 0.5
-    """P(O) of Song et al. eq. (5): even odds."""
-    clamp: float = 0.005
-    """The silhouette likelihood stays within [clamp, 1 - clamp]: no single pixel vetoes a voxel."""
-    mask_clamp: float = 1e-3
-    """The same for ready masks, which deserve more trust than a background model."""
-    foreground_limit: float = 6.0
-    """Nats that a single pixel may say for the foreground in the mean over 3x3 pixels."""
-    background_limit: float = 10.0
-    """Nats that it may say for the background."""
-    independent_pixels: float = 1.5
-    """Independent pixels that those 3x3 count for; few, since where background and clothes look
-    alike they do so all over."""
+    spread: float = setting(0.03, "Least standard deviation of the screen's chromaticity.", above=0)
+    noise: float = setting(
+        3.0,
+        "Noise of a channel: dark pixels have no sure chromaticity.",
+        unit="grey levels",
+        least=0,
+    )
+    dark: float = setting(
+        0.3,
+        "Least light of the screen, as a share of its usual one: darker is black clothes.",
+        least=0,
+    )
+    bright: float = setting(
+        2.0,
+        "Greatest light of the screen, as a share of its usual one: brighter is a lamp.",
+        least=0,
+    )
+    light_width: float = setting(
+        0.05, "Standard deviation of the light beyond that range.", above=0
+    )
 
-    def __post_init__(self) -> None:
-        for name in ("foreground_prior", "occlusion_prior"):
-            check_range(name, getattr(self, name), 0, 1)
-        for name in ("clamp", "mask_clamp"):
-            check_range(name, getattr(self, name), 0, 0.5)
-        for name in ("foreground_limit", "background_limit", "independent_pixels"):
-            check_range(name, getattr(self, name), 0)
+
+class EvidenceConfig(Config):
+    """What a pixel's log ratio of background over foreground says of the voxels seen there."""
+
+    SOURCE: ClassVar = (
+        "tuned on synthetic walks with true masks and on a real person on a green carpet"
+    )
+
+    foreground_prior: float = setting(
+        0.5, "Prior probability P(F = 1) of a pixel.", "even odds", above=0, below=1
+    )
+    occlusion_prior: float = setting(
+        0.5, "Prior probability P(O) of Song et al. eq. (5).", "even odds", above=0, below=1
+    )
+    clamp: float = setting(
+        0.005,
+        "Distance from 0 and 1 that the silhouette likelihood keeps: no single pixel vetoes a "
+        "voxel.",
+        above=0,
+        below=0.5,
+    )
+    mask_clamp: float = setting(
+        1e-3,
+        "Distance from 0 and 1 that the likelihood of ready masks keeps: they deserve more trust "
+        "than a background model.",
+        above=0,
+        below=0.5,
+    )
+    foreground_limit: float = setting(
+        6.0,
+        "Most that a single pixel may say for the foreground in the mean over 3x3 pixels.",
+        unit="nats",
+        above=0,
+    )
+    background_limit: float = setting(
+        10.0,
+        "Most that a single pixel may say for the background in the mean over 3x3 pixels.",
+        unit="nats",
+        above=0,
+    )
+    independent_pixels: float = setting(
+        1.5,
+        "Number of independent pixels that those 3x3 count for: few, since where background and "
+        "clothes look alike they do so all over.",
+        above=0,
+    )
 
     def log_odds(self, likelihood: np.ndarray, clamp: float) -> np.ndarray:
         """Return what a pixel adds to the log odds of a voxel seen there, nats.
@@ -203,6 +279,8 @@ class EvidenceConfig:
         hence log(SLM / (P(O) SLM + (1-P(O)) (1-SLM))), which is log(SLM / 0.5) for P(O) = 0.5.
         It is positive where SLM > 0.5, whatever P(O).
         """
+        import numpy as np
+
         slm = np.clip(likelihood, clamp, 1 - clamp)
         occluded = self.occlusion_prior
         odds: np.ndarray = np.log(slm / (occluded * slm + (1 - occluded) * (1 - slm)))
@@ -211,6 +289,8 @@ class EvidenceConfig:
     @cached_property
     def step(self) -> float:
         """Nats per count of the evidence maps: the strongest evidence is 127 counts."""
+        import numpy as np
+
         strongest = self.log_odds(np.array([0.0, 1.0]), min(self.clamp, self.mask_clamp))
         return float(np.abs(strongest).max() / 127)
 
@@ -231,6 +311,8 @@ class EvidenceConfig:
 
         Holds Song et al. eq. (1) and (5)-(9) and spares the kernel one exp and one log per pixel.
         """
+        import numpy as np
+
         low, high = self.ratio_range
         mean = np.arange(9 * low, 9 * high + 1) / (9 * self.ratio_steps)
         prior = self.foreground_prior
@@ -238,16 +320,22 @@ class EvidenceConfig:
 
     def counts(self, likelihood: np.ndarray) -> np.ndarray:
         """Return the evidence of silhouette likelihoods in whole counts of `step`, int8."""
+        import numpy as np
+
         return np.rint(self.log_odds(likelihood, self.clamp) / self.step).astype(np.int8)
 
     def likelihood(self, counts: np.ndarray) -> np.ndarray:
         """Return the silhouette likelihoods, float64, of evidence in counts: the inverse of
         `counts`, but for what was clipped and rounded."""
+        import numpy as np
+
         odds, occluded = np.exp(self.step * counts.astype(np.float64)), self.occlusion_prior
         slm: np.ndarray = odds * (1 - occluded) / (1 + odds * (1 - 2 * occluded))
         return slm
 
     def mask_counts(self, masks: np.ndarray) -> np.ndarray:
         """Return the evidence counts, int8, of ready masks, 0..255."""
+        import numpy as np
+
         evidence = self.log_odds(np.asarray(masks) / 255, self.mask_clamp)
         return np.rint(evidence / self.step).astype(np.int8)

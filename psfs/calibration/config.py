@@ -1,49 +1,101 @@
-"""How cameras are calibrated, with units and where the values come from."""
+"""How cameras are calibrated."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import ClassVar
 
-from psfs.common.ranges import check_range
+from psfs.common.config import Config, setting
 
 
-@dataclass(frozen=True)
-class CalibrationConfig:
-    """Settings of a calibration.
+class CalibrationConfig(Config):
+    """Settings of a calibration. The sigmas hold what the footage does not tell."""
 
-    noise: px, errors of detected points beyond which the robust loss grows slower than the square;
-    detectors reach 0.1 to 0.5. outlier: px, errors beyond which a sighting is left out before the
-    last bundle adjustment. shared_boards, shared_wands: frames that two cameras must share so that
-    one can be placed by the other; a board's pose is known from each picture, a wand's points only
-    from many. most_frames: of the footage, evenly spread. few_frames: sightings of a camera below
-    which it is said to see too little. coverage: share of a camera's picture, of 8 x 6 cells, that
-    should have held the target. centre_sigma: of the picture's width, deviation of the principal
-    point from the picture's middle. aspect_sigma: relative, of fx and fy. lens_sigma: of k1, k2.
-    tangential_sigma: of p1, p2. The sigmas hold what the footage does not tell; lenses are well
-    within them. inconsistent: how many times worse than is usual among the cameras one must fit
-    the others' targets to be named.
-    """
+    SOURCE: ClassVar = "by hand"
 
-    noise: float = 1.0
-    outlier: float = 8.0
-    shared_boards: int = 3
-    shared_wands: int = 10
-    most_frames: int = 300
-    few_frames: int = 12
-    coverage: float = 0.3
-    centre_sigma: float = 0.05
-    aspect_sigma: float = 0.01
-    lens_sigma: float = 0.3
-    tangential_sigma: float = 0.01
-    inconsistent: float = 2.0
-
-    def __post_init__(self) -> None:
-        for name in ("noise", "outlier"):
-            check_range(name, getattr(self, name), 0, 1000)
-        for name in ("shared_boards", "shared_wands", "few_frames"):
-            check_range(name, getattr(self, name), 1, 10_000, ends=True)
-        check_range("most_frames", self.most_frames, 3, 100_000, ends=True)
-        check_range("coverage", self.coverage, 0, 1, ends=True)
-        for name in ("centre_sigma", "aspect_sigma", "lens_sigma", "tangential_sigma"):
-            check_range(name, getattr(self, name), 0, 10)
-        check_range("inconsistent", self.inconsistent, 1, 100)
+    noise: float = setting(
+        1.0,
+        "Error of detected points beyond which the robust loss grows slower than the square.",
+        "detectors reach 0.1 to 0.5",
+        "px",
+        above=0,
+        below=1000,
+    )
+    outlier: float = setting(
+        8.0,
+        "Error beyond which a sighting is left out before the last bundle adjustment.",
+        unit="px",
+        above=0,
+        below=1000,
+    )
+    shared_boards: int = setting(
+        3,
+        "Number of frames with a board that two cameras must share so that one can be placed by "
+        "the other: a board's pose is known from each picture.",
+        unit="frames",
+        least=1,
+        most=10_000,
+    )
+    shared_wands: int = setting(
+        10,
+        "Number of frames with a wand that two cameras must share so that one can be placed by the "
+        "other: a wand's points tell a pose only from many.",
+        unit="frames",
+        least=1,
+        most=10_000,
+    )
+    most_frames: int = setting(
+        300,
+        "Greatest number of frames of the footage that are looked at, evenly spread.",
+        unit="frames",
+        least=3,
+        most=100_000,
+    )
+    few_frames: int = setting(
+        12,
+        "Number of sightings of a camera below which it is said to see too little.",
+        unit="frames",
+        least=1,
+        most=10_000,
+    )
+    coverage: float = setting(
+        0.3,
+        "Share of a camera's picture, of 8 x 6 cells, that should have held the target.",
+        least=0,
+        most=1,
+    )
+    centre_sigma: float = setting(
+        0.05,
+        "Standard deviation of the principal point from the picture's middle.",
+        "by hand: lenses are well within it",
+        "of the picture's width",
+        above=0,
+        below=10,
+    )
+    aspect_sigma: float = setting(
+        0.01,
+        "Standard deviation of the ratio of fx and fy around 1.",
+        "by hand: lenses are well within it",
+        above=0,
+        below=10,
+    )
+    lens_sigma: float = setting(
+        0.3,
+        "Standard deviation of the distortion's k1 and k2.",
+        "by hand: lenses are well within it",
+        above=0,
+        below=10,
+    )
+    tangential_sigma: float = setting(
+        0.01,
+        "Standard deviation of the distortion's p1 and p2.",
+        "by hand: lenses are well within it",
+        above=0,
+        below=10,
+    )
+    inconsistent: float = setting(
+        2.0,
+        "Factor by which a camera must fit the others' targets worse than is usual among the "
+        "cameras to be named.",
+        above=1,
+        below=100,
+    )

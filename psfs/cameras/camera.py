@@ -10,13 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from cl import InputError
 from psfs.cameras.distortion import distort, largest_radius2, undistort
 from psfs.common.names import check_name
-from psfs.common.pictures import check_picture_size
+from psfs.common.picture_size import check_picture_size
 
 #: Largest rig.
 MOST_CAMERAS = 1000
@@ -187,6 +186,8 @@ class Camera:
         distorted = np.array(pixels, np.float64).reshape(-1, 1, 2)
         # cv2.undistortPoints ignores the skew.
         distorted[..., 0] -= self.K[0, 1] * (distorted[..., 1] - self.K[1, 2]) / self.K[1, 1]
+        import cv2  # takes a while to load
+
         plane = cv2.undistortPoints(distorted, self.K, self.distortion).reshape(-1, 2)
         rays: np.ndarray = np.column_stack([plane, np.ones(len(plane))]) @ self.R
         return rays

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cl import InputError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import write_json
 from psfs.common.outputs import output_folder
@@ -17,9 +17,10 @@ from psfs.diagnostics.camera_consistency import (
     InconsistentCamera,
     find_inconsistent_cameras,
 )
+from psfs.diagnostics.definitions import DEFINITION
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.faults import diagnose
-from psfs.diagnostics.reprojection_iou import DEFINITION, Checker, cut_by_volume
+from psfs.diagnostics.reprojection_iou import Checker, cut_by_volume
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.session import Session, SessionSettings
 
@@ -27,15 +28,7 @@ from psfs.session import Session, SessionSettings
 _LOW = 0.6
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "compare reprojected clouds with the silhouettes of their frames"
-    parser = add_command(commands, "check", _run, help=help)
-    parser.description = f"{help}. {DEFINITION}. Writes OUT/check.json."
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-    add_device_flag(parser)
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     run = ReconstructionFolder.open(args.out)
     if not run.indices:
         raise InputError(f"{args.out}: holds no reconstructed frame; expected at least one")

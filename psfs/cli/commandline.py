@@ -4,47 +4,23 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import re
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
-
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from cl import InputError
+from psfs.cli.recording import RecordingParser
 from psfs.common.files import resolve_path
 from psfs.common.names import escape_unprintable
 
-#: Columns of a file or a pipe, which has no width of its own: room for the widest table.
-_UNLIMITED = 160
-
-
-class Messages(Console):
-    """A console whose texts and tables also go into the log file, where there is one."""
-
-    def on_broken_pipe(self) -> None:
-        raise  # rich would exit; it calls this where it handles the error
-
-    def print(self, *objects: Any, **options: Any) -> None:
-        objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
-        super().print(*objects, **options)
-        if _state.log is not None and all(isinstance(item, (str, Text, Table)) for item in objects):
-            _state.log.print(*objects, soft_wrap=True)
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
 
 
 def _printable(text: str) -> str:
@@ -63,33 +39,66 @@ class _State:
 _state = _State()
 
 
-def _console(stream: TextIO, **options: Any) -> Messages:
-    own = stream.isatty() or "COLUMNS" in os.environ
-    width = None if own else _UNLIMITED
-    # No markup anywhere: paths and names hold brackets.
-    return Messages(highlight=False, markup=False, emoji=False, width=width, **options)
+class Messages:
+    """What is said on a stream: texts and tables, which also go into the log file, where there is
+    one. rich's console is made with the first message, since importing it takes a while."""
+
+    def __init__(self, stderr: bool = False) -> None:
+        self.quiet = False
+        self._stderr = stderr
+
+    @cached_property
+    def console(self) -> Console:
+        """The console of rich."""
+        from psfs.cli.console import make_terminal
+
+        return make_terminal(self._stderr)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich's console does, without control characters, unless this is quiet."""
+        objects = tuple(_printable(item) if isinstance(item, str) else item for item in objects)
+        if not self.quiet:
+            self.console.print(*objects, **options)
+        if _state.log is not None:
+            _state.log.print(*objects, soft_wrap=True)
 
 
 #: Results go to standard output, progress and messages to standard error.
-stdout = _console(sys.stdout)
-stderr = _console(sys.stderr, stderr=True)
+stdout, stderr = Messages(), Messages(stderr=True)
 
 
-def warn(text: str, console: Console = stderr) -> None:
+def warn(text: str, stream: Messages = stderr) -> None:
     """Print a warning, on standard error where results are not wanted."""
-    console = stderr if _state.quiet else console
-    remark("warning", "yellow", text, console)
+    remark("warning", "yellow", text, stderr if _state.quiet else stream)
 
 
-def remark(kind: str, style: str, text: str, console: Console = stdout) -> None:
+def remark(kind: str, style: str, text: str, stream: Messages = stdout) -> None:
     """Print `kind: text`, the kind in a colour."""
-    console.print(
-        Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True
-    )
+    from rich.text import Text
+
+    stream.print(Text.assemble((f"{kind}:", style), f" {escape_unprintable(text)}"), soft_wrap=True)
 
 
-class CommandParser(argparse.ArgumentParser):
-    """A parser whose errors are one line; so are those of its subcommands."""
+class CommandParser(RecordingParser):
+    """A parser whose errors are one line; so are those of its subcommands. `fill`, where it is set,
+    adds the flags before the first words are parsed, or when `add_flags` is called."""
+
+    fill: Callable[[], None] | None = None
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        #: The parsers of the subcommands.
+        self.commands: list[CommandParser] = []
+
+    def add_flags(self) -> None:
+        """Add the flags, unless they have been added."""
+        fill, self.fill = self.fill, None
+        if fill is not None:
+            fill()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self.add_flags()
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {escape_unprintable(message)}; see {self.prog} --help\n")
@@ -111,9 +120,10 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         handlers: list[logging.Handler] = [shown]
         log = None
         if args.log_file is not None:
+            from psfs.cli.console import make_log_console
+
             file = stack.enter_context(_opened(args.log_file))
-            log = Console(file=file, width=_UNLIMITED, color_system=None, highlight=False,
-                          markup=False, emoji=False)  # fmt: skip
+            log = make_log_console(file)
             handlers.append(logging.StreamHandler(file))
             handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
         for handler in handlers:
@@ -128,6 +138,11 @@ def messages(args: argparse.Namespace) -> Iterator[None]:
         finally:
             _state.running, _state.quiet, _state.log = False, False, None
             stdout.quiet = False
+
+
+def has_log() -> bool:
+    """Return whether messages go into a log file, too."""
+    return _state.log is not None
 
 
 def log_line(text: str) -> None:
@@ -160,9 +175,9 @@ def add_command(
     name: str,
     run: Callable[[argparse.Namespace], None],
     help: str,
-) -> argparse.ArgumentParser:
-    """Add a subcommand."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+) -> CommandParser:
+    """Add a subcommand to those of a CommandParser."""
+    parser: CommandParser = commands.add_parser(
         name, help=help, description=help, allow_abbrev=False
     )
     parser.set_defaults(run=run, command=name)
@@ -203,15 +218,9 @@ def path_or_name(text: str) -> str:
 
 def progress_bar() -> Progress:
     """Make the bar that all long work shows, on standard error."""
-    return Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=stderr,
-        disable=_state.quiet,
-    )
+    from psfs.cli.console import make_progress_bar
+
+    return make_progress_bar(stderr.console, _state.quiet)
 
 
 def frame_range(text: str) -> slice:

@@ -7,14 +7,10 @@ import argparse
 from rich.table import Table
 
 from cl import DeviceInfo, list_devices, select_device
-from psfs.cli.commandline import add_command, stdout, warn
+from psfs.cli.commandline import stdout, warn
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    add_command(commands, "devices", _run, help="try the OpenCL devices and list them")
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     devices = list_devices(afresh=True)
     if not devices:
         select_device()  # raises with what could be installed

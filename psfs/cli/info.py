@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import add_command, add_device_flag, remark, stdout, warn
-from psfs.cli.sequence_flags import add_sequence_flags, open_sequence
+from psfs.cli.commandline import remark, stdout, warn
+from psfs.cli.sequence_flags import open_sequence
 from psfs.cli.settings import refuse_unused
 from psfs.common.files import write_picture
 from psfs.diagnostics.examination import examine
@@ -21,25 +20,7 @@ from psfs.sequence import Sequence
 from psfs.session import Session
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(commands, "info", _run, help="cameras, frames and warnings of a sequence")
-    add_sequence_flags(parser, frames=False)
-    parser.add_argument(
-        "--no-pictures",
-        dest="pictures",
-        action="store_false",
-        help="do not look at the pictures for what is wrong with them, which takes seconds",
-    )
-    parser.add_argument(
-        "--masks",
-        type=Path,
-        metavar="FILE",
-        help="write what was looked at as one picture: silhouettes of all cameras, in some frames",
-    )
-    add_device_flag(parser)
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     if not args.pictures:
         refuse_unused(args, ["masks"], "shows pictures; expected none with --no-pictures")
     sequence = open_sequence(args)

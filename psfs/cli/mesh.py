@@ -11,74 +11,24 @@ import numpy as np
 import trimesh
 
 from cl import InputError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.flags.mesh import DEFINITION
 from psfs.cli.iou import iou_table, plain
 from psfs.common.files import resolve_path, write_json
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 from psfs.common.regions import iou
 from psfs.diagnostics.reprojection_iou import Checker
-from psfs.mesh.marching_cubes import FORMATS, MOST_SMOOTHING, SMOOTHING, Mesher, write_mesh
+from psfs.mesh.config import FORMATS, MOST_SMOOTHING
+from psfs.mesh.marching_cubes import Mesher, write_mesh
 from psfs.mesh.raycast import RayScene
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.sequence import Frame
 from psfs.session import Session, SessionSettings
 
-_DEFINITION = (
-    "IoU of the projected mesh (pixels whose centre's ray meets it) with the frame's own "
-    "silhouette, which psfs check defines"
-)
 
-
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "make closed surfaces of reconstructed frames"
-    parser = add_command(commands, "mesh", _run, help=help)
-    parser.description = (
-        f"{help}, coloured where the clouds are. The probability is computed again from the "
-        "frames' pictures. PLY and OBJ: metres, Z up; GLB: metres, Y up."
-    )
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-    parser.add_argument(
-        "--frame",
-        type=_frame,
-        metavar="N|all",
-        help="frame to mesh (default: the first that is not empty)",
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="PATH",
-        help="file, or folder for --frame all (default: in OUT/meshes)",
-    )
-    parser.add_argument("--format", choices=FORMATS, help="default: the output's suffix, or ply")
-    parser.add_argument(
-        "--smooth",
-        type=int,
-        default=SMOOTHING,
-        metavar="N",
-        help=f"smoothing steps, which do not shrink (default {SMOOTHING}; 0: none)",
-    )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help=f"say whether the mesh is watertight, and the {_DEFINITION}; "
-        "writes OUT/mesh_check.json",
-    )
-    add_device_flag(parser)
-
-
-def _frame(text: str) -> int | str:
-    try:
-        return text if text == "all" else int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no frame; expected a number or all"
-        ) from None
-
-
-def _run(args: argparse.Namespace) -> None:
-    check_range("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING, ends=True)
+def run(args: argparse.Namespace) -> None:
+    check_number("--smooth, steps,", args.smooth, 0, MOST_SMOOTHING)
     run = ReconstructionFolder.open(args.out)
     run.warn_if_unfinished(warn)
     with ExitStack() as stack:
@@ -150,7 +100,7 @@ def _report(out: Path, names: list[str], checks: dict[int, dict[str, Any]]) -> N
     closed = sum(check["watertight"] for check in checks.values())
     stdout.print(f"{closed} of {len(checks)} meshes are watertight")
     report = {
-        "definition": _DEFINITION,
+        "definition": DEFINITION,
         "mean_iou": plain(scores.mean()),
         "cameras": names,
         "frames": {

@@ -13,20 +13,18 @@ from typing import Any
 import numpy as np
 
 from cl import Device, InputError, UserError, select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
+from psfs.cli.commandline import progress_bar, stdout, warn
 from psfs.cli.sequence_flags import (
-    add_all_cameras_flag,
-    add_sequence_flags,
     chosen_frames,
     examine_footage,
     open_sequence,
     selected_frames,
     stated,
-    voxel_edge,
 )
-from psfs.cli.settings import FILE, add_configs, add_preset_flag, write_settings
+from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
+from psfs.common.versions import versions
 from psfs.diagnostics.examination import Examination
 from psfs.diagnostics.reprojection_iou import (
     beyond_volume,
@@ -36,17 +34,14 @@ from psfs.diagnostics.reprojection_iou import (
 )
 from psfs.output import reconstruction_folder
 from psfs.output.preview import draw_preview
-from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 from psfs.volume import automatic_grid, expected_person, find_volume
-from psfs.voxels.clouds import DEBRIS_SHARE, without_debris, write_cloud
+from psfs.voxels.clouds import without_debris, write_cloud
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.occupied_box import finest_pixel
 
-#: Voxels along an axis that --grid may ask for.
-_MOST_ALONG = 10_000
 #: s between two summaries while a run goes on.
 _SUMMARY_EVERY = 1.0
 #: Frames whose silhouettes are compared with the volume.
@@ -55,55 +50,7 @@ _LOOKED_AT = 8
 _FINE = 2.0
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "reconstruct a voxel cloud per frame"
-    parser = add_command(commands, "reconstruct", _run, help=help)
-    parser.description = (
-        f"{help}. OUT gets clouds/frame_NNNNNN.ply and .npz, summary.json and preview.png. "
-        "Without a stated volume it is found from the cameras and the first silhouettes."
-    )
-    add_sequence_flags(parser)
-    parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="OUT", help="new folder"
-    )
-    size = parser.add_mutually_exclusive_group()
-    size.add_argument(
-        "--grid", type=_shape, metavar="NX,NY,NZ", help="number of voxels along each axis"
-    )
-    size.add_argument("--voxel-size", type=voxel_edge, metavar="M", help="edge of a voxel, metres")
-    parser.add_argument(
-        "--debris",
-        type=float,
-        default=DEBRIS_SHARE,
-        metavar="SHARE",
-        help="drop connected parts smaller than this share of the largest one "
-        f"(default {DEBRIS_SHARE:g}; 0 keeps everything, 1 only the largest)",
-    )
-    parser.add_argument(
-        "--no-colour", action="store_true", help="leave the clouds without the pictures' colours"
-    )
-    parser.add_argument(
-        "--normals", action="store_true", help="write the surface's normals into the PLY"
-    )
-    add_all_cameras_flag(parser)
-    add_device_flag(parser)
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
-    add_preset_flag(parser, PRESETS)
-
-
-def _shape(text: str) -> tuple[int, int, int]:
-    try:
-        nx, ny, nz = (int(word) for word in text.split(","))
-        VoxelGrid(np.zeros(3), 1.0, (nx, ny, nz))
-        if max(nx, ny, nz) > _MOST_ALONG:
-            raise InputError(f"at most {_MOST_ALONG} along each axis")
-    except ValueError as error:
-        told = f": {error}" if isinstance(error, InputError) else ""
-        raise argparse.ArgumentTypeError(f"{text!r} is no grid{told}; expected NX,NY,NZ") from None
-    return nx, ny, nz
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     if not 0 <= args.debris <= 1:
         raise InputError(f"--debris is {args.debris}; expected a share between 0 and 1")
     expected = (reconstruction_folder.SUMMARY, "preview.png", FILE, *reconstruction_folder.CLOUDS)
@@ -268,7 +215,7 @@ class _Job:
             "config": self.config.to_dict(),
             "debris_share": self.debris,
             "device": reconstruction_folder.device_facts(self.device),
-            "versions": reconstruction_folder.versions(),
+            "versions": versions(),
             "median_ms": self.timings(),
             "frames": self.done,
         }

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import re
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cl import InputError
 from psfs.cli.commandline import frame_range, path_or_name, warn
 from psfs.common.files import resolve_path
-from psfs.common.ranges import check_range
-from psfs.diagnostics.examination import Examination, examine
+from psfs.common.ranges import check_number
+from psfs.footage.folder import check_folder
 from psfs.footage.settings import BACKGROUND_KINDS, SUBJECTS
-from psfs.sequence import Sequence
-from psfs.session import Session
-from psfs.voxels.grid import VOXEL_EDGES
+from psfs.voxels.limits import VOXEL_EDGES
+
+if TYPE_CHECKING:
+    from psfs.diagnostics.examination import Examination
+    from psfs.sequence import Sequence
+    from psfs.session import Session
 
 #: Share of the longest view that the shortest has, at least, where nobody states the frames.
 _MOST_OF_THEM = 0.9
@@ -31,9 +34,6 @@ def add_sequence_flags(
     """Add the positional FOLDER and the flags; `frames` adds --frames, `fps` adds --fps, `several`
     takes several folders, as `folders`."""
     parser.set_defaults(fps=None)
-    # `--up -z` and `--volume -1,1,...`: argparse takes a leading minus for a flag unless the
-    # argument looks like a negative number, by this pattern.
-    parser._negative_number_matcher = re.compile(r"-([xyz]$|[\d.])")
     name, count = ("folders", "+") if several else ("folder", None)
     parser.add_argument(name, nargs=count, metavar="FOLDER", help="folder with calibrated views")
     if frames:
@@ -134,7 +134,7 @@ def frame_rate(text: str) -> float:
 def voxel_edge(text: str) -> float:
     """Return the edge of a voxel, m (argparse type)."""
     try:
-        check_range("the edge of a voxel, m,", float(text), *VOXEL_EDGES, ends=True)
+        check_number("the edge of a voxel, m,", float(text), *VOXEL_EDGES)
     except ValueError as error:
         told = error if isinstance(error, InputError) else f"{text!r} is no number of metres"
         raise argparse.ArgumentTypeError(str(told)) from None
@@ -163,8 +163,15 @@ def stated(args: argparse.Namespace) -> dict[str, Any]:
     return flags
 
 
+def check(args: argparse.Namespace) -> None:
+    """Raise MissingFileError, as opening the sequence would, if the command's FOLDER is missing."""
+    check_folder(Path(args.folder))
+
+
 def open_sequence(args: argparse.Namespace) -> Sequence:
     """Return the sequence that the flags describe."""
+    from psfs.sequence import Sequence
+
     return Sequence.open(args.folder, **stated(args))
 
 
@@ -175,6 +182,8 @@ def examine_footage(
     stated in `args`: a run opened again is the same; the warnings are its `remarks`. Raises
     InputError if a `person` is wanted and the unit makes nobody so large or small.
     """
+    from psfs.diagnostics.examination import examine
+
     opened = session.sequence
     found = examine(session, args.all_cameras)
     sequence = found.session.sequence

@@ -8,9 +8,7 @@ command names by `add_configs`, all of their settings.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +16,12 @@ import tomli_w
 
 from cl import InputError
 from psfs.cli.commandline import path_or_name
+from psfs.cli.recording import RecordingParser
+from psfs.common.config import Config, part_of
 from psfs.common.files import resolve_path, written_whole
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
 
-#: Makes a config of values and the name that precedes theirs in errors; raises InputError.
-ConfigReader = Callable[[Mapping[str, Any], str], Any]
 #: The name of the file beside results.
 FILE = "settings.toml"
 #: Flags that say where results go and what is shown: no settings.
@@ -43,9 +41,10 @@ def add_config_flag(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(parser=parser, config_kinds=kinds)
 
 
-def add_configs(parser: argparse.ArgumentParser, **kinds: ConfigReader) -> None:
-    """Let `parser`'s settings have tables of these names, each read by a function of its values and
-    its name: `configs[name]` of the arguments, where it is stated."""
+def add_configs(parser: argparse.ArgumentParser, tree: type[Config], *names: str) -> None:
+    """Let `parser`'s settings have tables for these nodes of a tree of settings: `configs[name]` of
+    the arguments, where it is stated."""
+    kinds = {name: part_of(tree.model_fields[name]) for name in names}
     parser.set_defaults(config_kinds={**(parser.get_default("config_kinds") or {}), **kinds})
 
 
@@ -66,26 +65,25 @@ def with_settings(
     flags as they were stated, in `configs` the configs, in `preset_tables` the preset's own tables,
     in `chosen_flags` the destinations of the flags that are not as by default.
     Raises InputError naming the file."""
-    command: argparse.ArgumentParser | None = getattr(args, "parser", None)
+    command: RecordingParser | None = getattr(args, "parser", None)
     if command is None:
         return args
-    stated: dict[str, Any] = _stated(parser, command, argv)
+    given = command.stated(argv[argv.index(args.command) + 1 :])
+    stated = {a.dest: given[a.dest] for a in _settings(command) if a.dest in given}
     found: dict[str, tuple[Any, Any]] = {}
     tables: dict[str, Any] = {}
     file = args.config
     if file is not None:
         flags, tables = _parted(read_toml(file))
         found = _flags(file, command, flags, stated)
-    usual = {action.dest: action.default for action in command._actions}
+    usual = {action.dest: action.default for action in command.actions}
     chosen = {*stated, *found}
     beneath: dict[str, Any] = {}
     name = ({dest: raw for dest, (raw, _) in found.items()} | stated).get("preset")
     if name is not None:
         file = file or args.presets[name][-1]
         flags, beneath = _parted(read_preset(args.presets, name))
-        known = {
-            _name(a) for a in command._actions if _is_setting(a)
-        }  # psfs' presets have fewer flags
+        known = {_name(a) for a in _settings(command)}  # psfs' presets have fewer flags
         flags = {name: value for name, value in flags.items() if name in known}
         found |= _flags(file, command, flags, {**stated, **found})
     command.set_defaults(**{dest: parsed for dest, (_, parsed) in found.items()})
@@ -103,7 +101,7 @@ def refuse_unused(args: argparse.Namespace, flags: Iterable[str], why: str) -> N
     --config chose otherwise than by default, though nothing takes it; why: where it would be of
     use, or what to do."""
     chosen = args.chosen_flags.intersection(flags)
-    for action in args.parser._actions:
+    for action in args.parser.actions:
         if action.dest in chosen:
             raise InputError(f"--{_name(action)} {why}")
 
@@ -123,13 +121,13 @@ def write_settings(
     """Write the settings that `args` hold into `folder`, and return the file. configs: by table,
     all of their settings; without: flags that these contain."""
     flags: dict[str, Any] = {}
-    for action in args.parser._actions:
-        if _is_setting(action) and action.dest not in without:
+    for action in _settings(args.parser):
+        if action.dest not in without:
             value = args.stated_settings.get(action.dest, getattr(args, action.dest))
             value = _plain(action, value)
             if value is not None:
                 flags[_name(action)] = value
-    tables = {name: _without_none(asdict(config)) for name, config in (configs or {}).items()}
+    tables = {name: _without_none(config.to_dict()) for name, config in (configs or {}).items()}
     head = (
         f"# The settings of `{args.parser.prog}`, to be given back with --config.\n"
         "# Flags first, then tables with all settings that have no flag; what is left out has its "
@@ -143,15 +141,15 @@ def write_settings(
 
 def settings_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return the values of all settings that `args` hold, by destination, and the configs."""
-    flags = {a.dest: getattr(args, a.dest) for a in args.parser._actions if _is_setting(a)}
-    return {**flags, **{name: asdict(config) for name, config in args.configs.items()}}
+    flags = {a.dest: getattr(args, a.dest) for a in _settings(args.parser)}
+    return {**flags, **{name: config.to_dict() for name, config in args.configs.items()}}
 
 
 def stated_words(args: argparse.Namespace, without: Sequence[str] = ()) -> list[str]:
     """Return the flags that were stated, on the command line or in its --config, as words of a
     command line that is given in another folder; not those with a destination in `without`."""
     words: list[str] = []
-    for action in args.parser._actions:
+    for action in args.parser.actions:
         if action.dest not in args.stated_settings or action.dest in without:
             continue
         value, flag = args.stated_settings[action.dest], f"--{_name(action)}"
@@ -169,43 +167,17 @@ def _in_full(action: argparse.Action, value: Any) -> str:
     return path_or_name(str(value)) if is_path else str(value)
 
 
-def _is_setting(action: argparse.Action) -> bool:
-    return bool(action.option_strings) and action.dest not in _NONE
+def _settings(command: RecordingParser) -> list[argparse.Action]:
+    """Return the flags of a command that are settings."""
+    return [a for a in command.actions if a.option_strings and a.dest not in _NONE]
 
 
 def _name(action: argparse.Action) -> str:
     return max(action.option_strings, key=len).removeprefix("--")
 
 
-def _stated(
-    parser: argparse.ArgumentParser, command: argparse.ArgumentParser, argv: Sequence[str]
-) -> dict[str, Any]:
-    """Return the settings' flags on the command line, by destination, as texts; those without a
-    value as their constant."""
-    with _as_texts(command):
-        found = vars(parser.parse_args(argv))
-    wanted = [action.dest for action in command._actions if _is_setting(action)]
-    return {dest: found[dest] for dest in wanted if dest in found}
-
-
-@contextmanager
-def _as_texts(command: argparse.ArgumentParser) -> Any:
-    """Let `command` parse into texts, and only what is there."""
-    kept = [(a, a.default, a.type, a.choices) for a in command._actions]
-    defaults = dict(command._defaults)
-    try:
-        for action in command._actions:
-            action.default, action.type, action.choices = argparse.SUPPRESS, None, None
-        command._defaults.clear()
-        yield
-    finally:
-        for action, default, kind, choices in kept:
-            action.default, action.type, action.choices = default, kind, choices
-        command._defaults.update(defaults)
-
-
 def _configs(
-    file: Path | None, tables: Mapping[str, Any], kinds: Mapping[str, ConfigReader]
+    file: Path | None, tables: Mapping[str, Any], kinds: Mapping[str, type[Config]]
 ) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, values in tables.items():
@@ -213,7 +185,7 @@ def _configs(
             expected = ", ".join(f"[{kind}]" for kind in kinds) or "no table"
             raise InputError(f"{file}: has a table [{name}]; expected {expected}")
         try:
-            found[name] = kinds[name](values, name)
+            found[name] = kinds[name].from_dict(values, name)
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
     return found
@@ -221,16 +193,15 @@ def _configs(
 
 def _flags(
     file: Path,
-    command: argparse.ArgumentParser,
+    command: RecordingParser,
     flags: Mapping[str, Any],
     stated: Mapping[str, Any],
 ) -> dict[str, tuple[Any, Any]]:
     """Return the file's flags by destination, as stated and as parsed, but for those that the
     command line states, or excludes by others."""
-    by_name = {_name(action): action for action in command._actions if _is_setting(action)}
+    by_name = {_name(action): action for action in _settings(command)}
     excluded = set(stated)
-    for group in command._mutually_exclusive_groups:
-        members = {action.dest for action in group._group_actions}
+    for members in command.alternatives:
         if members & stated.keys():
             excluded |= members
     found = {}

@@ -10,44 +10,24 @@ import numpy as np
 from rich.table import Table
 
 from cl import select_device
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout
+from psfs.cli.commandline import progress_bar, stdout
+from psfs.cli.flags.silhouettes import REPORT, SHOWN
 from psfs.cli.iou import plain
-from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, selected_frames
-from psfs.cli.settings import FILE, add_configs, add_preset_flag, write_settings
+from psfs.cli.sequence_flags import open_sequence, selected_frames
+from psfs.cli.settings import FILE, write_settings
 from psfs.common.files import write_json, write_picture
 from psfs.common.outputs import OutputFolder, output_folder
 from psfs.diagnostics.examination import synchronise
 from psfs.diagnostics.silhouette_mosaic import mosaic
 from psfs.diagnostics.silhouette_scores import DEFINITION, score_silhouettes, truth_frames
-from psfs.presets import PRESETS
 from psfs.reconstructor import ReconstructionConfig
 from psfs.sequence import Sequence
 from psfs.session import Session, SessionSettings
 
-REPORT = "silhouettes.json"
-#: Frames shown by default, spread over the sequence.
-_SHOWN = 6
 _FIGURES = ("iou", "missed", "extra", "foreground")
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "show the silhouettes that are reconstructed from as pictures"
-    parser = add_command(commands, "silhouettes", _run, help=help)
-    parser.description = (
-        f"{help}. OUT gets frame_NNNNNN.png, a row per camera: picture, likelihood, silhouette; "
-        "where FOLDER has truth_masks/CAMERA_NNNNNN.png also what is missed (red) and too much "
-        f"(green); and {REPORT}. All frames before those shown are reconstructed, since "
-        f"silhouettes learn from them. Shown by default: frames with true masks, else {_SHOWN} "
-        "spread over the sequence."
-    )
-    add_sequence_flags(parser)
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
-    add_device_flag(parser)
-    add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
-    add_preset_flag(parser, PRESETS)
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     out: Path = args.output
     expected = (REPORT, FILE, f"frame_{6 * '[0-9]'}.png")
     with output_folder(out, args.parser.prog, [Path(args.folder)], expected) as opened:
@@ -85,7 +65,7 @@ def _wanted(args: argparse.Namespace, sequence: Sequence) -> list[int]:
     chosen = selected_frames(args, sequence)
     if args.frames is not None:
         return sorted(chosen)
-    spread = np.linspace(0, len(sequence) - 1, min(_SHOWN, len(sequence))).round()
+    spread = np.linspace(0, len(sequence) - 1, min(SHOWN, len(sequence))).round()
     return truth_frames(sequence) or [int(index) for index in spread]
 
 

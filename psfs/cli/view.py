@@ -6,14 +6,13 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from cl import select_device
 from psfs.cameras.camera import CameraRig
-from psfs.cli.commandline import add_command, add_device_flag, stdout, warn
+from psfs.cli.commandline import stdout, warn
 from psfs.common.files import write_picture
 from psfs.common.outputs import output_folder
 from psfs.mesh.drawing import (
@@ -26,7 +25,7 @@ from psfs.mesh.drawing import (
 )
 from psfs.mesh.marching_cubes import Mesher
 from psfs.mesh.playback import Playback
-from psfs.mesh.player import KEYS, Player
+from psfs.mesh.player import Player
 from psfs.mesh.preview import draw_mesh_preview
 from psfs.mesh.viewer import has_display, show_window
 from psfs.output.preview import draw_preview
@@ -38,29 +37,7 @@ from psfs.voxels.grid import VoxelCloud
 _BEHIND = 0.7
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    help = "play a run in a window, or write a picture where there is no display"
-    parser = add_command(commands, "view", _run, help=help)
-    add_view_flags(parser, help)
-
-
-def add_view_flags(parser: argparse.ArgumentParser, help: str) -> None:
-    """Add what `view_run` wants."""
-    keys = ", ".join(f"{key} {what}" for key, what in KEYS.items())
-    parser.description = f"{help}. Keys of the window: {keys}, 1 to 9 show and hide."
-    parser.add_argument("out", metavar="OUT", type=Path, help="output folder of psfs reconstruct")
-    parser.add_argument(
-        "--frame",
-        type=int,
-        metavar="N",
-        help="frame to show (default: the first that is not empty)",
-    )
-    parser.add_argument("--mesh", action="store_true", help="show the surfaces of psfs mesh")
-    parser.add_argument("--png", type=Path, metavar="FILE", help="write a picture, open no window")
-    add_device_flag(parser)
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     view_run(args, OnTop())
 
 

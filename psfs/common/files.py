@@ -8,13 +8,13 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import cv2
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from cl import InputError, MissingFileError
 from psfs.common.outputs import claim, temporary_name
+
+if TYPE_CHECKING:
+    import numpy as np
 
 #: Largest JSON file; a run of 100,000 frames takes 10 MB.
 MOST_BYTES = 256 * 2**20
@@ -31,12 +31,23 @@ def unreadable_error(path: Path, error: OSError) -> InputError:
     return kind(f"{path}: cannot be read: {error.strerror}")
 
 
+@contextmanager
+def name_file_in_errors(path: Path) -> Iterator[None]:
+    """Put the file's name before the text of every InputError raised inside; keep its class."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
 def read_numbers(path: Path) -> np.ndarray:
     """Read the numbers (N,) float64, separated by white space, of a text file with # comments.
 
     Raises InputError naming the file if it cannot be read or holds anything else, MissingFileError
     if it is absent.
     """
+    import numpy as np
+
     lines = read_text(path, "numbers").splitlines()
     try:
         return np.array(" ".join(line.partition("#")[0] for line in lines).split(), np.float64)
@@ -117,6 +128,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def write_picture(path: Path, picture: np.ndarray) -> None:
     """Write a BGR picture in the format of the suffix. Raises InputError if that is unknown."""
+    import cv2  # takes a while to load
+
     try:
         done, content = cv2.imencode(path.suffix, picture)
     except cv2.error:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import sys
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from cl import InputError
+from psfs.common.system import is_alive, lock_file
 
 MANIFEST = "manifest.txt"
 _HEAD = "psfs-apf manifest: these files were written by commands, which may replace them"
@@ -27,20 +27,6 @@ _LEFTOVER = re.compile(r"\.psfs-(\d+)-.+", re.DOTALL)
 #: Folders that are being written, by their full paths; `claim` looks them up.
 _OPEN: dict[Path, OutputFolder] = {}
 _lock = threading.RLock()
-
-
-if sys.platform == "win32":  # a lock there would keep others from reading the manifest, too
-
-    def _lock_file(file: IO[bytes]) -> None:
-        pass
-
-else:
-    import fcntl
-
-    def _lock_file(file: IO[bytes]) -> None:
-        """Lock the file until it is closed. Raises BlockingIOError if another process has locked
-        it."""
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def temporary_name(path: Path) -> Path:
@@ -53,7 +39,7 @@ def clear_leftovers(folder: Path) -> None:
     with contextlib.suppress(OSError):
         for entry in os.scandir(folder):
             match = _LEFTOVER.fullmatch(entry.name)
-            if match and not _is_running(int(match[1])):
+            if match and not is_alive(int(match[1])):
                 _remove(Path(entry.path))
 
 
@@ -64,18 +50,6 @@ def _remove(path: Path) -> None:
         path.rmdir()
     else:
         path.unlink(missing_ok=True)
-
-
-def _is_running(process: int) -> bool:
-    if sys.platform == "win32":  # a signal of 0 is Ctrl-C there: nothing is cleared
-        return True
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 @dataclass(frozen=True)
@@ -304,7 +278,7 @@ class OutputFolder:
 
     def _lock_or_fail(self, file: IO[bytes]) -> None:
         try:
-            _lock_file(file)
+            lock_file(file)
         except BlockingIOError:
             raise InputError(
                 f"{self.folder}: another process is writing to it; expected another folder"

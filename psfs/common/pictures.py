@@ -12,21 +12,10 @@ from PIL import Image, UnidentifiedImageError
 
 from cl import InputError, MissingFileError
 from psfs.common.files import unreadable_error
+from psfs.common.picture_size import check_picture_size
 
-#: Most pixels along a side, and in all.
-LONGEST_SIDE, MOST_PIXELS = 32_768, 2**28
 #: Largest picture file.
 _MOST_BYTES = 2**30
-
-
-def check_picture_size(size: tuple[int, int], what: str) -> None:
-    """Raise InputError unless a picture may be of `size` = (width, height) px."""
-    width, height = size
-    if min(size) < 1 or max(size) > LONGEST_SIDE or width * height > MOST_PIXELS:
-        raise InputError(
-            f"{what} {width} x {height} px; expected 1 to {LONGEST_SIDE} along each side and at "
-            f"most {MOST_PIXELS:,} in all"
-        )
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> np.ndarray:

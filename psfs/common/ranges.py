@@ -1,16 +1,15 @@
-"""Settings that must lie in a range, arguments of a kind, and how a message says so."""
+"""Numbers that must lie in a range, arguments of a kind, and how a message says so."""
 
 from __future__ import annotations
 
-import math
 from numbers import Real
 from typing import Any
 
 from cl import InputError
 from psfs.common.names import escape_unprintable
 
-#: The largest setting that makes sense without a bound of its own, and how far from an end that
-#: is left out a setting must stay: beyond, float32 overflows or divides by nothing.
+#: The largest number that makes sense without a bound of its own, and how far from an end that
+#: is left out a number must stay: beyond, float32 overflows or divides by nothing.
 LARGEST, SMALLEST = 1e9, 1e-12
 
 
@@ -33,21 +32,28 @@ def check_kind(
     )
 
 
-def check_range(
-    name: str, value: Any, low: float, high: float = math.inf, ends: bool = False
-) -> None:
-    """Raise InputError unless `value` is a number with low < value < high; with `ends`, low and
-    high are in the range. No number may be above `LARGEST`."""
-    top = min(high, LARGEST)
+def check_number(name: str, value: Any, least: float, most: float = LARGEST) -> None:
+    """Raise InputError unless an argument is a number with least <= value <= most; settings have
+    ranges of their own, see `psfs.common.config`."""
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if number and abs(value) <= LARGEST:  # nor NaN
-        if ends and low <= value <= top:
-            return
-        if not ends and low + SMALLEST <= value < top:
-            return
-    if math.isinf(high):
-        expected = f"from {low:g} on" if ends else f"above {low:g}"
-        expected += f", up to {LARGEST:g}"
-    else:
-        expected = f"from {low:g} to {high:g}" if ends else f"between {low:g} and {high:g}"
-    raise InputError(f"{name} is {escape_unprintable(repr(value))}; expected a number {expected}")
+    if not (number and least <= value <= most):
+        expected = range_text(ge=least, le=most)
+        found = escape_unprintable(repr(value))
+        raise InputError(f"{name} is {found}; expected a number {expected}")
+
+
+def range_text(
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    le: float | None = None,
+) -> str:
+    """Return a range in words; `gt` and `lt` are bounds that are left out of it."""
+    if gt is not None and lt is not None:
+        return f"between {gt:g} and {lt:g}"
+    if ge is not None and ge != -LARGEST and le not in (None, LARGEST):
+        return f"from {ge:g} to {le:g}"
+    low = "" if ge in (None, -LARGEST) else f"from {ge:g} on"
+    low = f"above {gt:g}" if gt is not None else low
+    high = f"below {lt:g}" if lt is not None else f"up to {le:g}" if le is not None else ""
+    return ", ".join(filter(None, (low, high)))

@@ -1,70 +1,219 @@
-"""Parameters of the diagnostics."""
+"""Settings of the diagnostics."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import ClassVar
+
+from psfs.common.config import Config, setting
 
 
-@dataclass(frozen=True)
-class ConsistencyConfig:
-    """When a camera disagrees with the others, see `psfs.diagnostics.camera_consistency`.
+class ConsistencyConfig(Config):
+    """When a camera disagrees with the others, see `psfs.diagnostics.camera_consistency`."""
 
-    The defaults were set by hand; the tests hold them on sequences with one spoilt camera.
-    """
+    SOURCE: ClassVar = "by hand; the tests hold it on sequences with one spoilt camera"
 
-    samples: int = 4
-    """Frames spread over the sequence that are looked at."""
-    low_share: float = 0.6
-    """A camera is named when its IoU is below this share of the others' median. At 0.7 a sound
-    camera of `synth_salsa_4cam_hd` was left out, whose share is 0.68: few cameras leave shapes of
-    which each view tells another part."""
-    agreeing: float = 0.2
-    """Where the others' median IoU is lower, they do not agree among themselves, or see nobody."""
-    voxels: int = 250_000
-    """Voxels of the coarse shapes, at most."""
-    camera_share: float = 0.5
-    """Share of the cameras that must see the room where the coarse shapes are looked for."""
-    full: float = 0.5
-    """Silhouettes that fill more of the picture are no person."""
-    least_contrast: float = 2.0
-    """Standard deviation, grey levels, below which a picture is of one colour."""
-    lags: tuple[int, ...] = (-20, -15, -10, -5, 5, 10, 15, 20)
-    """Frames by which a camera's pictures may come late, or early."""
-    rise: float = 0.1
-    """IoU that a lag must add to be believed."""
+    samples: int = setting(
+        4, "Number of frames, spread over the sequence, that are looked at.", least=1
+    )
+    low_share: float = setting(
+        0.6,
+        "Share of the others' median IoU below which a camera is named.",
+        "at 0.7 a sound camera of `synth_salsa_4cam_hd` was left out, whose share is 0.68: few "
+        "cameras leave shapes of which each view tells another part",
+        least=0,
+        most=1,
+    )
+    agreeing: float = setting(
+        0.2,
+        "Median IoU of the others below which they do not agree among themselves, or see nobody.",
+        least=0,
+        most=1,
+    )
+    voxels: int = setting(250_000, "Greatest number of voxels of the coarse shapes.", least=1)
+    camera_share: float = setting(
+        0.5,
+        "Share of the cameras that must see the room where the coarse shapes are looked for.",
+        least=0,
+        most=1,
+    )
+    full: float = setting(
+        0.5, "Share of the picture that a person's silhouette fills at most.", least=0, most=1
+    )
+    least_contrast: float = setting(
+        2.0,
+        "Standard deviation below which a picture is of one colour.",
+        unit="grey levels",
+        least=0,
+    )
+    lags: tuple[int, ...] = setting(
+        (-20, -15, -10, -5, 5, 10, 15, 20),
+        "Lags by which a camera's pictures may come late, or early, that are tried.",
+        unit="frames",
+    )
+    rise: float = setting(0.1, "IoU that a lag must add to be believed.", least=0, most=1)
 
 
-@dataclass(frozen=True)
-class FaultConfig:
-    """When footage counts as faulty, see `psfs.diagnostics.faults`.
+class FaultConfig(Config):
+    """When footage counts as faulty, see `psfs.diagnostics.faults`."""
 
-    Set between what the sequences at hand show untouched and what they show spoilt: every two
-    cameras exchanged, every camera 2 to 10 frames late.
-    """
+    SOURCE: ClassVar = (
+        "set between what the sequences at hand show untouched and what they show spoilt: every "
+        "two cameras exchanged, every camera 2 to 10 frames late"
+    )
 
-    longest_side: int = 320
-    """Longest side of the small pictures, px."""
-    window: tuple[int, int] = (60, 200)
-    """Frames that are looked at, in a row: at least and at most..."""
-    pixels: float = 1.5e9
-    """...so many that not more pixels are decoded."""
-    samples: int = 24
-    """Frames among them whose pictures are kept."""
-    longest_lag: float = 2.0
-    """Seconds by which a camera may come late, or early; at most a third of the frames."""
-    least_lag: int = 2
-    """Frames: less is not told from the ways in which cameras expose."""
-    lag_gain: float = 1.1
-    """A lag counts if the cost is so much higher without it. Untouched: up to 1.06."""
-    exchange_share: float = 0.92
-    """Cameras count as exchanged if that lowers the cost to this share. Untouched: above 1.1."""
-    mirror_share: float = 0.6
-    """The same for pictures that are mirrored, and for calibrations of another convention."""
-    disagreeing: float = 0.075
-    """Cost above which the cameras do not fit each other at all. Untouched: up to 0.061."""
-    turned_ratio: float = 2.5
-    """A camera is looked at closer where its cost is so much higher than the others'..."""
-    turned_cost: float = 0.045
-    """...and at least this; 0.035 among four frames of four cameras. It..."""
-    turned_share: float = 0.5
-    """...counts as turned if turning it back lowers its cost to this share."""
+    longest_side: int = setting(320, "Longest side of the small pictures.", unit="px", least=16)
+    window: tuple[int, int] = setting(
+        (60, 200), "Least and greatest number of frames in a row that are looked at.", unit="frames"
+    )
+    pixels: float = setting(
+        1.5e9,
+        "Number of pixels that are decoded at most, which bounds the frames looked at.",
+        unit="px",
+        above=0,
+        most=1e15,
+    )
+    samples: int = setting(
+        24, "Number of frames among those whose pictures are kept.", unit="frames", least=1
+    )
+    longest_lag: float = setting(
+        2.0,
+        "Time by which a camera may come late, or early; at most a third of the frames.",
+        unit="s",
+        least=0,
+    )
+    least_lag: int = setting(
+        2,
+        "Least lag that is reported: less is not distinguished from the ways in which cameras "
+        "expose.",
+        unit="frames",
+        least=1,
+    )
+    lag_gain: float = setting(
+        1.1,
+        "Factor by which the cost must be higher without a lag for it to count.",
+        "untouched sequences: up to 1.06",
+        least=1,
+    )
+    exchange_share: float = setting(
+        0.92,
+        "Share to which exchanging cameras must lower the cost for them to count as exchanged.",
+        "untouched sequences: above 1.1",
+        least=0,
+        most=1,
+    )
+    mirror_share: float = setting(
+        0.6,
+        "Share to which mirroring pictures, or reading a calibration by another convention, must "
+        "lower the cost to count.",
+        least=0,
+        most=1,
+    )
+    disagreeing: float = setting(
+        0.075,
+        "Cost above which the cameras do not fit each other at all.",
+        "untouched sequences: up to 0.061",
+        least=0,
+    )
+    turned_ratio: float = setting(
+        2.5,
+        "Factor by which a camera's cost must be higher than the others' to be looked at closer.",
+        least=1,
+    )
+    turned_cost: float = setting(
+        0.045,
+        "Least cost of a camera that is looked at closer.",
+        "0.035 among four frames of four cameras",
+        least=0,
+    )
+    turned_share: float = setting(
+        0.5,
+        "Share to which turning a camera back must lower its cost for it to count as turned.",
+        least=0,
+        most=1,
+    )
+
+
+class PictureConfig(Config):
+    """When pictures count as faulty, see `psfs.diagnostics.picture_faults`."""
+
+    SOURCE: ClassVar = (
+        "set between what the sequences at hand show untouched and what they show spoilt"
+    )
+
+    same_view: float = setting(
+        0.85,
+        "Correlation of pictures with a background from which on both show the same view.",
+        most=1,
+    )
+    other_view: float = setting(
+        0.6,
+        "Correlation of pictures with a background below which they show different views.",
+        "untouched sequences: 0.93 and more",
+        most=1,
+    )
+    knocked: float = setting(
+        2.0,
+        "Shift between pictures and their background up to which the camera was not knocked.",
+        "untouched sequences: below 1",
+        "small pixels",
+        least=0,
+    )
+    gain: float = setting(
+        0.1, "Correlation of the edges that shifting the pictures back must add.", least=0
+    )
+    flicker: float = setting(
+        0.04,
+        "Median change of the brightness from frame to frame above which the light flickers.",
+        "untouched sequences: 0.015",
+        least=0,
+    )
+    steady: float = setting(
+        0.6,
+        "Share of the frames that show foreground in one place if the background holds the person.",
+        least=0,
+        most=1,
+    )
+    still: float = setting(
+        6.0,
+        "Median deviation over time below which nothing moves in such a place.",
+        unit="grey levels",
+        least=0,
+    )
+    ghost_area: float = setting(
+        0.15,
+        "Least share of the silhouette's area of such a place; twice as much in one frame.",
+        least=0,
+        most=1,
+    )
+    ghost_edges: float = setting(
+        1.5,
+        "Factor by which the edges at its rim must be stronger in the background than in the "
+        "frames.",
+        "untouched sequences: 0.9; spoilt ones: 1.7 to 8",
+        least=0,
+    )
+    ghost_seen: float = setting(1.2, "The same factor where several frames show it.", least=0)
+    cut: float = setting(
+        0.5,
+        "Share of the frames in which a silhouette touches the picture's border, to be noted.",
+        least=0,
+        most=1,
+    )
+    filled: float = setting(
+        0.5, "Share of a picture that a person's silhouette fills at most.", least=0, most=1
+    )
+    blank: float = setting(
+        2.0,
+        "Standard deviation of a picture below which it shows nothing.",
+        "untouched sequences: 20 and more",
+        "grey levels",
+        least=0,
+    )
+    frozen: float = setting(
+        0.01, "Change of a silhouette's area over time below which its camera hangs.", least=0
+    )
+    moving: float = setting(
+        0.05,
+        "Change of the median camera's silhouette above which a camera that shows none hangs.",
+        least=0,
+    )

@@ -61,7 +61,7 @@ def _with_usual_silhouettes(session: Session) -> Session:
     usual = SilhouetteConfig()
     if session.reconstruction.silhouette == usual:
         return session
-    reconstruction = replace(session.reconstruction, silhouette=usual)
+    reconstruction = session.reconstruction.replace(silhouette=usual)
     settings = replace(session.settings, reconstruction=reconstruction)
     return Session(session.sequence, session.device, settings)
 

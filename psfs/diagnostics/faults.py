@@ -135,7 +135,7 @@ def _arranged(
     most = min(round(config.longest_lag * sequence.fps), len(views.frames) // 3)
     shifts = lateness(tangency, most, config)
     if any(shifts) and views.rig.width < sequence.rig.width:
-        large = small_views(sequence, device, replace(config, longest_side=_LARGER))
+        large = small_views(sequence, device, config.replace(longest_side=_LARGER))
         shifts = refined(Tangency(large.rig, large.outlines), shifts)
     late = [_late(sequence, name, by) for name, by in zip(names, shifts, strict=True) if by]
     compared = tangency.compared(shifts=shifts)

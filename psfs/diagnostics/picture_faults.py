@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from psfs.cameras.names import listed
+from psfs.diagnostics.config import PictureConfig
 from psfs.diagnostics.small_views import SmallViews
 from psfs.sequence import Sequence
 
@@ -33,44 +34,6 @@ class Fault:
 
     def __str__(self) -> str:
         return self.text
-
-
-@dataclass(frozen=True)
-class PictureConfig:
-    """When pictures count as faulty. Set between what the sequences at hand show untouched (in
-    brackets) and what they show spoilt."""
-
-    same_view: float = 0.85
-    """Correlation of pictures with a background from which on both show the same view..."""
-    other_view: float = 0.6
-    """...and below which they show different ones (0.93 and more)."""
-    knocked: float = 2.0
-    """Small pixels by which pictures may lie beside their background (below 1)."""
-    gain: float = 0.1
-    """Correlation of the edges that laying them back must add."""
-    flicker: float = 0.04
-    """Change of the brightness from frame to frame, median (0.015)."""
-    steady: float = 0.6
-    """Share of the frames that show foreground in one place if the background holds the person."""
-    still: float = 6.0
-    """Median deviation over time, grey levels, below which nothing moves there."""
-    ghost_area: float = 0.15
-    """Share of the silhouette's area that such a place has at least; twice as much in one frame."""
-    ghost_edges: float = 1.5
-    """Its rim has edges in the background that are so much stronger than in the frames (0.9; 1.7
-    to 8)..."""
-    ghost_seen: float = 1.2
-    """...or so much, in several frames."""
-    cut: float = 0.5
-    """Share of the frames in which a silhouette touches the picture's border, to be noted."""
-    filled: float = 0.5
-    """Share of a picture that silhouettes fill: more is no person."""
-    blank: float = 2.0
-    """Deviation of a picture, grey levels, below which it shows nothing (20 and more)."""
-    frozen: float = 0.01
-    """Change of a silhouette's area over time below which its camera hangs..."""
-    moving: float = 0.05
-    """...where that of the median camera is larger."""
 
 
 def picture_faults(

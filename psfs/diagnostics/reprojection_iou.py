@@ -11,30 +11,21 @@ import numpy as np
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou, keep_large_regions
+from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.sequence import Frame
 from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
-
-#: Parts of a silhouette smaller than this share of its largest part are speckle.
-SPECKLE_SHARE = 0.02
 
 #: Share of a part within the volume from which on it is what is reconstructed.
 _MOSTLY = 0.4
 #: Mean share of silhouettes beyond the volume that is warned of.
 _CUT = 0.02
 
-DEFINITION = (
-    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
-    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume "
-    "and beyond it where a part lies mostly within, "
-    f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
-)
-
 
 class Checker:
-    """`checker(frame, cloud)`: (V,) IoU per camera as `DEFINITION` says; NaN where the frame
-    shows nothing and the cloud reprojects to nothing.
+    """`checker(frame, cloud)`: (V,) IoU per camera as `definitions.DEFINITION` says; NaN where the
+    frame shows nothing and the cloud reprojects to nothing.
 
     The silhouettes are those of the session's reconstruction in this grid, which is done again,
     so what was learnt from the frames before is learnt again. Give the frames in the run's order; a

@@ -18,7 +18,8 @@ import numpy as np
 
 from cl import InputError, MissingFileError
 from psfs.cameras.names import natural_key
-from psfs.common.pictures import check_picture_size, read_picture
+from psfs.common.picture_size import check_picture_size
+from psfs.common.pictures import read_picture
 
 if hasattr(cv2, "setLogLevel"):  # OpenCV 4
     cv2.setLogLevel(0)

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import weakref
 from collections import deque
 
 import numpy as np
 
+from psfs.common.system import physical_memory
+
 #: Most bytes for the frames of a sequence, and their share of the machine's memory per core.
 _MAX_BYTES, _SHARE = 2**30, 0.25
-
-
-def physical_memory() -> int:
-    """Return the bytes of this machine's memory; a very large number if unknown."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return sys.maxsize
 
 
 def frame_memory_limit() -> float:

@@ -4,134 +4,179 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import numpy as np
+from pydantic import field_validator
 
 from cl import InputError
-from psfs.cameras.calibration.common import name_file_in_errors
-from psfs.cameras.names import listed
-from psfs.cameras.units import Unit, metres_per_unit, rotation_to_z_up
-from psfs.common.colours import parse_colour
+from psfs.common.config import Config, setting
 from psfs.common.names import check_name
-from psfs.common.ranges import check_range
 from psfs.common.toml import read_toml
 
-#: How silhouettes are made. "gaussian": background model from pictures of the empty scene
-#: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
-#: masks; "threshold": brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of
-#: Gaussians, fitted to the empty scene or, without it, to the sequence's own frames;
-#: "mog-adaptive": one that is updated frame by frame; "chroma": a screen of one colour, `key` or
-#: estimated from the empty scene or the frames.
-BACKGROUND_KINDS = ("gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma")
-#: The kinds that use a mixture of Gaussians.
+BackgroundKind = Literal[
+    "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma"
+]
+Subject = Literal["person", "object"]
+#: How silhouettes are made. "gaussian": empty plate (`background/`);
+#: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
+#: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
+#: from the empty plate or, without one, from the sequence's own frames; "mog-adaptive": one that
+#: goes on learning, frame by frame; "chroma": a screen of one colour, `key` or found in the empty
+#: plate or the frames.
+BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
+#: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive")
 #: Largest coordinate of a corner of the volume, m.
 _MAX_COORDINATE = 10_000.0
 
-#: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects have any size.
-SUBJECTS = ("person", "object")
-#: Most frames by which a camera may be late or early.
+#: What is filmed. People stand on the floor and are 0.5 to 2.5 m tall; objects may be anything.
+SUBJECTS: tuple[str, ...] = get_args(Subject)
+#: Frames by which a camera may come late, or early.
 _MAX_DELAY = 1_000_000
 
+if TYPE_CHECKING:
+    import numpy as np
 
-@dataclass(frozen=True)
-class Settings:
-    """The keys of `sequence.toml`; None for those that are not stated.
 
-    unit: of the calibration. up: axis of the calibration's world. fps: frames per second. sync:
-    "auto", or by how many of its own frames each camera is late, by name. subject: "person" or
-    "object", what is filmed. background: one of `BACKGROUND_KINDS`. key: the screen's colour,
-    "#rrggbb". threshold: 0..1. dilate, erode: pixels. volume: ((x0, y0, z0), (x1, y1, z1)) in
-    metres, Z up. calibration: path, relative to the folder. cameras: names of those to use. take:
-    which of several takes in the folder.
-    """
+class Settings(Config):
+    """The keys of `sequence.toml`; None where nothing is said."""
 
-    unit: Unit | None = None
-    up: str | None = None
-    fps: float | None = None
-    background: str | None = None
-    key: str | None = None
-    threshold: float | None = None
-    dilate: int | None = None
-    erode: int | None = None
-    volume: Any = None
-    calibration: str | None = None
-    cameras: tuple[str, ...] | None = None
-    sync: Any = None
-    subject: str | None = None
-    take: str | None = None
+    unit: str | float | None = setting(
+        None,
+        "Unit of the calibration: m, cm, mm, 0.76mm or metres per unit.",
+        "the calibration's own, else metres",
+    )
+    up: str | None = setting(
+        None, "Up axis of the calibration's world: z, -z, y, -y, x or -x.", "z"
+    )
+    fps: float | None = setting(
+        None, "Frame rate.", "the videos' own, else 30", "frames/s", least=0.001, most=100_000
+    )
+    background: BackgroundKind | None = setting(
+        None, "How silhouettes are made.", "by what lies in the folder"
+    )
+    key: str | None = setting(
+        None,
+        "The screen's colour, #rrggbb, where the background is `chroma`.",
+        "found in the pictures",
+    )
+    threshold: float | None = setting(
+        None,
+        "Brightness, 0 to 1, from which on a pixel is foreground where the background is "
+        "`threshold`.",
+        "to be stated",
+        above=0,
+        below=1,
+    )
+    dilate: int | None = setting(
+        None, "Width by which such foreground is dilated.", "0", "px", least=0, most=1000
+    )
+    erode: int | None = setting(
+        None, "Width by which such foreground is then eroded.", "0", "px", least=0, most=1000
+    )
+    volume: Any = setting(
+        None,
+        "Box to reconstruct, [[x0, y0, z0], [x1, y1, z1]] with Z up, or {own = ...} in the "
+        "calibration's unit and axes.",
+        "found from the silhouettes",
+        "m",
+    )
+    calibration: str | Path | None = setting(
+        None, "Calibration file or folder, relative to the sequence's folder.", "found in it"
+    )
+    cameras: tuple[str, ...] | None = setting(None, "Names of the cameras to use.", "all")
+    sync: Any = setting(
+        None,
+        '"auto", or by how many of its frames a camera comes late, by name.',
+        "as many frames late as the files say",
+        "frames",
+    )
+    subject: Subject | None = setting(
+        None,
+        "What is filmed: a person, who stands on the floor and is 0.5 to 2.5 m tall, or any "
+        "object.",
+        "person",
+    )
+    take: str | None = setting(
+        None, "Which of the takes in the folder, where it has several.", "to be stated"
+    )
 
-    def __post_init__(self) -> None:
-        if self.unit is not None:
-            metres_per_unit(self.unit)
-        if self.up is not None:
-            rotation_to_z_up(self.up)
-        if self.fps is not None:
-            check_range("fps", self.fps, 0.001, 100_000, ends=True)
-        if self.sync is not None:
-            object.__setattr__(self, "sync", _check_sync(self.sync))
-        if self.subject is not None and self.subject not in SUBJECTS:
-            raise InputError(f"subject = {self.subject!r}; expected {listed(SUBJECTS)}")
-        if self.threshold is not None:
-            check_range("threshold", self.threshold, 0, 1)
-        for key in ("dilate", "erode"):
-            if getattr(self, key) is not None:
-                check_range(key, getattr(self, key), 0, 1000, ends=True)
-            value = getattr(self, key)
-            if value is not None and not isinstance(value, int):
-                raise InputError(f"{key} is {value!r}; expected a whole number of pixels")
-        if not isinstance(self.background, str | None) or (
-            self.background not in (None, *BACKGROUND_KINDS)
-        ):
-            raise InputError(
-                f"background = {self.background!r}; expected {listed(BACKGROUND_KINDS)}"
-            )
-        if self.take is not None:
-            check_name(self.take, "`take`")
-        if self.key is not None:
-            parse_colour(self.key)
-        if self.calibration is not None:
-            _check_path(self.calibration)
-        if self.volume is not None:
-            object.__setattr__(self, "volume", _check_volume(self.volume))
-        if self.cameras is not None:
-            if not isinstance(self.cameras, list | tuple) or not self.cameras:
-                raise InputError(f"cameras = {self.cameras!r}; expected a list of names")
-            names = tuple(check_name(name, "a camera in `cameras`") for name in self.cameras)
-            if len(set(names)) < len(names):
-                raise InputError(f"cameras = {listed(names)}; expected each of them once")
-            object.__setattr__(self, "cameras", names)
-
+    @field_validator("unit")
     @classmethod
-    def of(cls, values: dict[str, Any]) -> Settings:
-        """Build the settings from a mapping. Raises InputError for unknown keys and bad values."""
-        known = [field.name for field in fields(cls)]
-        unknown = [str(key) for key in values if key not in known]
-        if unknown:
-            raise InputError(f"unknown key {listed(unknown)}; expected {listed(known)}")
-        return cls(**values)
+    def _is_length(cls, value: str | float | None) -> str | float | None:
+        from psfs.cameras.units import metres_per_unit
+
+        if value is not None:
+            metres_per_unit(value)
+        return value
+
+    @field_validator("up")
+    @classmethod
+    def _is_axis(cls, value: str | None) -> str | None:
+        from psfs.cameras.units import rotation_to_z_up
+
+        if value is not None:
+            rotation_to_z_up(value)
+        return value
+
+    @field_validator("key")
+    @classmethod
+    def _is_colour(cls, value: str | None) -> str | None:
+        from psfs.common.colours import parse_colour
+
+        if value is not None:
+            parse_colour(value)
+        return value
+
+    @field_validator("calibration")
+    @classmethod
+    def _is_path(cls, value: str | Path | None) -> str | Path | None:
+        if value is not None and (not str(value) or "\0" in str(value)):
+            raise InputError(f"calibration = {value!r}; expected a path")
+        return value
+
+    @field_validator("take")
+    @classmethod
+    def _is_name(cls, value: str | None) -> str | None:
+        return None if value is None else check_name(value, "`take`")
+
+    @field_validator("cameras")
+    @classmethod
+    def _are_names(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if value is None:
+            return None
+        if not value:
+            raise InputError("cameras is empty; expected a list of names")
+        names = tuple(check_name(name, "a camera in `cameras`") for name in value)
+        if len(set(names)) < len(names):
+            raise InputError(f"cameras = {', '.join(names)}; expected each of them once")
+        return names
+
+    @field_validator("sync")
+    @classmethod
+    def _is_sync(cls, value: Any) -> Any:
+        return None if value is None else _check_sync(value)
+
+    @field_validator("volume")
+    @classmethod
+    def _is_box(cls, value: Any) -> Any:
+        return None if value is None else _check_volume(value)
 
     @classmethod
     def read(cls, path: Path) -> Settings:
-        """Read a `sequence.toml`; all settings are None if there is none."""
+        """Return those of a `sequence.toml`; all None if there is none."""
+        from psfs.common.files import name_file_in_errors
+
         if not path.exists():
             return cls()
         values = read_toml(path)
         with name_file_in_errors(path):
-            return cls.of(values)
+            return cls.from_dict(values)
 
     def over(self, other: Settings) -> Settings:
-        """Return these settings, filled with `other`'s where these are None."""
-        stated = {key: value for key, value in vars(self).items() if value is not None}
-        return replace(other, **stated)
-
-
-def _check_path(value: Any) -> None:
-    if not isinstance(value, str | Path) or not str(value) or "\0" in str(value):
-        raise InputError(f"calibration = {value!r}; expected a path")
+        """Return these settings, and `other`'s where these say nothing."""
+        return other.replace(**{key: value for key, value in self if value is not None})
 
 
 def _check_sync(value: Any) -> Any:
@@ -149,13 +194,15 @@ def _check_volume(value: Any) -> Any:
     """Return (low, high), m with Z up; or {"own": (low, high)} in the file's axes and unit."""
     if isinstance(value, Mapping):
         if list(value) != ["own"]:
-            raise InputError(f"volume has the keys {listed(map(str, value))}; expected own")
+            raise InputError(f"volume has the keys {', '.join(map(str, value))}; expected own")
         low, high = _check_corners(value["own"], math.inf)
         return {"own": [low.tolist(), high.tolist()]}
     return _check_corners(value, _MAX_COORDINATE)
 
 
 def _check_corners(value: Any, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+    import numpy as np
+
     try:
         plain = np.asarray(value)
         if plain.dtype.kind not in "iuf":

@@ -91,7 +91,7 @@ def voxel_colours(
     "probability": viridis from the threshold to 1; "height": turbo from `low` to `high`, m.
     """
     if colouring == "probability":
-        least = OccupancyConfig.threshold
+        least = OccupancyConfig().threshold
         return _apply_colour_map((cloud.probability - least) / (1 - least), cv2.COLORMAP_VIRIDIS)
     if colouring == "height":
         return _apply_colour_map((cloud.centres[:, 2] - low) / (high - low), cv2.COLORMAP_TURBO)
@@ -116,7 +116,7 @@ def colour_scale(colouring: str, low: float, high: float) -> tuple[str, np.ndarr
     steps = np.linspace(0, 1, 256)
     if colouring == "probability":
         strip = _apply_colour_map(steps, cv2.COLORMAP_VIRIDIS)
-        text = f"{OccupancyConfig.threshold:g} to 1"
+        text = f"{OccupancyConfig().threshold:g} to 1"
     elif colouring == "height":
         strip, text = _apply_colour_map(steps, cv2.COLORMAP_TURBO), f"{low:.3g} to {high:.3g} m"
     else:

@@ -8,29 +8,28 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy import ndimage, spatial
-from skimage.measure import marching_cubes
 from trimesh.visual import ColorVisuals
 
 from cl import Device, InputError, NumpyDevice
 from psfs.backend import AnyReconstructor, reconstructor_for
 from psfs.common.files import written_whole
 from psfs.common.regions import keep_large_regions
+from psfs.mesh.config import FORMATS, SMOOTHING
 from psfs.output.reconstruction_folder import ReconstructionFolder
 from psfs.reconstructor import Reconstructor
 from psfs.sequence import Sequence
-from psfs.voxels.clouds import DEBRIS_SHARE
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
+from psfs.voxels.limits import DEBRIS_SHARE
 
-FORMATS = ("ply", "glb", "obj")
-#: Steps of Taubin smoothing: enough to hide the voxels, few enough to keep fingers and noses.
-SMOOTHING, MOST_SMOOTHING = 10, 1000
 #: Colour of meshes without colours, RGB 0..1.
 CLAY = (0.80, 0.70, 0.59)
 
 # Taubin 1995: each step forward by _LAMBDA is followed by one back by _MU. Features of spatial
 # frequency below 1 / _LAMBDA - 1 / _MU = 0.11 are kept, so that nothing shrinks.
 _LAMBDA, _MU = 0.5, 0.53
+#: Probability at which the surface lies.
+THRESHOLD = OccupancyConfig().threshold
 _COMMENT = "psfs-apf surface; unit metre; right-handed, Z up"
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
@@ -38,7 +37,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 def extract_surface(
     probability: np.ndarray,
     grid: VoxelGrid,
-    threshold: float = OccupancyConfig.threshold,
+    threshold: float = THRESHOLD,
     smoothing: int = SMOOTHING,
     debris: float = DEBRIS_SHARE,
     cloud: VoxelCloud | None = None,
@@ -53,7 +52,9 @@ def extract_surface(
     """
     solid = _clean(np.asarray(probability, np.float32), threshold, debris)
     # A layer of zeros closes the mesh; voxel centres lie half a voxel from the corner.
-    vertices, faces, _, _ = marching_cubes(np.pad(solid, 1), threshold, gradient_direction="ascent")
+    vertices, faces, _, _ = _marching_cubes()(
+        np.pad(solid, 1), threshold, gradient_direction="ascent"
+    )
     vertices = grid.origin + (vertices.astype(np.float64) - 0.5) * grid.voxel_size
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if smoothing:
@@ -76,6 +77,18 @@ def _clean(probability: np.ndarray, threshold: float, debris: float) -> np.ndarr
     return cleaned
 
 
+def _marching_cubes() -> Any:
+    """Return scikit-image's function. Raises InputError where it is not installed."""
+    try:
+        from skimage.measure import marching_cubes
+    except ModuleNotFoundError:
+        raise InputError(
+            "surfaces are made by scikit-image, which is not installed; expected: "
+            "pip install 'psfs-apf[mesh]'"
+        ) from None
+    return marching_cubes
+
+
 class Mesher:
     """Makes the mesh of a frame of a finished run: `mesher(index)`.
 
@@ -95,6 +108,7 @@ class Mesher:
         self.device, self.run, self.sequence, self.smoothing = device, run, sequence, smoothing
         self._config = run.config
         self._reconstructor: Reconstructor | None = None
+        _marching_cubes()  # which complains before anything is computed
 
     def __call__(self, index: int) -> trimesh.Trimesh:
         """Return the mesh of a frame. Raises InputError if its cloud is empty."""

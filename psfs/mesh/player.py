@@ -7,20 +7,6 @@ from collections.abc import Callable, Sequence
 from psfs.mesh.drawing import COLOURINGS, Drawing, Layer
 from psfs.mesh.playback import Playback
 
-#: Keys and their effects; besides, 1 to 9 show and hide layers.
-KEYS = {
-    "space": "play, pause",
-    "left": "frame before",
-    "right": "next frame",
-    "home": "first frame",
-    "end": "last frame",
-    "up": "faster",
-    "down": "slower",
-    "c": "next colouring",
-    "r": "look from the start",
-    "q": "close",
-}
-
 
 class Player:
     """A run's frames over time (`playback`), in `layers` that can be hidden, in a `colouring`.

@@ -18,7 +18,8 @@ from cl import InputError, UserError
 from psfs.cameras.camera import CameraRig
 from psfs.common.open3d import load_open3d
 from psfs.mesh.drawing import COLOURINGS, Drawing, Surface, colour_scale
-from psfs.mesh.player import KEYS, Player
+from psfs.mesh.keys import KEYS
+from psfs.mesh.player import Player
 from psfs.output.preview import BACKDROP
 from psfs.voxels.grid import VoxelGrid
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os.path
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,9 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from cl import Device, InputError, MissingFileError, NumpyDevice
-from psfs.cameras.calibration.common import name_file_in_errors
 from psfs.cameras.names import listed
-from psfs.common.files import read_json
+from psfs.common.files import name_file_in_errors, read_json
 from psfs.common.outputs import find_unfinished_command
 from psfs.common.schema import Name, Number, Positive, Table, Vector, checked
 from psfs.reconstructor import ReconstructionConfig
@@ -32,18 +29,6 @@ CLOUDS = tuple(f"clouds/frame_{6 * '[0-9]'}.{suffix}" for suffix in ("ply", "npz
 def cloud_stem(out: Path, index: int) -> Path:
     """Return the path of frame `index`'s cloud without suffix."""
     return out / "clouds" / f"frame_{index:06d}"
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of this program, Python and the libraries that affect results."""
-    packages = ("psfs-apf", "numpy", "pyopencl", "opencv-python-headless", "scipy")
-    found = {"python": platform.python_version()}
-    for package in packages:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:  # another distribution of the same library
-            found[package] = "unknown"
-    return found
 
 
 def sequence_facts(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from psfs.common.presets import presets_in, read_preset
-from psfs.reconstructor import ReconstructionConfig
+from psfs.voxels.config import ReconstructionConfig
 
 #: Their files by name.
 PRESETS = presets_in(Path(__file__).parent)

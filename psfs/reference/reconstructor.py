@@ -10,7 +10,7 @@ from cl import Device, InputError, NumpyDevice
 from psfs.background.chroma_key import ChromaKey
 from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
-from psfs.footage.memory import physical_memory
+from psfs.common.system import physical_memory
 from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground

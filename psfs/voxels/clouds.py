@@ -13,10 +13,8 @@ from cl import InputError
 from psfs.common.files import written_whole
 from psfs.common.npz import Values, check_values, get_scalar, read_npz
 from psfs.voxels.grid import VoxelCloud, VoxelGrid, check_size
+from psfs.voxels.limits import DEBRIS_SHARE
 from psfs.voxels.normals import normals_of
-
-#: Parts of a cloud with fewer voxels than this share of the largest part's are debris.
-DEBRIS_SHARE = 0.05
 
 #: The columns of the PLY, in this order.
 _COLUMNS = {

@@ -1,36 +1,45 @@
-"""Parameters of the voxels, shared by the kernels and their NumPy twins."""
+"""Settings of the reconstruction and its voxels, shared by the kernels and their NumPy twins."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
+from psfs.common.config import Config, part, setting
+from psfs.silhouettes.config import SilhouetteConfig
 
-from psfs.cameras.rig_geometry import required_cameras
-from psfs.common.ranges import check_range
+if TYPE_CHECKING:
+    import numpy as np
 
 
-@dataclass(frozen=True)
-class OccupancyConfig:
-    """Parameters of the voxel occupancy (Song et al. eq. 3-9)."""
+class OccupancyConfig(Config):
+    """The voxels' occupancy (Song et al. eq. 3-9)."""
 
-    prior: float = 0.5
-    """P(V = 1) of a voxel: even odds."""
-    threshold: float = 0.6
-    """Smoothed probability above which a voxel is occupied; set by hand."""
-    min_cameras: int | None = None
-    """A voxel within fewer images is empty; None asks for `camera_share` of the cameras."""
-    camera_share: float = 0.5
-    """Share of the cameras that must see a voxel."""
-    least_cameras: int = 3
-    """No fewer cameras than these, or all if there are fewer; set by hand."""
-
-    def __post_init__(self) -> None:
-        check_range("prior", self.prior, 0, 1)
-        check_range("threshold", self.threshold, 0, 1)
+    prior: float = setting(
+        0.5, "Prior probability P(V = 1) that a voxel is occupied.", "even odds", above=0, below=1
+    )
+    threshold: float = setting(
+        0.6, "Smoothed probability above which a voxel is occupied.", "by hand", above=0, below=1
+    )
+    min_cameras: int | None = setting(
+        None,
+        "Number of images that a voxel must lie in, else it is empty; none for `camera_share` of "
+        "the cameras.",
+        "the share grows with the rig",
+    )
+    camera_share: float = setting(
+        0.5, "Share of the cameras that must see a voxel.", "by hand", least=0, most=1
+    )
+    least_cameras: int = setting(
+        3,
+        "Least number of cameras that `camera_share` asks for, or all if there are fewer.",
+        "by hand",
+        least=0,
+    )
 
     def seeing_cameras(self, n_cameras: int) -> int:
         """Return how many of `n_cameras` must see a voxel."""
+        from psfs.cameras.rig_geometry import required_cameras
+
         if self.min_cameras is not None:
             return self.min_cameras
         return required_cameras(n_cameras, self.camera_share, self.least_cameras)
@@ -40,87 +49,135 @@ class OccupancyConfig:
 
         Entry s + 127 V is 1 / (1 + exp(-(logit(prior) + s step))): Song et al. eq. (3).
         """
+        import numpy as np
+
         counts = np.arange(-127 * n_cameras, 127 * n_cameras + 1)
         logit = np.log(self.prior / (1 - self.prior))
         return np.asarray(1 / (1 + np.exp(-(logit + counts * step))))
 
 
-@dataclass(frozen=True)
-class ColourConfig:
-    """Parameters of the voxels' colours (Song et al. 3.3)."""
+class ColourConfig(Config):
+    """The voxels' colours (Song et al. 3.3)."""
 
-    tolerance: float = 1.5
-    """A voxel is visible where it lies at most so many voxels behind the nearest one; set by
-    hand: more than the diagonal of a face, 1.41, less than that of a cube, 1.73."""
-
-    def __post_init__(self) -> None:
-        check_range("tolerance", self.tolerance, 0)
-
-
-@dataclass(frozen=True)
-class EdgeConfig:
-    """Proximity to the edges of the voxels' silhouettes, see `psfs.voxels.reprojection`; set by
-    hand."""
-
-    sigma: float = 4.0
-    """Standard deviation of the proximity, px in maps `width` px wide."""
-    width: int = 640
-    """Width of maps, px, that `sigma` is stated for; in others it scales with them."""
-    reach: float = 3.0
-    """Standard deviations beyond which the proximity is 0: the usual 3 sigma."""
+    tolerance: float = setting(
+        1.5,
+        "Distance behind the nearest voxel up to which a voxel is visible.",
+        "by hand: more than the diagonal of a voxel's face, 1.41, less than that of the cube, 1.73",
+        "voxels",
+        above=0,
+    )
 
 
-@dataclass(frozen=True)
-class ForegroundJoinConfig:
-    """What of the pictures' foreground joins the silhouettes of the voxels.
+class EdgeConfig(Config):
+    """The proximity to the edges of the voxels' silhouettes, see `psfs.voxels.reprojection`."""
 
-    The values were set by hand and tried as a whole, with the posture prior at half its weight: on
-    six sequences in other rooms (4 to 8 cameras, two seeds, from the true start) the mean error
-    fell from 51 to 39 mm in the prototype, mostly arms.
-    """
+    SOURCE: ClassVar = "by hand"
 
-    on: bool = True
-    """Whether any joins; Song et al. look at the voxels alone."""
-    sides: int = 35
-    """Percent of the silhouette's height by which the box around it is larger at both sides and
-    above: an arm that was carved away reaches that far."""
-    below: int = 5
-    """The same below it, where shadows lie."""
-    least_pixels: int = 40
-    """Foreground pixels among 24 x 24 that are no speckle."""
-
-    def __post_init__(self) -> None:
-        check_range("sides", self.sides, 0, 1000, ends=True)
-        check_range("below", self.below, 0, 1000, ends=True)
-        check_range("least_pixels", self.least_pixels, 1, 576, ends=True)
+    sigma: float = setting(
+        4.0, "Standard deviation of the proximity in maps `width` px wide.", unit="px", above=0
+    )
+    width: int = setting(
+        640, "Width of maps that `sigma` is stated for; in others it scales.", unit="px", least=1
+    )
+    reach: float = setting(
+        3.0,
+        "Distance from an edge beyond which the proximity is 0.",
+        "the usual 3 sigma",
+        "standard deviations",
+        above=0,
+    )
 
 
-@dataclass(frozen=True)
-class VolumeConfig:
-    """How the volume is found when nobody states one, see `psfs.volume`.
+class ForegroundJoinConfig(Config):
+    """What of the pictures' foreground joins the silhouettes of the voxels."""
 
-    The defaults were set by hand; the tests hold them on dancers, a dinosaur and synthetic bodies.
-    """
+    SOURCE: ClassVar = (
+        "by hand; tried as a whole, with the posture prior at half its weight, on six sequences in "
+        "other rooms (4 to 8 cameras, two seeds, from the true start): the mean error fell from 51 "
+        "to 39 mm in the prototype, mostly of arms"
+    )
 
-    samples: int = 8
-    """Frames spread over the selection that are looked at."""
-    coarse: int = 64
-    """Voxels along the longest side of the volume, in the coarse search."""
-    margin: float = 0.06
-    """Share of the box found that is added to each side of it..."""
-    margin_voxels: float = 1.5
-    """...and at least so many coarse voxels."""
-    fine: int = 150
-    """Voxels along the longest side, by default, for things."""
-    finest: int = 400
-    """Voxels along the longest side, at most, for people."""
-    people_distance: float = 1.5
-    """Rigs whose cameras stand at least this far away, m, film people."""
-    people_voxel: float = 0.02
-    """Edge of a voxel for people, m."""
-    floor: float = -0.1
-    """Rigs that film people stand on the floor: nothing is looked for below this height, m..."""
-    floor_depth: float = 0.25
-    """...unless what is seen reaches so much further down, m (people: up to 0.1)..."""
-    head_room: float = 1.0
-    """...and if so much room, m, is left above it."""
+    on: bool = setting(
+        True, "Whether foreground joins the silhouettes; Song et al. look at the voxels alone."
+    )
+    sides: int = setting(
+        35,
+        "Width that the box around the silhouette gains at both sides and above, of the "
+        "silhouette's height: an arm that was carved away reaches that far.",
+        unit="%",
+        least=0,
+        most=1000,
+    )
+    below: int = setting(
+        5,
+        "Height that the same box gains below, where shadows lie, of the silhouette's height.",
+        unit="%",
+        least=0,
+        most=1000,
+    )
+    least_pixels: int = setting(
+        40,
+        "Number of foreground pixels among 24 x 24 from which on they are no speckle.",
+        unit="px",
+        least=1,
+        most=576,
+    )
+
+
+class VolumeConfig(Config):
+    """How the volume is found when nobody states one, see `psfs.volume`."""
+
+    SOURCE: ClassVar = "by hand; the tests hold it on dancers, a dinosaur and synthetic bodies"
+
+    samples: int = setting(
+        8, "Number of frames, spread over the selection, that are looked at.", least=1
+    )
+    coarse: int = setting(
+        64,
+        "Number of voxels along the longest side of the volume in the coarse search.",
+        least=1,
+        most=10_000,
+    )
+    margin: float = setting(
+        0.06, "Share of the box found that is added to each side of it.", least=0
+    )
+    margin_voxels: float = setting(
+        1.5, "Least margin that is added to each side of the box.", unit="coarse voxels", least=0
+    )
+    fine: int = setting(
+        150,
+        "Number of voxels along the longest side for objects, where no voxel size is stated.",
+        least=1,
+        most=10_000,
+    )
+    finest: int = setting(
+        400, "Greatest number of voxels along the longest side for people.", least=1, most=10_000
+    )
+    people_distance: float = setting(
+        1.5,
+        "Least distance of the cameras from the middle for a rig that films people.",
+        unit="m",
+        least=0,
+    )
+    people_voxel: float = setting(0.02, "Edge of a voxel for people.", unit="m", above=0)
+    floor: float = setting(
+        -0.1, "Height below which rigs that film people look for nothing.", unit="m"
+    )
+    floor_depth: float = setting(
+        0.25,
+        "Depth below `floor` from which on what is seen counts all the same (people reach 0.1 m).",
+        unit="m",
+        least=0,
+    )
+    head_room: float = setting(
+        1.0, "Room that must be left above the floor for `floor` to hold.", unit="m"
+    )
+
+
+class ReconstructionConfig(Config):
+    """Settings of the reconstruction, shared by the kernels and their NumPy twins."""
+
+    silhouette: SilhouetteConfig = part(SilhouetteConfig, "From pictures to silhouettes.")
+    occupancy: OccupancyConfig = part(OccupancyConfig, "From silhouettes to voxels.")
+    colour: ColourConfig = part(ColourConfig, "From pictures to the voxels' colours.")
+    volume: VolumeConfig = part(VolumeConfig, "How the volume is found, see `psfs.volume`.")

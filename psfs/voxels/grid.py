@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cl import InputError
+from psfs.voxels.limits import VOXEL_EDGES
 
-#: Edges of voxels, m, and how far the grid may lie from the origin, m.
-VOXEL_EDGES = (1e-6, 100.0)
+#: How far the grid may lie from the origin, m.
 _FARTHEST = 1e6
 
 

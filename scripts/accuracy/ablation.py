@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from apf.filters.method import Method
 from apf.presets import Preset, preset
-from psfs.common.configs import changed_config
 
 
 def _filter(settings: Preset, **changes: Any) -> Preset:
     changed = settings.method.filter.changed(**changes)
-    return replace(settings, method=replace(settings.method, filter=changed))
+    return settings.replace(method=settings.method.replace(filter=changed))
 
 
 def _method(settings: Preset, **changes: Any) -> Preset:
-    return replace(settings, method=replace(settings.method, **changes))
+    return settings.replace(method=settings.method.replace(**changes))
 
 
 def _silhouettes(settings: Preset, part: str, **changes: Any) -> Preset:
-    changed = changed_config(settings.reconstruction, {"silhouette": {part: changes}})
-    return replace(settings, reconstruction=changed)
+    changed = settings.reconstruction.overlaid({"silhouette": {part: changes}})
+    return settings.replace(reconstruction=changed)
 
 
 #: What is left out, and how.
@@ -58,4 +56,4 @@ def settings_of(name: str, **choice: Any) -> Preset:
     `search` or `objective` if one is stated. Raises InputError for an unknown name."""
     if name not in ABLATIONS:
         return preset(name, **choice)
-    return ABLATIONS[name](Preset(name, Method.of(**choice)))
+    return ABLATIONS[name](Preset(name=name, method=Method.of(**choice)))

@@ -101,7 +101,7 @@ def _sized(method: Method, setting: Setting, seed: int) -> Method:
     size = {"n_particles": setting.particles, "n_layers": setting.layers, "seed": seed}
     if setting.method == "sir":  # which has no layers: as many scores at once
         size |= {"n_particles": setting.particles * setting.layers, "n_layers": 1}
-    return replace(method, filter=method.filter.changed(**size))
+    return method.replace(filter=method.filter.changed(**size))
 
 
 def _shaped(method: Method, vertices: str) -> Method:
@@ -110,7 +110,7 @@ def _shaped(method: Method, vertices: str) -> Method:
         return method
     if not vertices.isdigit():
         raise InputError(f"{vertices!r} after @ of an objective; expected a number of vertices")
-    return replace(method, image=replace(method.image, vertices_per_part=int(vertices)))
+    return method.replace(image=method.image.replace(vertices_per_part=int(vertices)))
 
 
 def tracked(
@@ -119,7 +119,7 @@ def tracked(
     """The tracks of a recording, from the first frame's true joints, one for each of `seeds`."""
     method = method_of(setting, seeds[0])
     body, pose = recording.first_pose
-    scaled = replace(method, filter=method.filter.at_rate(recording.fps / setting.step))
+    scaled = method.replace(filter=method.filter.at_rate(recording.fps / setting.step))
     rig, grid = recording.sequence.rig, recording.grid
     tracker = watched_runs(Scene(device, rig, grid, body), scaled, seeds)
     seen: Iterable[tuple[int, Any]] = Replay(device, recording)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -220,7 +219,7 @@ def _method(
     layers = iterations if search == "pso" else 1
     method = Method.of(search, OBJECTIVE, n_particles=particles, n_layers=layers, seed=seed)
     looks = ObjectiveConfig(kind=OBJECTIVE, **image)
-    return replace(method, filter=method.filter.at_rate(FPS), image=looks)
+    return method.replace(filter=method.filter.at_rate(FPS), image=looks)
 
 
 def tracked(place: Place, problem: Problem, method: Method) -> dict[str, Any]:

@@ -29,6 +29,7 @@ import numpy as np
 
 from cl import InputError
 from psfs.cli.commandline import stderr
+from psfs.common.config import Config
 from psfs.common.files import written_whole
 from timings.measure import Limits, Timing, environment
 
@@ -183,7 +184,8 @@ def _round_trip(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """JSON's own types for NumPy's, for timings (with what they say in short) and dataclasses."""
+    """JSON's own types for NumPy's, for timings (with what they say in short), dataclasses and
+    settings."""
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
     if isinstance(value, Timing):
@@ -191,6 +193,8 @@ def _plain(value: Any) -> Any:
         return {"samples_ms": [round(ms, 5) for ms in value.samples], **short}
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
+    if isinstance(value, Config):
+        return value.to_dict()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers import bodies, scenes
@@ -90,7 +88,7 @@ def test_observers_make_features_or_voxels(device: Device, kind: str) -> None:
     seen = observer_for(chosen, Footage(), None, method)(scenes.frame(masks=masks))
     assert type(seen) is type(features_for(chosen, world.rig, None))
     assert type(seen) is (Features if kind == "opencl" else NumpyFeatures)
-    assert seen.config == replace(method.features, edges="outline")  # there are no pictures
+    assert seen.config == method.features.replace(edges="outline")  # there are no pictures
     voxels = observer_for(chosen, Footage(), world.grid, Method())(scenes.frame(masks=masks))
     assert len(voxels.cloud().indices)
     with pytest.raises(InputError, match="no voxel grid"):

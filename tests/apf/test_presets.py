@@ -9,23 +9,20 @@ import pytest
 
 from apf.body import load_body
 from apf.cli import main
-from apf.cli.track import register
+from apf.cli.commands import COMMANDS
 from apf.filters.config import FilterConfig, likelihood_weights
 from apf.filters.method import Method
 from apf.presets import PRESETS, Preset, preset
 from apf.tracking.recovery import Judge, RecoveryConfig
 from cl import InputError
-from psfs.cli.commandline import CommandParser
-from psfs.cli.settings import add_config_flag, with_settings
+from psfs.cli.program import program_parser
+from psfs.cli.settings import with_settings
 from psfs.reconstructor import ReconstructionConfig
 
 
 def parsed(*flags: str) -> argparse.Namespace:
     """The arguments of `apf track walk -o out FLAGS`."""
-    commands = (parser := CommandParser(prog="apf")).add_subparsers()
-    register(commands)
-    for command in commands.choices.values():
-        add_config_flag(command)
+    parser = program_parser("apf", "", COMMANDS)
     words = ["track", "walk", "-o", "out", *flags]
     return with_settings(parser, parser.parse_args(words), words)
 

@@ -317,7 +317,7 @@ VIDEOS: dict[str, Callable[[Path], Any]] = {
     "NULs": lambda p: p.write_bytes(b"\0" * 5000),
     "a picture": lambda p: p.write_bytes(encoded(".png")),
     "another size": lambda p: footage.write_video(p, [50] * 20, size=(48, 64)),
-    "a pipe": lambda p: (p.unlink(), os.mkfifo(p)),
+    **({"a pipe": lambda p: (p.unlink(), os.mkfifo(p))} if hasattr(os, "mkfifo") else {}),
     "a folder": lambda p: (p.unlink(), p.mkdir()),
     "a loop": lambda p: (p.unlink(), p.symlink_to(p)),
     "a link to nothing": lambda p: (p.unlink(), p.symlink_to("/no/such/file.mp4")),

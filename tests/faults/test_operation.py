@@ -29,6 +29,8 @@ from cl.listing import device_info, working_devices
 from psfs.common.outputs import find_unfinished_command
 from psfs.voxels.clouds import read_cloud
 
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends signals and limits files")
+
 BOX = ["--all-cameras", "--voxel-size", "0.08", "--volume=-0.6,0.6,-0.6,0.6,0,1.9"]
 
 
@@ -191,8 +193,8 @@ def test_parts_of_a_track_that_was_killed(stock: Path, monkeypatch: pytest.Monke
     np.testing.assert_array_equal(Track.open(stock / "new").poses, whole.poses)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
+def test_signals(stock: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is done is kept, in one line, with exit code 130."""
     import psfs.cli.reconstruct as module
 
@@ -200,7 +202,7 @@ def test_signals(stock: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> N
 
     def signalled(cloud: Any, stem: Path, normals: bool) -> None:
         if stem.name == "frame_000002":
-            os.kill(os.getpid(), number)
+            os.kill(os.getpid(), getattr(signal, name))
             time.sleep(0.5)
         write(cloud, stem, normals)
 

@@ -108,9 +108,9 @@ def test_calibrations_come_back(
 
 
 @QUICK
-@given(values=st.dictionaries(st.sampled_from([*Settings.__dataclass_fields__, "x"]), VALUE))
+@given(values=st.dictionaries(st.sampled_from([*Settings.model_fields, "x"]), VALUE))
 def test_settings(values: dict) -> None:
-    clear(Settings.of, values)
+    clear(Settings.from_dict, values)
 
 
 @QUICK

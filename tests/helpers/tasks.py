@@ -7,12 +7,13 @@ from pathlib import Path
 
 from apf.cluster.task_side import TaskProgress
 from cl import InputError
+from psfs.common.system import list_own_cores
 
 
 def double(progress: TaskProgress, number: int) -> tuple[int, int, str]:
     progress.n_frames = 1
     progress("doubling")
-    return 2 * number, len(os.sched_getaffinity(0)), os.environ["POCL_MAX_PTHREAD_COUNT"]
+    return 2 * number, len(list_own_cores()), os.environ["POCL_MAX_PTHREAD_COUNT"]
 
 
 def die_until(progress: TaskProgress, tries: str, attempts: int) -> int:

@@ -18,7 +18,8 @@ from apf.cli.first_pose import found_start
 from apf.cli.method_flags import chosen_method
 from apf.cli.takes.job import TrackJob
 from apf.cli.track import finish_take, write_files, write_track_settings
-from apf.cluster.chunks import ChunksConfig, cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.chunks import cut_chunks, find_seam, join_tracks, to_millimetres
+from apf.cluster.config import ChunksConfig
 from apf.cluster.courses import Workflow
 from apf.cluster.pool import Task
 from apf.cluster.task_side import TaskProgress, log_to

@@ -13,20 +13,17 @@ from apf.cli.batch.report import BatchReport
 from apf.cli.batch.take import TakeJob, finished
 from apf.cli.batch.takes import listed_takes
 from apf.cli.takes.job import take_names
-from apf.cli.track import add_output_flag, add_track_flags
 from apf.cluster.connection import connect_cluster, import_distributed, start_cluster
 from apf.cluster.courses import run_workflows
 from apf.cluster.page import LOGS
 from apf.cluster.pool import Pool
 from apf.cluster.whole_folder import clear_partial
-from apf.cluster.workers import WorkerConfig, share_machine
-from apf.tracking.motion_files import EXPORTS
+from apf.cluster.workers import share_machine
 from cl import InputError
-from psfs.cli.commandline import add_command
 from psfs.cli.settings import stated_words
 from psfs.common.files import resolve_path
 from psfs.common.outputs import output_folder
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: Flags of this command that are not track's.
 _OWN = ("workers", "scheduler", "part_frames", "to")
@@ -34,53 +31,10 @@ _OWN = ("workers", "scheduler", "part_frames", "to")
 _TAKEN = (LOGS, PARTS)
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "batch",
-        run,
-        "Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
-        "cluster; a second call does what the first left.",
-    )
-    add_output_flag(parser)
-    group = parser.add_argument_group("workers", "a process each, which does one take at a time")
-    group = group.add_mutually_exclusive_group()
-    config = WorkerConfig()
-    group.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help=f"on this machine (default: for each GPU {config.per_gpu}, or as many as there are "
-        f"{config.beside_gpu:g} cores each; without GPU one for each core)",
-    )
-    group.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="those of a running Dask cluster: tcp://HOST:PORT, or its scheduler file",
-    )
-    parser.add_argument(
-        "--part-frames",
-        type=int,
-        metavar="N",
-        help="cut longer takes into overlapping parts of about so many frames, which are tracked "
-        "at the same time and joined where they agree best (default: not cut)",
-    )
-    parser.add_argument(
-        "--to",
-        nargs="*",
-        choices=tuple(EXPORTS),
-        default=tuple(EXPORTS),
-        metavar="FORMAT",
-        help=f"export each take as `apf export` does: {', '.join(EXPORTS)} (default: all; --to "
-        "alone: none)",
-    )
-    add_track_flags(parser)
-
-
 def run(args: argparse.Namespace) -> None:
     import_distributed()  # before anything that takes time
     if args.part_frames is not None:
-        check_range("--part-frames", args.part_frames, 2, ends=True)
+        check_number("--part-frames", args.part_frames, 2)
     jobs = jobs_of(args)
     if args.scheduler is None and args.workers is not None:
         share_machine(args.device, args.workers)  # before anything is written

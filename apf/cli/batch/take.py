@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn
 
-from apf.cli import export, track
+from apf.cli import track
+from apf.cli.commands import COMMANDS
 from apf.cli.method_flags import chosen_method
 from apf.cli.takes.job import chosen_seeds, seed_folders
 from apf.cluster.record import FileFacts, TakeRecord, list_files
@@ -46,7 +46,7 @@ class TakeJob:
     def arguments(self, output: Path | None = None) -> argparse.Namespace:
         """Return the arguments of `apf track` that make the results in `output`. Raises
         InputError that says where a bad flag stands."""
-        parser = program_parser("apf", "", (track,), _TakeParser)
+        parser = program_parser("apf", "", COMMANDS, _TakeParser)
         words = ["track", str(self.source), f"--output={output or self.out}", *self.words]
         try:
             args = with_settings(parser, parser.parse_args(words), words)
@@ -127,7 +127,7 @@ def written_take(
         take = write(args, device)
         progress.begin("exports")
         for folder in _folders(args) if job.exports else ():
-            _run(export, "export", str(folder), "--to", *job.exports)
+            _run("export", str(folder), "--to", *job.exports)
         progress.begin("writing")
         facts |= {"device": device.name, "worker": progress.worker}
         facts |= {"took": round(time.monotonic() - began, 2)}
@@ -156,8 +156,8 @@ def _folders(args: argparse.Namespace) -> list[Path]:
     return seed_folders(args, chosen_seeds(args, chosen_method(args)))
 
 
-def _run(command: ModuleType, *words: str) -> None:
+def _run(*words: str) -> None:
     """Run another command of this program, in the words that a user would. Raises UserError."""
-    parser = program_parser("apf", "", (command,))
+    parser = program_parser("apf", "", COMMANDS)
     args = with_settings(parser, parser.parse_args(words), words)
     args.run(args)

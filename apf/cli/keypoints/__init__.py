@@ -1,1 +1,5 @@
 """Keypoints of pose networks: how commands take them, how they are made, triangulation."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -11,42 +11,14 @@ import numpy as np
 from apf.keypoints.estimation import EstimationJob, estimate_keypoints, write_openpose
 from apf.keypoints.network import check_network
 from cl import InputError
-from psfs.cli.commandline import add_command, add_device_flag, progress_bar, stdout, warn
-from psfs.cli.sequence_flags import add_sequence_flags, open_sequence, stated
+from psfs.cli.commandline import progress_bar, stdout, warn
+from psfs.cli.sequence_flags import open_sequence, stated
 from psfs.cli.settings import FILE, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
 
 #: Cameras that see the person in a smaller share of their frames are warned of.
 _SELDOM = 0.8
-
-
-def register(commands: argparse._SubParsersAction) -> None:
-    parser = add_command(
-        commands,
-        "keypoints",
-        run,
-        "Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",
-    )
-    add_sequence_flags(parser, frames=False, fps=False)
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help="folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them",
-    )
-    parser.add_argument(
-        "--at-once", type=int, metavar="N", help="cameras at a time (default: as many as cores)"
-    )
-    parser.add_argument(
-        "--no-crop",
-        action="store_true",
-        help="show whole pictures to the network (default: cropped by the silhouette, where the "
-        "empty scene is known)",
-    )
-    add_device_flag(parser)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -7,23 +7,9 @@ from pathlib import Path
 
 from apf.keypoints import Keypoints
 from apf.keypoints.agreement import find_disagreements
-from psfs.cli.commandline import path_or_name, remark, warn
+from psfs.cli.commandline import remark, warn
 from psfs.cli.sequence_flags import stated
 from psfs.sequence import Sequence
-
-
-def add_keypoint_flags(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add --keypoints, and return the group that it is in."""
-    group = parser.add_argument_group("keypoints", "2-D points of any pose network")
-    group.add_argument(
-        "--keypoints",
-        type=path_or_name,
-        metavar="PATH",
-        help="keypoints in all cameras, in FOLDER or anywhere: keypoints.npz, OpenPose's JSON "
-        "(Pose2Sim, Sports2D), OpenCap's pickles, FreeMoCap's arrays, DeepLabCut's tables; PATH "
-        "may hold wildcards (default: none, even where there are some)",
-    )
-    return group
 
 
 def keypoints_of(args: argparse.Namespace, sequence: Sequence) -> Keypoints | None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from apf.cli.flags.shared import TRIANGULATE
 from apf.cli.keypoints.flags import keypoints_of
 from apf.cli.method_flags import METHOD_FLAGS
 from apf.report.overlay import write_overlay
@@ -21,8 +21,6 @@ from psfs.cli.settings import FILE, refuse_unused, write_settings
 from psfs.common.outputs import output_folder
 from psfs.sequence import Sequence
 
-#: The name of the method.
-TRIANGULATE = "triangulate"
 #: Flags that are of no use without a body.
 _OF_BODIES = (
     *("init", "convention", "body", "height", "seeds", "voxel_size", "all_cameras", "preset"),
@@ -31,29 +29,6 @@ _OF_BODIES = (
 _DEFAULT = TriangulatedConfig()
 #: The files that are written.
 RESULTS = ("track.npz", "joints.trc", "joints.csv", "overlay.mp4", FILE)
-
-
-def add_triangulation_flags(group: argparse._ArgumentGroup) -> None:
-    """Add --low-pass, --max-error and --longest-gap."""
-    group.add_argument(
-        "--low-pass",
-        type=float,
-        metavar="HZ",
-        help=f"{TRIANGULATE}: Butterworth filter of the points, such as 6 (default: none)",
-    )
-    group.add_argument(
-        "--max-error",
-        type=float,
-        metavar="PX",
-        help=f"{TRIANGULATE}: cameras are left out of a point until the mean reprojection error is "
-        f"below (default: {_DEFAULT.triangulation.max_error:g})",
-    )
-    group.add_argument(
-        "--longest-gap",
-        type=float,
-        metavar="S",
-        help=f"{TRIANGULATE}: leave longer gaps open, blank in the files (default: all are filled)",
-    )
 
 
 def run_triangulate(args: argparse.Namespace, names: list[str]) -> None:
@@ -86,11 +61,11 @@ def config_of(args: argparse.Namespace) -> TriangulatedConfig:
         for name in ("low_pass", "longest_gap")
         if getattr(args, name) is not None
     }
-    config = replace(_DEFAULT, **stated)
+    config = _DEFAULT.replace(**stated)
     if args.max_error is None:
         return config
-    limits = replace(config.triangulation, max_error=args.max_error)
-    return replace(config, triangulation=limits)
+    limits = config.triangulation.replace(max_error=args.max_error)
+    return config.replace(triangulation=limits)
 
 
 def _one(args: argparse.Namespace, folder: str, output: Path) -> None:

@@ -4,28 +4,12 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from apf.body import BodyModel, load_body, posed_cones, posed_joints
-from apf.tracking.smoothing import SmoothingConfig
 from apf.tracking.track import Track
 from cl import InputError
-
-
-def add_smoothing_flags(parser: argparse.ArgumentParser) -> None:
-    """Add --cutoff and --body."""
-    parser.add_argument(
-        "--cutoff",
-        type=float,
-        default=SmoothingConfig().cutoff,
-        metavar="HZ",
-        help="smoothing: motion this fast keeps half of its amplitude (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--body", type=Path, metavar="B", help="body model of a track that does not hold its own"
-    )
 
 
 def _same(own: BodyModel, other: BodyModel) -> bool:

@@ -3,8 +3,6 @@
 Needs moderngl (`pip install psfs-apf[opengl]`) and a driver with EGL, such as Mesa's llvmpipe.
 """
 
-from apf.image_objective.opengl.context import egl_context
-from apf.image_objective.opengl.objective import OpenGLObjective
-from apf.image_objective.opengl.renderer import OpenGLRenderer
+import lazy_loader as _lazy
 
-__all__ = ["OpenGLObjective", "OpenGLRenderer", "egl_context"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

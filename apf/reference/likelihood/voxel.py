@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -185,7 +184,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         """Return errors (N,) of poses (N, D) by every `stride`-th surface sample, and by silhouette
         recall with a weight of at least `least_recall`."""
         weight = max(self.config.silhouette_recall_weight, least_recall)
-        return self._errors(poses, 0, stride, replace(self.config, silhouette_recall_weight=weight))
+        return self._errors(poses, 0, stride, self.config.replace(silhouette_recall_weight=weight))
 
     def _errors(
         self, poses: np.ndarray, turn: int, turns: int, config: LikelihoodConfig
@@ -221,8 +220,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
 
     def misfit(self, pose: np.ndarray) -> float:
         """Return the misfit of a pose (D,), see `VoxelLikelihood.misfit_launcher`."""
-        config = replace(
-            self.config, edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
+        config = self.config.replace(edge_weight=0.0, silhouette_weight=1.0, surface_weight=1.0,
             overlap_weight=0.0, silhouette_recall_weight=0.0,
         )  # fmt: skip
         cones = posed_cones(self.body, pose[None])

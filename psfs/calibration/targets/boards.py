@@ -8,20 +8,11 @@ import cv2
 import numpy as np
 
 from cl import InputError
+from psfs.calibration.targets.dictionaries import DICTIONARIES
 from psfs.calibration.targets.target import Target, check_squares, make_chessboard
 from psfs.cameras.names import listed
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
-#: Families of markers by their --dictionary names, smallest sets first. A set is the beginning of
-#: the next; with fewer markers to distinguish, detection is faster and finds more.
-DICTIONARIES = {
-    **{
-        family: [getattr(cv2.aruco, f"DICT_{family}_{count}") for count in (50, 100, 250, 1000)]
-        for family in ("4X4", "5X5", "6X6", "7X7")
-    },
-    "ARUCO_ORIGINAL": [cv2.aruco.DICT_ARUCO_ORIGINAL],
-    "APRILTAG_36h11": [cv2.aruco.DICT_APRILTAG_36h11],
-}
 #: Fewest corners of a ChArUco board that determine its pose, and fewest rows and columns they span.
 _CORNERS, _LINES = 6, 2
 #: Largest deviation of corners from a homography, in squares; lenses cause some.
@@ -131,7 +122,7 @@ class CharucoFinder:
         self, squares: tuple[int, int], square: float, marker: float, dictionary: str = "auto"
     ) -> None:
         check_squares(squares, square)
-        check_range("marker (m)", marker, 0.0005, square)
+        check_number("marker (m)", marker, 0.0005, 0.999 * square)
         if dictionary not in ("auto", *DICTIONARIES):
             raise InputError(f"dictionary {dictionary!r}; expected auto, {listed(DICTIONARIES)}")
         names = DICTIONARIES if dictionary == "auto" else (dictionary,)
@@ -185,8 +176,8 @@ def _make_charuco(
 def _choose_dictionary(name: str, markers: int) -> Any:
     """Return the smallest set of a family with so many markers, or its largest."""
     found: Any = None
-    for number in DICTIONARIES[name]:
-        found = cv2.aruco.getPredefinedDictionary(number)
+    for known in DICTIONARIES[name]:
+        found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known))
         if len(found.bytesList) >= markers:
             break
     return found

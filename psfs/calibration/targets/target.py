@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cl import InputError
-from psfs.common.ranges import check_range
+from psfs.common.ranges import check_number
 
 #: If the ratio of a wand's two distances lies in this range, its ends cannot be distinguished.
 _EQUAL_RATIOS = (0.9, 1 / 0.9)
@@ -72,7 +72,7 @@ def check_squares(squares: tuple[int, int], square: float) -> None:
     """Raise InputError unless the numbers of squares and their width, m, are plausible."""
     if min(squares) < 3 or max(squares) > 100:
         raise InputError(f"a board of {squares[0]}x{squares[1]} squares; expected 3 to 100")
-    check_range("square (m)", square, 0.001, 2, ends=True)
+    check_number("square (m)", square, 0.001, 2)
 
 
 def make_chessboard(squares: tuple[int, int], square: float) -> Target:
@@ -103,7 +103,7 @@ def make_wand(lengths: Sequence[float]) -> Target:
     if not 1 <= len(lengths) <= 2:
         raise InputError(f"a wand of {len(lengths) + 1} markers; expected two or three")
     for length in lengths:
-        check_range("wand (m)", length, 0.01, 10, ends=True)
+        check_number("wand (m)", length, 0.01, 10)
     points = np.zeros((len(lengths) + 1, 3))
     points[1:, 0] = np.cumsum(lengths)
     order = np.arange(len(points))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from psfs.cameras.calibration.handedness import make_right_handed
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.units import Unit, metres_per_unit, scale_rig
 from psfs.common import files
+from psfs.common.files import name_file_in_errors as name_file_in_errors
 
 Size = tuple[int, int]
 #: Picture sizes (width, height) for files that lack them: one for all cameras, one per camera name,
@@ -40,15 +40,6 @@ class Calibration(CameraRig):
 
     unit: Unit = "m"
     notes: tuple[str, ...] = ()
-
-
-@contextmanager
-def name_file_in_errors(path: Path) -> Iterator[None]:
-    """Put the file's name before the text of every InputError raised inside; keep its class."""
-    try:
-        yield
-    except InputError as error:
-        raise type(error)(f"{path}: {error}") from None
 
 
 def read_text(path: Path) -> str:

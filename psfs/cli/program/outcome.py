@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import sys
 import tempfile
 import threading
@@ -14,15 +13,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
-import cv2
-
 from cl import UserError
 from psfs.common.names import escape_unprintable
+from psfs.common.system import handle_signals
 
 DONE, MENDABLE, UNEXPECTED, INTERRUPTED = 0, 2, 70, 130
 _LONGEST_LINE = 800
-#: Handled as Ctrl-C is: what is done is kept.
-_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+#: Signals that are handled as Ctrl-C is: what is done is kept.
+_ENDING = ("SIGTERM", "SIGHUP")
 
 
 def exit_code(program: str, run: Callable[[], None]) -> int:
@@ -70,9 +68,12 @@ def mendable(error: Exception) -> str | None:
     short = "not enough memory; expected fewer or larger voxels, smaller pictures or fewer frames"
     if isinstance(error, MemoryError):
         return short
-    if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
-        return short
-    return None
+    return short if _is_memory_of_opencv(error) else None
+
+
+def _is_memory_of_opencv(error: Exception) -> bool:
+    cv2 = sys.modules.get("cv2")  # an error of OpenCV's comes from an imported OpenCV
+    return cv2 is not None and isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem
 
 
 @contextlib.contextmanager
@@ -85,12 +86,8 @@ def _ended_as_interrupted() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in _ENDING}
-    try:
+    with handle_signals(interrupt, _ENDING):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _say(text: str) -> None:

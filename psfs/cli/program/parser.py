@@ -8,28 +8,31 @@ import platform
 import sys
 import traceback
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from types import ModuleType
-
-import shtab
 
 from psfs.cli.commandline import (
     CommandParser,
+    add_command,
     add_message_flags,
+    has_log,
     log_line,
     messages,
     path_or_name,
 )
+from psfs.cli.program.command import Command
 from psfs.cli.program.outcome import exit_code
-from psfs.cli.settings import add_config_flag, with_settings
-from psfs.output.reconstruction_folder import versions
+from psfs.common.versions import versions
+
+#: The shells that shtab writes completions for.
+_SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
 
 
 def run_program(
-    prog: str, description: str, commands: Sequence[ModuleType], argv: Sequence[str] | None = None
+    prog: str, description: str, commands: Sequence[Command], argv: Sequence[str] | None = None
 ) -> int:
-    """Run the one of these subcommands, modules with `register`, that `argv` names; return the exit
-    code. argv: the process's own by default."""
+    """Run the one of these subcommands that `argv` names, and return the exit code. Only the chosen
+    one's modules are imported. argv: the process's own by default."""
     parser = program_parser(prog, description, commands)
     return run_command(parser, argv)
 
@@ -37,28 +40,34 @@ def run_program(
 def program_parser(
     prog: str,
     description: str,
-    commands: Sequence[ModuleType],
+    commands: Sequence[Command],
     kind: type[CommandParser] = CommandParser,
 ) -> CommandParser:
-    """Return the parser of a program with these subcommands, modules with `register`."""
+    """Return the parser of a program with these subcommands; each gets its flags when it parses."""
     parser = kind(prog=prog, description=description, allow_abbrev=False)
     parser.add_argument("--version", action=_Version, help="print the versions, and exit")
-    shtab.add_argument_to(
-        parser,
+    parser.add_argument(
         "--completion",
+        action=_Completion,
+        choices=_SHELLS,
         help="print what completes this program's commands and flags in that shell, and exit",
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
-        command.register(subparsers)
-    for subparser in subparsers.choices.values():
-        add_config_flag(subparser)
-        add_message_flags(subparser)
-        subparser.usage = _usage(subparser)
-        for action in subparser._actions:
-            if action.type in (Path, path_or_name) or action.dest in ("folder", "folders"):
-                action.complete = shtab.FILE  # type: ignore[attr-defined]
+        subparser = add_command(subparsers, command.name, command.run, command.help)
+        subparser.fill = partial(_add_flags, command, subparser)
+        parser.commands.append(subparser)
     return parser
+
+
+def _add_flags(command: Command, parser: CommandParser) -> None:
+    """Add a subcommand's own flags and those that all have."""
+    from psfs.cli.settings import add_config_flag  # imports pydantic, which --help does without
+
+    command.add_flags(parser)
+    add_config_flag(parser)
+    add_message_flags(parser)
+    parser.usage = _usage(parser)
 
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
@@ -71,7 +80,10 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
     def run() -> None:
         if any("\0" in word for word in words):
             parser.error("an argument holds the character NUL; expected text")
-        args = with_settings(parser, parser.parse_args(words), words)
+        args = parser.parse_args(words)
+        from psfs.cli.settings import with_settings
+
+        args = with_settings(parser, args, words)
         with messages(args):
             _logged(parser.prog, args, words)
 
@@ -80,7 +92,8 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
 
 def _logged(prog: str, args: argparse.Namespace, words: Sequence[str]) -> None:
     """Run the subcommand, its beginning and end in the log file."""
-    log_line(f"{prog} {' '.join(words)} ({version_line()})")
+    if has_log():
+        log_line(f"{prog} {' '.join(words)} ({version_line()})")
     try:
         args.run(args)
     except BaseException as error:
@@ -100,6 +113,24 @@ class _Version(argparse.Action):
         parser.exit()
 
 
+class _Completion(argparse.Action):
+    """Prints what completes all subcommands and flags in a shell, and exits."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, _: argparse.Namespace, shell: object, *__: object
+    ) -> None:
+        import shtab
+
+        assert isinstance(parser, CommandParser)
+        for subparser in parser.commands:
+            subparser.add_flags()
+            for flag in subparser.actions:
+                if flag.type in (Path, path_or_name) or flag.dest in ("folder", "folders"):
+                    flag.complete = shtab.FILE  # type: ignore[attr-defined]
+        print(shtab.complete(parser, str(shell)))
+        parser.exit()
+
+
 def version_line() -> str:
     """Return this program's version, and those of what it runs on."""
     found = versions()
@@ -108,10 +139,10 @@ def version_line() -> str:
                       f"{platform.system()} {platform.machine()}"])  # fmt: skip
 
 
-def _usage(parser: argparse.ArgumentParser) -> str:
+def _usage(parser: CommandParser) -> str:
     """Return what must be stated, and that there is more."""
     words = ["%(prog)s"]
-    for action in parser._actions:
+    for action in parser.actions:
         name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
         if not action.option_strings:
             words.append(f"{name} [{name} ...]" if action.nargs == "+" else name)

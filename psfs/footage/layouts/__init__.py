@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cl import InputError, MissingFileError
+from cl import InputError
+from psfs.footage.folder import check_folder
 from psfs.footage.layouts.bodytrack import BODYTRACK
 from psfs.footage.layouts.common import Footage, Layout
 from psfs.footage.layouts.flat import FLAT
@@ -26,11 +27,7 @@ def find_layout(folder: Path, settings: Settings) -> Layout:
 
     Raises InputError if no layout matches, MissingFileError if there is no such folder.
     """
-    if not folder.is_dir():
-        wanted = "expected a folder with calibrated views"
-        if folder.exists():
-            raise InputError(f"{folder}: a file; {wanted}")
-        raise MissingFileError(f"{folder}: no such folder; {wanted}")
+    check_folder(folder)
     for layout in LAYOUTS:
         if layout.matches(folder, settings):
             return layout

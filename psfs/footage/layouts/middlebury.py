@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from cl import InputError
@@ -32,7 +31,7 @@ def _read(folder: Path, settings: Settings) -> Footage:
             raise InputError(f"{good}: names no view of {calibration.name}")
         if len(kept) < len(rig):
             notes.append(f"{good.name}: {len(kept)} of {len(rig)} views are used")
-        settings = replace(settings, cameras=kept)
+        settings = settings.replace(cameras=kept)
     images, remarks = assign_pictures(rig, found, folder, settings, extras=True)
     return Footage(choose_cameras(rig, settings), rig.unit, images=images, notes=notes + remarks)
 

@@ -119,7 +119,9 @@ def test_counts_are_those_of_the_pictures(device: Device) -> None:
 
 def test_errors_equal_the_twins(device: Device) -> None:
     body, rig = load_body("song31"), scenes.ring(2, (161, 123))
-    config = ObjectiveConfig("aosp", 0.7, 0.3, vertices_per_part=18)
+    config = ObjectiveConfig(
+        kind="aosp", silhouette_weight=0.7, edge_weight=0.3, vertices_per_part=18
+    )
     observed, poses = rendered.random_maps(rig), rendered.scattered_poses(body, 5)
     objective = ImageObjective(Scene(device, rig, None, body), 5, config)
     objective.observe(observed.on(device))

@@ -22,6 +22,7 @@ from apf.cluster.task_side import Progress
 from apf.cluster.workers import Share, share_machine
 from apf.tracking.track import Track
 from cl import InputError
+from psfs.common.system import list_own_cores
 
 pytest.importorskip("distributed")
 
@@ -29,7 +30,7 @@ pytest.importorskip("distributed")
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
     """Yield a client of two workers, both pinned to the first core."""
-    core = sorted(os.sched_getaffinity(0))[:1]
+    core = list_own_cores()[:1]
     with start_cluster([Share("cpu", tuple(core))] * 2) as client:
         yield client
 
@@ -126,7 +127,7 @@ def test_the_command(walk: Path, tmp_path: Path, client: Any, capfd: Any) -> Non
 
 
 def test_workers_share_the_cores() -> None:
-    cores = sorted(os.sched_getaffinity(0))
+    cores = list_own_cores()
     assert share_machine("cpu") == [Share("cpu", (core,)) for core in cores]
     assert share_machine("cpu", 1) == [Share("cpu", tuple(cores))]
     assert share_machine("cpu")[0].environment["OPENCV_FOR_THREADS_NUM"] == "1"
@@ -150,7 +151,9 @@ def test_gpus_get_as_many_workers_as_cores_feed(
     assert found == [Share(f"gpu:{k % n_gpus}") for k in range(expected)]
 
 
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="no glibc")
+@pytest.mark.skipif(
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "mallopt"), reason="no glibc"
+)
 def test_workers_keep_memory_for_the_next_pictures() -> None:
     program = """
 import resource, sys

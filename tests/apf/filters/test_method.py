@@ -75,4 +75,4 @@ def test_twins(start, search: str, objective: str) -> None:
 def test_unknown_ones() -> None:
     for wrong in (("genetic", "sp"), ("pso", "best")):
         with pytest.raises(InputError, match="expected"):
-            Method(*wrong)
+            Method.of(*wrong)

@@ -143,7 +143,7 @@ def test_counts_are_those_of_the_pictures(device: Device) -> None:
 @pytest.mark.parametrize("kind", OBJECTIVE_KINDS)
 def test_errors_equal_the_twins(device: Device, kind: str) -> None:
     body, rig = load_body("song31"), scenes.ring(3, (161, 123))
-    config = ObjectiveConfig(kind, 0.7, 0.3, 0.4)
+    config = ObjectiveConfig(kind=kind, silhouette_weight=0.7, edge_weight=0.3, balance=0.4)
     observed = rendered.random_maps(rig)
     poses = rendered.scattered_poses(body, 9)
     objective = ImageObjective(Scene(device, rig, None, body), 9, config)
@@ -163,7 +163,7 @@ def test_nothing_seen_is_the_worst() -> None:
     """Rymut 2016 eq. (4.42): without overlap f is 0; without any pixel nothing is divided by."""
     counts, areas = np.zeros((2, 1, 4)), np.zeros(2)
     for kind in OBJECTIVE_KINDS:
-        config = ObjectiveConfig(kind)
+        config = ObjectiveConfig(kind=kind)
         assert objective_values(counts, areas, config) == 0
         assert objective_values(counts, areas + 5, config) == 0
 
@@ -173,7 +173,9 @@ def test_the_five_functions_by_hand() -> None:
     counts = np.array([[[8, 2 * 255, 10, 5]], [[4, 4 * 255, 6, 6]]], float)
     areas = np.array([10, 6], float)
     values = {
-        kind: objective_values(counts, areas, ObjectiveConfig(kind, 0.6, 0.4))[0]
+        kind: objective_values(
+            counts, areas, ObjectiveConfig(kind=kind, silhouette_weight=0.6, edge_weight=0.4)
+        )[0]
         for kind in OBJECTIVE_KINDS
     }
     first, second = 11 / 16, 6 / 12
@@ -217,7 +219,9 @@ def test_the_walkers_true_pose_covers_its_silhouette(
 ) -> None:
     """A step away f1 is much less."""
     rig, body, pose, masks = walker
-    config = ObjectiveConfig("ws", 1.0, 0.0, round_ends=round_ends)
+    config = ObjectiveConfig(
+        kind="ws", silhouette_weight=1.0, edge_weight=0.0, round_ends=round_ends
+    )
     away = pose.copy()
     away[body.dof_names.index("pelvis.tx")] += 0.5
     objective = ImageObjective(Scene(device, rig, None, body), 2, config)

@@ -65,7 +65,9 @@ def test_pictures_equal_opencl(device: Device, vertices: int) -> None:
 def test_scores_equal_opencl(device: Device, kind: str, vertices: int) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
     poses = np.concatenate([rendered.scattered_poses(body, 6), bodies.random_poses(body, 31)])
-    config = ObjectiveConfig(kind, 0.4, 0.6, vertices_per_part=vertices)
+    config = ObjectiveConfig(
+        kind=kind, silhouette_weight=0.4, edge_weight=0.6, vertices_per_part=vertices
+    )
     tsai = replace(rig[1], distortion=np.zeros(5), kappa=0.15)
     rig = CameraRig((rig[0], tsai, rig[2]))
     scene = Scene(device, rig, None, body)
@@ -102,7 +104,7 @@ def test_more_pictures_than_tiles(device: Device, monkeypatch: pytest.MonkeyPatc
 def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
     body, rig = bodies.named("song31"), scenes.ring(3, (161, 123))
     scene, observed = Scene(device, rig, None, body), rendered.random_maps(rig).on(device)
-    method = replace(Method.of("pso", "sp", n_particles=24, n_layers=3), image=OPENGL)
+    method = Method.of("pso", "sp", n_particles=24, n_layers=3).replace(image=OPENGL)
     found: list[np.ndarray] = []
 
     def track(tracker: object) -> None:
@@ -121,11 +123,11 @@ def test_a_swarm_tracks_by_opengl_from_any_thread(device: Device) -> None:
 
 def test_what_opengl_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="round ends"):
-        replace(OPENGL, round_ends=True)
+        OPENGL.replace(round_ends=True)
     with pytest.raises(InputError, match="renderer is 'metal'; expected opencl, opengl"):
         ObjectiveConfig(renderer="metal")
     with pytest.raises(InputError, match="the device is numpy"):
-        check_renderer(NumpyDevice(), replace(Method.of("pso", "sp"), image=OPENGL))
+        check_renderer(NumpyDevice(), Method.of("pso", "sp").replace(image=OPENGL))
     monkeypatch.setattr("apf.image_objective.opengl.renderer._LARGEST", 100)
     with pytest.raises(InputError, match="161 x 123; OpenGL draws up to 100 px"):
         OpenGLRenderer(bodies.named("song31"), scenes.ring(2, (161, 123)), 3)

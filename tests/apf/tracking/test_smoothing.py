@@ -35,8 +35,8 @@ def test_jitter_goes_and_motion_stays() -> None:
     true, noisy = jittery()
     noisy = replace(noisy, joints=posed_joints(BODY, noisy.poses))
     whole = smoothed(noisy, CUTOFF)
-    lagging = smoothed(noisy, SmoothingConfig(6.0, lag=6))
-    blind = smoothed(noisy, SmoothingConfig(6.0, lag=0))
+    lagging = smoothed(noisy, SmoothingConfig(cutoff=6.0, lag=6))
+    blind = smoothed(noisy, SmoothingConfig(cutoff=6.0, lag=0))
     before = distance(noisy, true)
     assert before > 0.02
     assert distance(whole, true) < 0.55 * before
@@ -47,10 +47,10 @@ def test_jitter_goes_and_motion_stays() -> None:
 def test_the_cutoff_halves_the_amplitude(cutoff: float) -> None:
     times = np.arange(2000) / 100
     wave = np.sin(2 * np.pi * cutoff * times)[:, None]
-    found = smoothed_series(wave, np.ones_like(wave), times, SmoothingConfig(cutoff))
+    found = smoothed_series(wave, np.ones_like(wave), times, SmoothingConfig(cutoff=cutoff))
     assert np.abs(found[500:1500]).max() == pytest.approx(0.5, abs=0.01)
     slow = np.sin(2 * np.pi * cutoff / 4 * times)[:, None]
-    found = smoothed_series(slow, np.ones_like(slow), times, SmoothingConfig(cutoff))
+    found = smoothed_series(slow, np.ones_like(slow), times, SmoothingConfig(cutoff=cutoff))
     assert np.abs(found - slow)[500:1500].max() < 0.01
 
 
@@ -58,7 +58,9 @@ def test_a_straight_line_is_kept() -> None:
     times = np.arange(50) / 60
     line = 3.0 + 2.0 * times[:, None]
     for lag in (None, 5):
-        found = smoothed_series(line, np.ones_like(line), times, SmoothingConfig(6.0, lag))
+        found = smoothed_series(
+            line, np.ones_like(line), times, SmoothingConfig(cutoff=6.0, lag=lag)
+        )
         np.testing.assert_allclose(found[10:], line[10:], atol=2e-3)
 
 

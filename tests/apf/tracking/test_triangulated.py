@@ -104,7 +104,7 @@ def test_what_cannot_be_triangulated_is_an_error(folder: Path) -> None:
         triangulated_track(sequence, Keypoints(alone, MEDIAPIPE, keypoints.camera_names))
     limits = TriangulationConfig(min_cameras=4)
     with pytest.raises(apf.InputError, match="seen by 4 cameras that agree within 15 px"):
-        triangulated_track(sequence, keypoints, TriangulatedConfig(limits))
+        triangulated_track(sequence, keypoints, TriangulatedConfig(triangulation=limits))
 
 
 def command(folder: Path, out: Path, *more: str) -> int:

@@ -111,24 +111,26 @@ def test_poses_are_steadied_by_parabolas() -> None:
     times = np.linspace(0, 1, n)[:, None]
     smooth = BODY.rest_pose + 0.3 * times**2 * np.isin(BODY.dof_names, ["pelvis.tx", "pelvis.rz"])
     known = np.arange(n) != 12
-    np.testing.assert_allclose(steadied(BODY, smooth, known, 5, 0.04), smooth, atol=1e-12)
+    np.testing.assert_allclose(steadied(BODY, smooth, known, 5, 0.04, 0.01), smooth, atol=1e-12)
     noisy = smooth + random.normal(scale=0.01, size=smooth.shape)
     noisy = np.clip(noisy, BODY.lower, BODY.upper)
     noisy[12] = BODY.rest_pose
-    found = steadied(BODY, noisy, known, 5, 0.04)
+    found = steadied(BODY, noisy, known, 5, 0.04, 0.01)
     np.testing.assert_array_equal(found[12], noisy[12])
     assert np.abs(found - smooth)[known].mean() < 0.75 * np.abs(noisy - smooth)[known].mean()
-    np.testing.assert_array_equal(steadied(BODY, noisy, known, 3, 0.04), noisy)
+    np.testing.assert_array_equal(steadied(BODY, noisy, known, 3, 0.04, 0.01), noisy)
     # Though angles go another way round to the same pose, its joints move steadily.
     wrist = BODY.joint_names.index("l_wrist")
     other = moved(BODY.rest_pose, **{f"l_upper_arm__r{axis}": 0.4 for axis in "xyz"})
     jumping = np.where(np.arange(n)[:, None] % 2, other, moved(other, l_upper_arm__ry=0.12))
     places = posed_joints(BODY, jumping)[:, wrist]
-    found = posed_joints(BODY, steadied(BODY, jumping, known, 5, 0.05))[:, wrist]
+    found = posed_joints(BODY, steadied(BODY, jumping, known, 5, 0.05, 0.01))[:, wrist]
     assert np.ptp(found[2:10], axis=0).max() < 0.6 * np.ptp(places[2:10], axis=0).max()
     # A limb that jumps to where it is found again stays on either side.
     again = np.where(np.arange(n)[:, None] < 20, BODY.rest_pose, moved(other, l_upper_arm__ry=1.0))
-    away = posed_joints(BODY, steadied(BODY, again, known, 5, 0.04)) - posed_joints(BODY, again)
+    away = posed_joints(BODY, steadied(BODY, again, known, 5, 0.04, 0.01)) - posed_joints(
+        BODY, again
+    )
     assert np.abs(away[:, wrist]).max() < 0.04
 
 

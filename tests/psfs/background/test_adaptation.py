@@ -50,7 +50,9 @@ def test_the_drift_agrees_with_the_twin(device: Device, views: int) -> None:
 
 def shown(rig, background, images: np.ndarray, device: Device, adapt: float) -> np.ndarray:
     """(V, H, W) bool silhouettes of the last of `images` (frames, V, H, W, 3)."""
-    config = ReconstructionConfig(SilhouetteConfig(adaptation=AdaptationConfig(rate=adapt)))
+    config = ReconstructionConfig(
+        silhouette=SilhouetteConfig(adaptation=AdaptationConfig(rate=adapt))
+    )
     reconstruct = Reconstructor(device, rig, scenes.small_grid(), background, config)
     for index, image in enumerate(images):
         reconstruct(scenes.frame(index, image))

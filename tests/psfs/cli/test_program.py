@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,20 +13,20 @@ import apf.cli
 import psfs.cli
 from apf.cli.method_flags import METHOD_FLAGS, add_method_flags, chosen_method
 from cl import InputError
-from psfs.cli.commandline import add_command, frame_range, stdout, warn
+from psfs.cli.commandline import frame_range, stdout, warn
 from psfs.cli.program import run_program
+from psfs.cli.program.command import Command
 from psfs.cli.settings import add_configs, write_settings
-from psfs.reconstructor import ReconstructionConfig
+from psfs.settings import Settings
+from psfs.voxels.config import ReconstructionConfig
 
 
-class Walk:
+class Walk(Command):
     """A command with a flag of each kind, that keeps what it was given."""
 
-    def __init__(self) -> None:
-        self.args = argparse.Namespace()
+    args = argparse.Namespace()
 
-    def register(self, commands: Any) -> None:
-        parser = add_command(commands, "walk", self.run, "walk somewhere")
+    def add_flags(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("folder")
         parser.add_argument("-o", "--output", type=Path, required=True)
         size = parser.add_mutually_exclusive_group()
@@ -38,10 +38,10 @@ class Walk:
         parser.add_argument("--count", type=int, choices=(1, 2), default=1)
         parser.add_argument("--init", type=Path)
         add_method_flags(parser)
-        add_configs(parser, reconstruction=ReconstructionConfig.from_dict)
+        add_configs(parser, Settings, "reconstruction")
 
     def run(self, args: argparse.Namespace) -> None:
-        self.args = args
+        Walk.args = args
         stdout.print("a result")
         warn("a warning", stdout)
         if args.folder == "bad":
@@ -53,9 +53,9 @@ class Walk:
 
 
 def walk(out: Path, *flags: str, folder: str = "somewhere") -> tuple[int, argparse.Namespace]:
-    command = Walk()
+    command = Walk("walk", "walk somewhere", flags="", work="")
     argv = ["walk", folder, "-o", str(out), *flags]
-    return run_program("walker", "walks", [command], argv), command.args  # type: ignore[list-item]
+    return run_program("walker", "walks", [command], argv), command.args
 
 
 def test_settings_given_back_are_the_same(tmp_path: Path) -> None:
@@ -171,6 +171,8 @@ def test_versions(main: object, capsys: pytest.CaptureFixture[str]) -> None:
 def test_completion_is_a_script_that_bash_reads(
     main: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if shutil.which("bash") is None:
+        pytest.skip("there is no bash")
     assert main(["--completion", "bash"]) == 0  # type: ignore[operator]
     script = tmp_path / "completion"
     script.write_text(capsys.readouterr().out)

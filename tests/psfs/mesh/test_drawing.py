@@ -27,7 +27,7 @@ def cloud_of(count: int, coloured: bool = True) -> VoxelCloud:
     grid = scenes.small_grid()
     indices = 10_000 + 7 * np.arange(count)
     colour = np.tile(np.uint8([255, 0, 0]), (count, 1)) if coloured else None
-    probability = np.linspace(OccupancyConfig.threshold, 1, count).astype(np.float32)
+    probability = np.linspace(OccupancyConfig().threshold, 1, count).astype(np.float32)
     return VoxelCloud(grid, indices, probability, colour)
 
 
@@ -63,7 +63,7 @@ def test_scales_run_as_the_colours_do() -> None:
     column = VoxelCloud(grid, np.arange(21), np.ones(21, np.float32))
     there = np.rint(255 * (column.centres[:, 2] + 0.1) / 2.1).astype(int)
     np.testing.assert_array_equal(voxel_colours(column, "height", -0.1, 2.0), strip[0, there])
-    assert colour_scale("probability", 0, 1)[0] == f"{OccupancyConfig.threshold:g} to 1"
+    assert colour_scale("probability", 0, 1)[0] == f"{OccupancyConfig().threshold:g} to 1"
     assert not len(colour_scale("colour", 0, 1)[1])
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from helpers import scenes
 
 from psfs.mesh.drawing import Lines, Surface, make_static_layer, make_voxel_layer
+from psfs.mesh.keys import KEYS
 from psfs.mesh.playback import Playback
-from psfs.mesh.player import KEYS, Player
+from psfs.mesh.player import Player
 from psfs.voxels.grid import VoxelCloud
 
 LINES = Lines(np.zeros((2, 3)), np.array([[0, 1]]), np.zeros((1, 3), np.uint8))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import signal
 from pathlib import Path
 
@@ -68,6 +67,7 @@ def test_nothing_stays_of_one_that_fails(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
     """A limit on file sizes simulates a full disk."""
+    resource = pytest.importorskip("resource")
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (30, 240, 320, 3), np.uint8)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -31,7 +31,7 @@ def scene(views: int = 3):
 def test_learning_agrees_with_the_twin(device: Device, views: int, look_again: bool) -> None:
     rig, frame, background = scene(views)
     config = ReconstructionConfig(
-        SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
+        silhouette=SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
     )
     ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
     twin = NumpyReconstructor(NumpyDevice(), rig, scenes.small_grid(), background, config)
@@ -52,7 +52,7 @@ def test_a_second_look(device: Device, monkeypatch, look_again: bool, lessons: l
     """The first frame always gets one, a frame far from the one before if wanted."""
     rig, frame, background = scene()
     config = ReconstructionConfig(
-        SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
+        silhouette=SilhouetteConfig(appearance=AppearanceConfig(look_again=look_again))
     )
     ours = Reconstructor(device, rig, scenes.small_grid(), background, config)
     learnt: list[object] = []
@@ -143,7 +143,9 @@ def test_silhouettes_of_a_walk_match_the_truth(device: Device) -> None:
     grid = VoxelGrid.covering(np.array([-2.5, -1.0, -0.05]), np.array([2.5, 1.2, 1.95]), 0.03)
     scores = {}
     for learn in (False, True):
-        config = ReconstructionConfig(SilhouetteConfig(appearance=AppearanceConfig(learn=learn)))
+        config = ReconstructionConfig(
+            silhouette=SilhouetteConfig(appearance=AppearanceConfig(learn=learn))
+        )
         ours = Reconstructor(device, sequence.rig, grid, sequence.background, config)
         for frame in sequence.frames(slice(37, 41)):
             ours(frame)

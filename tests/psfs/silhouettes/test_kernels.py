@@ -3,7 +3,6 @@ twin of that step."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -136,7 +135,7 @@ def test_smoothed_evidence(
     device: Device, views: int, size: tuple[int, int], smoothing: EvidenceSmoothingConfig
 ) -> None:
     rig, background, images = shaded(views, size)
-    config = replace(CONFIG, smoothing=smoothing)
+    config = CONFIG.replace(smoothing=smoothing)
     kernel = "silhouette.smoothed_evidence"
     launch = launch_of(device, kernel, rig, background, images, config)
     before, ratios = launch.before["evidence"], launch.before["ratios"][:, 1:-1, 1:-1]

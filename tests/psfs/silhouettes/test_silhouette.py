@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -32,15 +30,15 @@ CONFIGS = [
     SilhouetteConfig(
         evidence=EvidenceConfig(occlusion_prior=0.2, foreground_prior=0.3, clamp=1e-3)
     ),
-    SilhouetteConfig(BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
+    SilhouetteConfig(background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0, sigma_floor=4.0)),
     SilhouetteConfig(rim=RimConfig(on=False)),
     SilhouetteConfig(floor=FloorConfig(on=False), smoothing=EvidenceSmoothingConfig(reach=0)),
     SilhouetteConfig(
-        BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
-        FloorConfig(on=False),
-        RimConfig(on=False),
-        EvidenceSmoothingConfig(reach=0),
-        EvidenceConfig(independent_pixels=1.0),
+        background=BackgroundConfig(shadow_low=1.0, shadow_high=1.0),
+        floor=FloorConfig(on=False),
+        rim=RimConfig(on=False),
+        smoothing=EvidenceSmoothingConfig(reach=0),
+        evidence=EvidenceConfig(independent_pixels=1.0),
     ),
 ]
 
@@ -87,7 +85,7 @@ def test_pictures_of_any_width(device: Device, size: tuple[int, int]) -> None:
     expected = silhouette_evidence(images, rig, plate, config)
     assert (expected > 0).mean() > 0.1 and (expected < 0).mean() > 0.1
     assert (np.abs(counts.astype(int) - expected) > 1).mean() < 2e-3
-    plain = silhouette_evidence(images, rig, plate, replace(config, rim=RimConfig(cost=100.0)))
+    plain = silhouette_evidence(images, rig, plate, config.replace(rim=RimConfig(cost=100.0)))
     assert (plain != expected).mean() > 0.02  # mixed pixels there are
 
 
@@ -121,7 +119,7 @@ def test_evidence_is_songs(device: Device) -> None:
     expected = np.log(np.clip(slm, 1e-3, 1 - 1e-3) / 0.5)
     np.testing.assert_allclose(config.log_odds(slm, config.clamp), expected)
     for occlusion in (0.1, 0.5, 0.9):
-        other = replace(config, occlusion_prior=occlusion)
+        other = config.replace(occlusion_prior=occlusion)
         assert (np.sign(other.log_odds(slm, 1e-3)) == np.sign(slm - 0.5)).all()
 
 
@@ -232,6 +230,6 @@ def test_two_cameras_must_agree_on_a_shadow_where_there_are_enough(
     """One of three others sees a shoe as dark as this pixel, two see the shadow behind it."""
     rig, plate, _, _ = shadowed_floor(4)
     dark = np.rint(plate.mean * np.array([0.8, 0.75, 0.5, 0.5])[:, None, None, None])
-    config = replace(SilhouetteConfig(), floor=FloorConfig(enough=least))
+    config = SilhouetteConfig().replace(floor=FloorConfig(enough=least))
     light = floor_light(dark.astype(np.uint8), rig, plate, config)[0]
     assert abs(np.nanmedian(light) - expected) < 0.02

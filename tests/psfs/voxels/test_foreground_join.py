@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,7 +37,7 @@ def blobs(rig: CameraRig, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("size", [(160, 120), (163, 117)])
 @pytest.mark.parametrize(
     "config",
-    [CONFIG, replace(CONFIG, sides=5, below=90), replace(CONFIG, sides=400, least_pixels=1)],
+    [CONFIG, CONFIG.replace(sides=5, below=90), CONFIG.replace(sides=400, least_pixels=1)],
 )
 def test_silhouettes_equal_the_twins(
     device: Device, size: tuple[int, int], config: ForegroundJoinConfig
@@ -77,7 +76,7 @@ def test_voxels_without_evidence_and_a_join_that_is_off_change_nothing(device: D
     alone = Reprojection(device, rig, grid)(voxels).get()
     bare = SimpleNamespace(grid=grid, surface=voxels.surface, count=voxels.count, evidence=None)
     voxels.evidence = device.to_device(blobs(rig))
-    off = replace(CONFIG, on=False)
+    off = CONFIG.replace(on=False)
     for shown, config in ((bare, CONFIG), (voxels, off)):
         maps = Reprojection(device, rig, grid, join=config)(shown).get()  # type: ignore[arg-type]
         np.testing.assert_array_equal(maps, alone)
@@ -93,4 +92,4 @@ def test_maps_of_another_size_cannot_be_joined(device: Device) -> None:
 )
 def test_what_makes_no_sense_is_refused(name: str, value: int) -> None:
     with pytest.raises(InputError, match=name):
-        replace(CONFIG, **{name: value})
+        CONFIG.replace(**{name: value})

@@ -1,0 +1,24 @@
+"""The commands of `apf`, in the order of --help."""
+
+from __future__ import annotations
+
+from psfs.cli.program.command import list_commands
+
+COMMANDS = list_commands(
+    "apf.cli",
+    synth="Make a synthetic sequence of a person walking in a room.",
+    keypoints="Find 2-D keypoints in all cameras with MediaPipe Pose, for apf track --keypoints.",
+    track="Reconstruct and track a person, frame by frame.",
+    batch="Track many takes, folders or a TOML list of them, on all GPUs or cores, or on a Dask "
+    "cluster; a second call does what the first left.",
+    live="Track while it happens; frames may be dropped.",
+    smooth="Smooth a track in time, after it was tracked.",
+    export="Write a track as files of motion: BVH, C3D, TRC, OpenSim's MOT, angles as CSV, GLB, "
+    "gait.",
+    evaluate="Compare a track with the truth, joint by joint.",
+    report="Judge a track and write its page, report.html, as `apf track` does: a 3-D player, the "
+    "overlay, confidence, agreement with the silhouettes, angles.",
+    render="Draw a track's silhouettes and edges in every camera, as PNG.",
+    view="Play a run of psfs reconstruct with a track's skeleton and cones on top.",
+    demo="Generate a small sequence, reconstruct, track and evaluate it, by the commands shown.",
+)

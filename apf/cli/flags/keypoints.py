@@ -1,0 +1,33 @@
+"""The flags of `apf keypoints`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from psfs.cli.commandline import add_device_flag
+from psfs.cli.sequence_flags import add_sequence_flags
+from psfs.cli.sequence_flags import check as check
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this command."""
+    add_sequence_flags(parser, frames=False, fps=False)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="folder for OUT/<camera>_json/<camera>_000000.json, as Pose2Sim has them",
+    )
+    parser.add_argument(
+        "--at-once", type=int, metavar="N", help="cameras at a time (default: as many as cores)"
+    )
+    parser.add_argument(
+        "--no-crop",
+        action="store_true",
+        help="show whole pictures to the network (default: cropped by the silhouette, where the "
+        "empty scene is known)",
+    )
+    add_device_flag(parser)

@@ -1,0 +1,81 @@
+"""The flags of `apf track`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from apf.cli.flags.shared import (
+    TRIANGULATE,
+    add_keypoint_flags,
+    add_start_flags,
+    add_triangulation_flags,
+)
+from apf.cli.method_flags import add_method_flags
+from apf.presets import PRESETS
+from apf.report.names import PAGE
+from apf.settings import Settings
+from apf.tracking.config import BatchConfig
+from psfs.cli.commandline import add_device_flag
+from psfs.cli.sequence_flags import (
+    add_all_cameras_flag,
+    add_sequence_flags,
+)
+from psfs.cli.settings import add_configs, add_preset_flag
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this command."""
+    add_output_flag(parser)
+    add_track_flags(parser)
+    parser.add_argument(
+        "--at-once",
+        type=int,
+        metavar="N",
+        help="of several takes, work on N at a time "
+        f"(default: {BatchConfig().on_gpu} on a GPU, else {BatchConfig().on_cpu})",
+    )
+
+
+def add_output_flag(parser: argparse.ArgumentParser) -> None:
+    """Add -o of one take or of several."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="folder for the results; of several takes each has its own in it, by its name",
+    )
+
+
+def add_track_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the takes' folders and all flags that say how each is tracked."""
+    add_sequence_flags(parser, several=True)
+    add_start_flags(parser)
+    add_all_cameras_flag(parser)
+    add_method_flags(
+        parser, more=f"; {TRIANGULATE}: --keypoints alone, triangulated, without a body"
+    )
+    add_triangulation_flags(add_keypoint_flags(parser))
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="make N runs at once, with seeds from --seed on, into OUT/seed0 and so on, and say "
+        "how far they differ",
+    )
+    add_configs(parser, Settings, "reconstruction")
+    add_preset_flag(parser, PRESETS)
+    parser.add_argument(
+        "--one-way",
+        action="store_true",
+        help="track forward alone, as live: in about half of the time, less accurately",
+    )
+    parser.add_argument("--no-overlay", action="store_true", help="write no overlay.mp4")
+    parser.add_argument(
+        "--no-report",
+        action="store_true",
+        help=f"write no {PAGE}, and leave the track uncompared with the silhouettes",
+    )
+    add_device_flag(parser)

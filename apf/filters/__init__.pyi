@@ -1,0 +1,16 @@
+from .annealed import AnnealedParticleFilter as AnnealedParticleFilter
+from .base import DeviceTracker as DeviceTracker
+from .base import Estimate as Estimate
+from .base import Tracker as Tracker
+from .config import FilterConfig as FilterConfig
+from .config import LimbSearchConfig as LimbSearchConfig
+from .config import RefinementConfig as RefinementConfig
+from .config import SearchConfig as SearchConfig
+from .limb_search import LimbSearch as LimbSearch
+from .method import Method as Method
+from .particle_set import ParticleSet as ParticleSet
+from .refinement import Refinement as Refinement
+from .sir import SirConfig as SirConfig
+from .sir import SirParticleFilter as SirParticleFilter
+from .swarm import ParticleSwarm as ParticleSwarm
+from .swarm import SwarmConfig as SwarmConfig

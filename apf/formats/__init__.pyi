@@ -1,0 +1,11 @@
+from .angles import write_angle_csv as write_angle_csv
+from .angles import write_mot as write_mot
+from .bvh import write_bvh as write_bvh
+from .c3d import write_c3d as write_c3d
+from .glb import write_glb as write_glb
+from .joint_csv import write_csv as write_csv
+from .motion import BodyMotion as BodyMotion
+from .trc import JointSeries as JointSeries
+from .trc import write_trc as write_trc
+from .writers import BODY_WRITERS as BODY_WRITERS
+from .writers import WRITERS as WRITERS

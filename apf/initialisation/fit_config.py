@@ -1,0 +1,138 @@
+"""Settings of the fits of body and pose to joints and to keypoints."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from apf.initialisation.config import TUNED
+from psfs.common.config import Config, part, setting
+
+
+class JointFitConfig(Config):
+    """The fit of body and pose to 3-D joints."""
+
+    SOURCE: ClassVar = TUNED
+
+    joint: float = setting(0.01, "Standard deviation of a joint's position.", unit="m", above=0)
+    scale: float = setting(
+        0.3,
+        "Standard deviation of the log of a bone's scale; it only decides what the joints leave "
+        "open.",
+        above=0,
+    )
+    angle: float = setting(
+        3.0,
+        "Standard deviation of an angle from rest; it only decides what the joints leave open.",
+        unit="rad",
+        above=0,
+    )
+    max_log_scale: float = setting(
+        1.0,
+        "Largest log of a bone's scale, and the negative of the smallest: from 0.37 to 2.7 times.",
+        above=0,
+    )
+    min_joints: int = setting(
+        8,
+        "Number of known joints that are asked for, or all of a body with fewer: enough for the "
+        "root, and a joint in every limb.",
+        least=1,
+    )
+    n_headings: int = setting(4, "Number of headings that are tried, evenly around.", least=1)
+    n_trial: int = setting(
+        8, "Number of evaluations after which the best of the headings is gone on with.", least=1
+    )
+
+
+class PointFitConfig(Config):
+    """The fit of body and poses to points of the body that cameras see."""
+
+    SOURCE: ClassVar = "by hand"
+
+    size: float = setting(
+        0.15, "Standard deviation of the log of the body's size: children, too.", above=0
+    )
+    length: float = setting(
+        0.1, "Standard deviation of the log of a bone's length beside the size.", above=0
+    )
+    angle: float = setting(
+        1.0,
+        "Standard deviation of an angle from rest; it only decides what the points leave open.",
+        unit="rad",
+        above=0,
+    )
+    noise: float = setting(
+        0.02,
+        "Standard deviation of triangulated points, to which the poses are brought first.",
+        unit="m",
+        above=0,
+    )
+    stray: float = setting(
+        0.15, "Distance at which a triangulated point counts a quarter.", unit="m", above=0
+    )
+    n_near_steps: int = setting(
+        40, "Number of steps of every frame's pose towards the triangulated points.", least=0
+    )
+    n_steps: int = setting(12, "Number of steps of everything by what the cameras see.", least=1)
+    first_reach: float = setting(
+        8.0,
+        "Distance at which a point in a picture counts a quarter in the first of them (Geman & "
+        "McClure 1987).",
+        unit="standard deviations",
+        above=0,
+    )
+    last_reach: float = setting(
+        2.5,
+        "The same distance in the last of them; those between are spaced geometrically.",
+        unit="standard deviations",
+        above=0,
+    )
+    damping: float = setting(
+        1e-3, "Share of a pose's own normal matrix added to its diagonal (Levenberg 1944).", least=0
+    )
+    suspect: float = setting(
+        1.5,
+        "Factor of the median frame's missed share above which poses are looked for anew, from "
+        "those of the frames around and the other way round.",
+        above=0,
+    )
+    n_independent: float = setting(
+        2.0,
+        "Number of frames that all frames together count as, beside the priors of what they share: "
+        "a network errs alike in all of them, and bodies bend otherwise than the model does.",
+        "tuned: with 20 hips and shoulders lie 40 mm off",
+        above=0,
+    )
+
+
+class KeypointStartConfig(Config):
+    """How body and points are learnt from keypoints."""
+
+    SOURCE: ClassVar = "by hand"
+
+    n_frames: int = setting(
+        40, "Number of frames that they are learnt from, evenly over all.", least=1
+    )
+    error: float = setting(
+        8.0,
+        "Error that a keypoint is taken to have at first.",
+        unit="px at a picture height of 480 px",
+        above=0,
+    )
+    outlier: float = setting(
+        20.0,
+        "Mean reprojection error beyond which cameras are left out of a point.",
+        unit="px at a picture height of 480 px",
+        above=0,
+    )
+    least_points: int = setting(
+        6, "Number of triangulated points that a frame must have to be looked at.", least=1
+    )
+    n_levels: int = setting(
+        5,
+        "Number of levels of confidence whose error is measured, each with as many keypoints.",
+        least=1,
+    )
+    least_error: float = setting(
+        1.0, "Least error of any keypoint.", unit="px at a picture height of 480 px", above=0
+    )
+    fit: PointFitConfig = part(PointFitConfig, "The fit to points that cameras see.")

@@ -1,0 +1,127 @@
+"""Settings of the keypoints: found, chosen, compared, triangulated."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import model_validator
+
+from cl import InputError
+from psfs.common.config import Config, setting
+
+
+class CropConfig(Config):
+    """How pictures are cropped around the silhouette before the network sees them."""
+
+    SOURCE: ClassVar = "by hand"
+
+    margin: float = setting(
+        0.5,
+        "Margin on every side, as a share of the silhouette's larger side; more than `slack`.",
+        above=0,
+    )
+    slack: float = setting(
+        0.1,
+        "Least distance of the silhouette from the crop's border, as a share of its larger side; "
+        "else a new crop is made, and the network looks for the person anew.",
+        least=0,
+    )
+    largest: float = setting(
+        4.0,
+        "Size of a crop that is too large, as a multiple of the silhouette's; more than the margin "
+        "alone makes.",
+        above=1,
+    )
+    speckle: float = setting(
+        0.1,
+        "Share of the largest part of the silhouette below which others are left out.",
+        least=0,
+        most=1,
+    )
+
+    @model_validator(mode="after")
+    def _fit(self) -> CropConfig:
+        if not self.margin > self.slack:
+            raise InputError(f"margin is {self.margin}; expected more than slack, {self.slack}")
+        if not self.largest > 1 + 2 * self.margin:
+            raise InputError(
+                f"largest is {self.largest}; expected more than 1 + 2 margin, {1 + 2 * self.margin}"
+            )
+        return self
+
+
+class PersonConfig(Config):
+    """What makes a person the one that is followed, beside confidence and size, which give 0 to 1
+    in every frame."""
+
+    SOURCE: ClassVar = "by hand"
+
+    motion: float = setting(
+        2.0, "Cost of a step as large as the person himself; larger ones cost no more.", least=0
+    )
+    agreement: float = setting(
+        3.0,
+        "Cost of lying as far from where the other cameras see the person as he is large.",
+        least=0,
+    )
+    rounds: int = setting(
+        3,
+        "Number of rounds that compare cameras, each with the others' choice of the round before.",
+        least=0,
+    )
+    largest_error: float = setting(
+        0.3,
+        "Reprojection error, as a share of the person's size in the picture, up to which cameras "
+        "agree on a point.",
+        above=0,
+    )
+
+
+class AgreementConfig(Config):
+    """When keypoints count as wrong, see `apf.keypoints.agreement`."""
+
+    SOURCE: ClassVar = (
+        "set between what the sequences at hand show untouched and what they show spoilt"
+    )
+
+    away: float = setting(
+        0.04,
+        "Median distance, as a share of the picture's height, up to which a camera's keypoints may "
+        "lie from where the others see them.",
+        "untouched sequences: up to 0.025",
+        above=0,
+    )
+    n_points: int = setting(
+        100, "Number of keypoints that are looked at, spread over frames and names.", least=1
+    )
+    confidence: float = setting(0.3, "Least confidence of keypoints that count.", least=0, most=1)
+    known: float = setting(
+        0.2,
+        "Share of a camera's keypoints that the others must see somewhere, to be compared.",
+        least=0,
+        most=1,
+    )
+    resolutions: tuple[float, ...] = setting(
+        (0.25, 1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0, 4.0),
+        "Factors by which the pictures of the keypoints may be larger than the sequence's.",
+    )
+
+
+class TriangulationConfig(Config):
+    """When cameras are left out of a point, and when there is no point."""
+
+    max_error: float = setting(
+        15.0,
+        "Mean reprojection error that the cameras of a point must stay below; others are left out.",
+        "Pose2Sim's default, for pictures about 1000 px high",
+        "px",
+        above=0,
+    )
+    min_confidence: float = setting(
+        0.3,
+        "Confidence below which a keypoint counts as missing.",
+        "Pose2Sim's default",
+        least=0,
+        most=1,
+    )
+    min_cameras: int = setting(2, "Fewest cameras that give a point.", "by geometry", least=2)

@@ -1,0 +1,11 @@
+from .base import Likelihood as Likelihood
+from .base import PointSubset as PointSubset
+from .config import ContourConfig as ContourConfig
+from .config import LikelihoodConfig as LikelihoodConfig
+from .config import MotionPriorConfig as MotionPriorConfig
+from .config import PartColourConfig as PartColourConfig
+from .contour import Contours as Contours
+from .motion_prior import MotionPrior as MotionPrior
+from .part_colour import PartColours as PartColours
+from .silhouette_recall import SilhouetteRecall as SilhouetteRecall
+from .voxel import VoxelLikelihood as VoxelLikelihood

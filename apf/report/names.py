@@ -1,0 +1,3 @@
+"""The names of a report's files."""
+
+PAGE = "report.html"

@@ -1,0 +1,65 @@
+"""Settings of synthetic sequences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import model_validator
+
+from cl import InputError
+from psfs.common.config import Config, setting
+
+if TYPE_CHECKING:
+    from apf.synthetic.walk import Walk
+
+
+class SceneConfig(Config):
+    """A synthetic sequence."""
+
+    SOURCE: ClassVar = "by hand: a small sequence with what usual cameras show"
+
+    cameras: int = setting(
+        4, "Number of cameras on a ring around the person.", least=1, most=64, flag="--cameras"
+    )
+    frames: int = setting(
+        60, "Number of frames per camera.", least=1, most=1_000_000, flag="--frames"
+    )
+    fps: float = setting(30.0, "Frame rate.", unit="frames/s", least=1, most=1000, flag="--fps")
+    size: tuple[int, int] = setting(
+        (640, 480), "Width and height of the pictures, each from 32 to 8192.", unit="px"
+    )
+    seed: int = setting(
+        1,
+        "Seed of person, walk, room, cameras and noise.",
+        "any",
+        least=0,
+        most=2**63,
+        flag="--seed",
+    )
+    noise: float = setting(
+        2.5,
+        "Standard deviation of the sensor's noise.",
+        unit="grey levels",
+        least=0,
+        most=50,
+        flag="--noise",
+    )
+    flicker: float = setting(
+        0.01, "Relative standard deviation of each frame's gain.", least=0, most=0.2
+    )
+    height: float = setting(
+        1.76, "Stature of the person.", unit="m", least=1.2, most=2.2, flag="--height"
+    )
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> SceneConfig:
+        for side in self.size:
+            if not 32 <= side <= 8192:
+                raise InputError(f"size is {self.size} px; expected sides from 32 to 8192 px")
+        return self
+
+    @property
+    def walk(self) -> Walk:
+        from apf.synthetic.walk import Walk
+
+        return Walk.varied(self.seed, self.height)

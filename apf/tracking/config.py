@@ -1,0 +1,316 @@
+"""Settings of tracking: recovery, the two ways, takes at a time, smoothing, feet, gait."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import model_validator
+
+from apf.keypoints.config import TriangulationConfig
+from cl import InputError
+from psfs.common.config import Config, part, setting
+
+if TYPE_CHECKING:
+    from apf.body.model import BodyModel
+
+
+class RecoveryConfig(Config):
+    """When a track is lost, and how the person is looked for again.
+
+    A track is lost where the misfit (see `apf.likelihood.base`) exceeds a limit.
+    """
+
+    SOURCE: ClassVar = "tuned on the shared walks with 4 and 8 cameras"
+
+    on: bool = setting(True, "Whether a track can be lost at all.")
+    ratio: float = setting(
+        2.0, "Ratio of the limit to the median misfit of the last good frames.", above=1
+    )
+    window: int = setting(
+        60, "Number of these frames: a second at 60 frames/s.", unit="frames", least=1
+    )
+    least: float = setting(
+        0.4, "Least misfit that the limit may have: good frames differ by as much.", above=0
+    )
+    worst: float = setting(
+        0.9,
+        "Greatest misfit that the limit may have: here nearly nothing of the body is seen.",
+        above=0,
+    )
+    unknown: float = setting(
+        0.45, "Limit as long as there are no good frames, from `least` to `worst`.", above=0
+    )
+    retry: int = setting(
+        5,
+        "Number of frames from one search everywhere to the next while the person is lost: one "
+        "takes seconds.",
+        unit="frames",
+        least=1,
+    )
+    steepness: float = setting(
+        4.0,
+        "Power of misfit over limit by which the confidence falls; it is 1/2 at the limit.",
+        above=0,
+    )
+    n_steps: int = setting(
+        2,
+        "Number of searches, one from the other, on the frame in which the person was lost.",
+        least=1,
+    )
+    wider: float = setting(4.0, "Factor of the noise in these searches.", above=0)
+    longer: int = setting(2, "Factor of their layers; a particle filter (SIR) has none.", least=1)
+    everywhere_too: bool = setting(
+        False,
+        "Whether to search everywhere though somebody fits near the last pose: legs alone fit arms "
+        "and trunk, so bodies without a head do.",
+    )
+
+    @model_validator(mode="after")
+    def _ascend(self) -> RecoveryConfig:
+        if not self.least <= self.unknown <= self.worst:
+            raise InputError(
+                f"recovery: limits {self.least:g}, {self.unknown:g}, {self.worst:g}; expected "
+                "least <= unknown <= worst"
+            )
+        return self
+
+    def for_body(self, body: BodyModel) -> RecoveryConfig:
+        """Return the config for a track of `body`. A body that is only a part of the person never
+        explains the rest of him: with no good frame to compare with, only `worst` is a limit."""
+        from apf.body.stature import has_head, is_whole
+
+        if is_whole(body):
+            return self
+        return self.replace(unknown=self.worst, everywhere_too=not has_head(body))
+
+
+class TwoWayConfig(Config):
+    """How the passes forward and backward are made one, see `apf.tracking.two_way`."""
+
+    SOURCE: ClassVar = "by hand"
+
+    near: float = setting(
+        0.15,
+        "Distance within which joints of two passes are the same: their mean is taken.",
+        "tuned on synth_box_4cam and synth_salsa_4cam_hd: 0.1 is nearly as good",
+        "m",
+        above=0,
+    )
+    jump: float = setting(
+        0.03,
+        "Mean jump of the joints where the pass changes that costs as much as `misfit`.",
+        unit="m",
+        above=0,
+    )
+    misfit: float = setting(
+        0.05,
+        "Error of one frame, in the likelihood's unit, that costs as much as `jump`.",
+        "three times as much or as little changes nothing",
+        above=0,
+    )
+    steady: float = setting(
+        0.15,
+        "Time about each frame through whose frames a parabola goes, see `steadied`; through those "
+        "of the window, where that begins or ends.",
+        "longer ones flatten fast motion",
+        "s",
+        above=0,
+    )
+    steady_within: float = setting(
+        0.01,
+        "Distance from the parabolas of its joints within which a limb stays.",
+        unit="m",
+        above=0,
+    )
+    overlap: int = setting(
+        30,
+        "Number of frames that the way back goes before a window's poses are final; a third of a "
+        "short one's.",
+        unit="frames",
+        least=1,
+    )
+    memory: float = setting(
+        0.5,
+        "Size of the observations in a window: of 4 cameras of 640 x 480 some 500 frames where "
+        "silhouettes are clean, of 4 of 1920 x 1080 with specks all over 17.",
+        unit="GB",
+        above=0,
+    )
+    longest: int = setting(1000, "Greatest number of frames of a window.", unit="frames", least=1)
+
+    def n_steady(self, fps: float) -> int:
+        """Return the frames of a parabola, an odd number."""
+        return round(self.steady * fps) | 1
+
+    def full(self, n_frames: int, n_bytes: int) -> bool:
+        """Return whether a window of so many frames and bytes has room for no other."""
+        return n_frames >= self.longest or (n_frames > 2 and n_bytes > 1e9 * self.memory)
+
+
+class BatchConfig(Config):
+    """How many takes are worked on at a time. Measured with takes of 172 frames."""
+
+    on_gpu: int = setting(
+        4,
+        "Number of takes at a time on a GPU.",
+        "on an H200 with 16 cores four at once took 58 s, in processes one after the other about "
+        "150 s; six took as long a take as four, for they wait for each other's Python, that of "
+        "the starts above all",
+        least=1,
+    )
+    on_cpu: int = setting(
+        2, "Number of takes at a time on CPUs.", "on 2 cores two at once saved an eighth", least=1
+    )
+
+
+class ContactConfig(Config):
+    """When a foot stands, by its ankle's speed and its height over the lowest ones. It starts and
+    stops at different values, lest it flicker."""
+
+    SOURCE: ClassVar = "chosen on synth_walk_8cam and synth_walk_4cam"
+
+    start_speed: float = setting(
+        0.45,
+        "Speed along the floor below which a foot may begin to stand.",
+        "chosen with `stop_speed` on synth_walk_8cam and synth_walk_4cam, where true feet stand "
+        "below 0.3 and swing at up to 4",
+        "m/s",
+        above=0,
+    )
+    stop_speed: float = setting(
+        0.5,
+        "Speed above which a foot stands no longer, above `start_speed`: its heel is off the "
+        "floor.",
+        unit="m/s",
+        above=0,
+    )
+    start_height: float = setting(
+        0.04,
+        "Height over the level at which the lower foot's ankle usually is below which a foot may "
+        "begin to stand.",
+        unit="m",
+        above=0,
+    )
+    stop_height: float = setting(
+        0.06,
+        "Height over that level above which a foot stands no longer, above `start_height`.",
+        unit="m",
+        above=0,
+    )
+    window: float = setting(0.1, "Time over which the speed is taken.", unit="s", least=0)
+    shortest: float = setting(
+        0.1,
+        "Time below which there is no stance, and between two stances no swing.",
+        "a sixth of usual ones",
+        "s",
+        least=0,
+    )
+    longest_slide: float = setting(
+        0.12,
+        "Distance along the floor above which a foot is drawn along and does not stand.",
+        "tracks of synth_walk_4cam slide by up to 0.074 where the true foot stands",
+        "m",
+        above=0,
+    )
+    flat_height: float = setting(
+        0.025,
+        "Height over the lowest in its stance below which a standing foot's heel is down, too.",
+        "with it the ankles of synth_walk_8cam and synth_walk_4cam are right to 3 degrees",
+        "m",
+        above=0,
+    )
+    fade: float = setting(
+        0.12,
+        "Time over which the correction of a held foot fades before and after.",
+        "by hand",
+        "s",
+        above=0,
+    )
+
+    @model_validator(mode="after")
+    def _ascend(self) -> ContactConfig:
+        for start, stop in (("start_speed", "stop_speed"), ("start_height", "stop_height")):
+            if not getattr(self, stop) > getattr(self, start):
+                raise InputError(
+                    f"{stop} is {getattr(self, stop)}; expected more than {start}, "
+                    f"{getattr(self, start)}"
+                )
+        return self
+
+
+class SmoothingConfig(Config):
+    """How a track is smoothed."""
+
+    cutoff: float = setting(
+        6.0,
+        "Frequency of motion that keeps half of its amplitude (where the stated deviation is the "
+        "usual one).",
+        "the custom of gait analysis (Winter 2009)",
+        "Hz",
+        above=0,
+    )
+    lag: int | None = setting(
+        None,
+        "Number of frames to look ahead; none for all that follow.",
+        "the whole track is known",
+        "frames",
+        least=0,
+    )
+    min_deviation: float = setting(
+        0.1,
+        "Share of the median of the stated deviations below which they are taken for it: none is "
+        "certain.",
+        "by hand",
+        above=0,
+    )
+    contact: ContactConfig | None = part(
+        ContactConfig,
+        "When feet stand, which then do not slide; none to leave them alone. A fixed lag cannot "
+        "hold them: it does not know yet how long they will stand.",
+    )
+
+
+class GaitConfig(Config):
+    """What counts as walking."""
+
+    SOURCE: ClassVar = "by hand"
+
+    speed: float = setting(
+        0.3,
+        "Least speed of the pelvis of somebody who walks.",
+        "old people's slow walk is about 0.6",
+        "m/s",
+        above=0,
+    )
+    swing: float = setting(
+        0.15,
+        "Distance by which a foot comes nearer and falls back, against the pelvis, in every "
+        "stride.",
+        unit="m",
+        above=0,
+    )
+    window: float = setting(
+        0.5,
+        "Time over which direction and speed of the pelvis are taken.",
+        "about a step",
+        "s",
+        above=0,
+    )
+
+
+class TriangulatedConfig(Config):
+    """How keypoints become a track without a body."""
+
+    triangulation: TriangulationConfig = part(
+        TriangulationConfig, "When cameras are left out of a point."
+    )
+    longest_gap: float | None = setting(
+        None, "Longest gap that is filled; none to fill all.", "all are filled", "s", least=0
+    )
+    low_pass: float = setting(
+        0.0,
+        "Frequency of a Butterworth filter; 0 for none. 6 Hz is usual for walking.",
+        "off",
+        "Hz",
+        least=0,
+    )

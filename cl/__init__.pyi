@@ -1,0 +1,15 @@
+from .array import Array as Array
+from .device import Device as Device
+from .device import NumpyDevice as NumpyDevice
+from .device import select_device as select_device
+from .errors import DeviceError as DeviceError
+from .errors import InputError as InputError
+from .errors import MissingFileError as MissingFileError
+from .errors import UserError as UserError
+from .launch import Kernel as Kernel
+from .launch import Launch as Launch
+from .launch import Step as Step
+from .listing import DeviceInfo as DeviceInfo
+from .listing import list_devices as list_devices
+from .probe import Probe as Probe
+from .profile import Profile as Profile

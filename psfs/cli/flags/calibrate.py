@@ -1,0 +1,115 @@
+"""The flags of `psfs calibrate`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from psfs.calibration.config import CalibrationConfig
+from psfs.calibration.targets.dictionaries import DICTIONARIES
+from psfs.cli.commandline import frame_range
+from psfs.cli.sequence_flags import frame_rate, sync_of
+from psfs.cli.settings import add_configs
+from psfs.settings import Settings
+
+_BOARDS = ("charuco", "chessboard")
+
+
+#: What is written.
+CALIBRATION, REPORT, RIG, PICTURES = "calibration.toml", "calibration.json", "rig.png", "cameras"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this command."""
+    what = parser.description
+    parser.description = (
+        f"{what}. FOLDER holds videos/, images/<camera>/, or a video or folder of pictures per "
+        f"camera. OUT gets {CALIBRATION} (metres, Z up), {REPORT}, {RIG}, and a picture per camera "
+        f"in {PICTURES}/: reprojection errors, where the target was seen, what to do better. "
+        "Recipe: docs/calibration.md."
+    )
+    parser.add_argument("folder", metavar="FOLDER", help="footage of the board or wand")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT", help="folder")
+    _add_target_flags(parser)
+    group = parser.add_argument_group("cameras and world")
+    group.add_argument(
+        "--intrinsics", type=Path, metavar="PATH",
+        help="intrinsics that are kept: a calibration, or a folder with a video or pictures of the "
+        "board per camera (default: found, too)",
+    )  # fmt: skip
+    group.add_argument(
+        "--floor", type=frame_range, metavar="FRAME",
+        help="frame, or a:b, in which the board or wand lies on the floor: Z = 0, X along it "
+        "(default: Z is the cameras' mean up, with a warning)",
+    )  # fmt: skip
+    group.add_argument(
+        "--height", type=float, default=0.0, metavar="M",
+        help="of the target's points above the floor, such as the radius of markers (default: 0)",
+    )  # fmt: skip
+    group = parser.add_argument_group("footage")
+    group.add_argument(
+        "--frames", type=frame_range, metavar="a:b", help="frames counted from 0, b excluded "
+        f"(default: all, at most {CalibrationConfig().most_frames}, evenly spread)",
+    )  # fmt: skip
+    group.add_argument(
+        "--cameras", type=lambda text: text.split(","), metavar="A,B,C", help="only these cameras"
+    )
+    group.add_argument("--fps", type=frame_rate, metavar="N", help="frames per second")
+    group.add_argument(
+        "--sync", type=sync_of, metavar="CAMERA=N,...",
+        help="cameras that come N of their frames later than the others, or earlier (-N)",
+    )  # fmt: skip
+    add_configs(parser, Settings, "calibration")
+
+
+def _add_target_flags(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("target", "one of --board, --wand and --c3d")
+    kind = group.add_mutually_exclusive_group()
+    kind.add_argument("--board", choices=_BOARDS, help="a board with squares")
+    kind.add_argument(
+        "--wand", type=_lengths, metavar="M|M,M",
+        help="a wand of two or three bright markers, m from each to the next: 0.5 or 0.2,0.3",
+    )  # fmt: skip
+    kind.add_argument(
+        "--c3d", type=Path, metavar="FILE",
+        help="a wand whose markers a motion-capture system measured: cameras in its frame",
+    )  # fmt: skip
+    group.add_argument(
+        "--squares", type=_squares, metavar="CxR", help="squares of the board, as 7x5, not "
+        "the inner corners",
+    )  # fmt: skip
+    group.add_argument("--square", type=float, metavar="M", help="side of a square, m")
+    group.add_argument(
+        "--marker", type=float, metavar="M",
+        help="side of a ChArUco board's markers, m (default: 3/4 of a square)",
+    )  # fmt: skip
+    group.add_argument(
+        "--dictionary", default="auto", choices=("auto", *DICTIONARIES),
+        help="markers of a ChArUco board (default: those that are seen)",
+    )  # fmt: skip
+    group.add_argument(
+        "--markers", type=lambda text: text.split(","), metavar="A,B[,C]",
+        help="names of the wand's markers in the C3D file, along it (default: all of the file)",
+    )  # fmt: skip
+    group.add_argument(
+        "--c3d-begins", type=float, default=0.0, metavar="S",
+        help="s after the first picture at which the C3D file begins (default: 0)",
+    )  # fmt: skip
+    group.add_argument(
+        "--up", metavar="AXIS", help="up axis of the C3D file: z, -z, y, -y, x or -x (default: z)"
+    )
+
+
+def _lengths(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no wand; expected M or M,M") from None
+
+
+def _squares(text: str) -> tuple[int, int]:
+    try:
+        columns, rows = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no board; expected as 7x5") from None
+    return columns, rows

@@ -1,0 +1,22 @@
+"""The flags of `psfs convert`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from psfs.cli.sequence_flags import add_sequence_flags
+from psfs.cli.sequence_flags import check as check
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this command."""
+    what = parser.description
+    parser.description = (
+        f"{what}: calibration.toml in metres with Z up, sequence.toml, and copies of the pictures "
+        "named after their cameras. What the flags state is part of it."
+    )
+    add_sequence_flags(parser, frames=False)
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="NATIVE", help="new folder"
+    )

@@ -1,0 +1,93 @@
+"""A parser that knows which flags it was given, through argparse's public interface."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from typing import Any
+
+#: Values that begin with a minus, as in `--up -z` and `--volume -1,1,...`: argparse takes them for
+#: flags.
+_NEGATIVE = re.compile(r"-([xyz]$|[\d.])")
+#: What a flag's words are read without, to see which are stated.
+_MEANING = ("type", "choices", "default", "required")
+
+
+class RecordingParser(argparse.ArgumentParser):
+    """A parser that keeps its flags and positionals, in order, as `actions`, and as `alternatives`
+    the destinations of those that exclude each other."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self.actions: list[argparse.Action] = []
+        self.alternatives: list[set[str]] = []
+        self._calls: list[tuple[tuple[str, ...], dict[str, Any]]] = []
+        super().__init__(*args, **options)
+
+    def add_argument(self, *names: str, **options: Any) -> argparse.Action:
+        """Add a flag or a positional, and keep it."""
+        return self._keep(super().add_argument(*names, **options), names, options)
+
+    def add_argument_group(self, *args: Any, **options: Any) -> Any:
+        """Add a group whose flags are kept, too."""
+        return self._watched(super().add_argument_group(*args, **options))
+
+    def add_mutually_exclusive_group(self, **options: Any) -> Any:
+        """Add flags that exclude each other, and are kept."""
+        return self._exclusive(super().add_mutually_exclusive_group(**options))
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as argparse does, but that values may begin with a minus."""
+        return super().parse_known_args(None if args is None else self._joined(args), namespace)
+
+    def stated(self, words: Sequence[str]) -> dict[str, Any]:
+        """Return the values that `words` state, by destination, as texts; those of flags without a
+        value as their constants."""
+        reader = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        for names, options in self._calls:
+            kept = {name: value for name, value in options.items() if name not in _MEANING}
+            reader.add_argument(*names, **kept, default=argparse.SUPPRESS)
+        return vars(reader.parse_known_args(self._joined(words))[0])
+
+    def _joined(self, words: Sequence[str]) -> list[str]:
+        """Return `words` with `--flag -value` as `--flag=-value`."""
+        with_value = {
+            name
+            for action in self.actions
+            if action.nargs is None
+            for name in action.option_strings
+            if name.startswith("--")
+        }
+        joined: list[str] = []
+        for word in words:
+            if joined and joined[-1] in with_value and _NEGATIVE.match(word):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return joined
+
+    def _keep(
+        self, action: argparse.Action, names: tuple[str, ...], options: dict[str, Any]
+    ) -> argparse.Action:
+        self.actions.append(action)
+        self._calls.append((names, options))
+        return action
+
+    def _watched(self, group: Any, own: set[str] | None = None) -> Any:
+        """Return a group of argparse's, which keeps what is added to it; `own`: gathers their
+        destinations."""
+        add, add_exclusive = group.add_argument, group.add_mutually_exclusive_group
+
+        def add_argument(*names: str, **options: Any) -> argparse.Action:
+            action = self._keep(add(*names, **options), names, options)
+            if own is not None:
+                own.add(action.dest)
+            return action
+
+        group.add_argument = add_argument
+        group.add_mutually_exclusive_group = lambda **o: self._exclusive(add_exclusive(**o))
+        return group
+
+    def _exclusive(self, group: Any) -> Any:
+        self.alternatives.append(set())
+        return self._watched(group, self.alternatives[-1])

@@ -1,0 +1,220 @@
+"""The base of all settings: frozen pydantic models whose fields state what they are, their unit,
+their range and where their defaults come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic.fields import FieldInfo
+
+from cl import InputError
+from psfs.common.names import escape_unprintable
+from psfs.common.ranges import LARGEST, SMALLEST, range_text
+
+C = TypeVar("C", bound="Config")
+
+#: Characters of a found value that an error shows.
+_SHOWN = 80
+
+
+class SettingError(InputError):
+    """A setting that is refused: the names that lead to it, and what is wrong with it."""
+
+    def __init__(self, path: str, problem: str) -> None:
+        super().__init__(f"{path}{problem}" if path else problem.removeprefix(": "))
+        self.path, self.problem = path, problem
+
+    def within(self, name: str) -> SettingError:
+        """Return the same error of settings that are a part of others, by the part's `name`."""
+        return SettingError(".".join(filter(None, (name, self.path))), self.problem)
+
+
+class Config(BaseModel):
+    """Settings of one room. They cannot be changed; types are not converted, but that lists become
+    tuples and NumPy's numbers Python's. Raises InputError (a ValueError) for what is refused."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
+    )
+    #: Where the defaults come from whose fields do not say so.
+    SOURCE: ClassVar[str] = ""
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise _first_error(type(self), error) from None
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _plain(cls, value: Any) -> Any:
+        if isinstance(value, list):
+            return tuple(value)
+        return value.item() if getattr(value, "ndim", None) == 0 else value
+
+    def replace(self: C, **changes: Any) -> C:
+        """Return these settings with other values of some; raise InputError as the class does."""
+        return type(self)(**{**dict(self), **changes})
+
+    def overlaid(self: C, values: Mapping[str, Any], where: str = "") -> C:
+        """Return these settings with `values` as JSON and TOML hold them, tables for the parts:
+        what is not stated stays. `where` precedes the names in errors (InputError)."""
+        changes: dict[str, Any] = {}
+        try:
+            for name, value in values.items():
+                part = getattr(self, name) if name in type(self).model_fields else None
+                deeper = isinstance(part, Config) and isinstance(value, Mapping)
+                changes[name] = part.overlaid(value, name) if deeper else value  # type: ignore[union-attr]
+            return self.replace(**changes)
+        except SettingError as error:
+            raise error.within(where) from None
+
+    @classmethod
+    def from_dict(cls: type[C], values: Mapping[str, Any], where: str = "") -> C:
+        """Return the inverse of `to_dict`; what is not stated has its default. Arguments and errors
+        as of `overlaid`."""
+        return cls().overlaid(values, where)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, tables for the parts."""
+        return self.model_dump()
+
+
+def setting(
+    default: Any,
+    description: str,
+    source: str = "",
+    unit: str = "",
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    flag: str = "",
+    flag_help: str = "",
+) -> Any:
+    """Return a field: its default, what it is, where the default comes from and its unit.
+
+    above, below: bounds that are left out; least, most: bounds that are allowed. No number may be
+    beyond 1e9 without a bound of its own, nor within 1e-12 of one that is left out. flag: of the
+    command line, and its help, where that says less than `description`.
+    """
+    bounds: dict[str, Any] = {"gt": above, "ge": least, "lt": below, "le": most}
+    if isinstance(default, (int, float)) and not isinstance(default, bool):
+        if above is None and least is None:
+            bounds["ge"] = -LARGEST
+        if below is None and most is None:
+            bounds["le"] = LARGEST
+        if above is not None and isinstance(default, float):
+            bounds["ge"] = above + SMALLEST
+    extra = {"unit": unit, "source": source, "flag": flag, "flag_help": flag_help}
+    return Field(
+        default,
+        description=description,
+        json_schema_extra={name: text for name, text in extra.items() if text},
+        **{name: bound for name, bound in bounds.items() if bound is not None},
+    )
+
+
+def part(kind: type[Config], description: str, **defaults: Any) -> Any:
+    """Return a field that holds settings of class `kind`, with other `defaults` of some."""
+    return Field(default_factory=partial(kind, **defaults), description=description)
+
+
+def about(field: FieldInfo, name: str) -> str:
+    """Return a field's `unit`, `source`, `flag` or `flag_help`; empty where it has none."""
+    extra = field.json_schema_extra
+    return str(extra.get(name, "")) if isinstance(extra, dict) else ""
+
+
+def kinds_of(field: FieldInfo) -> tuple[Any, ...]:
+    """Return the types that a field takes."""
+    kind = field.annotation
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def choices_of(field: FieldInfo) -> tuple[Any, ...]:
+    """Return the values among which a field chooses; none where it takes others."""
+    kinds = [kind for kind in kinds_of(field) if get_origin(kind) is Literal]
+    return tuple(value for kind in kinds for value in get_args(kind))
+
+
+def part_of(field: FieldInfo) -> type[Config] | None:
+    """Return the class of the settings that a field holds; None where it is a single one."""
+    for kind in kinds_of(field):
+        if isinstance(kind, type) and issubclass(kind, Config):
+            return kind
+    return None
+
+
+def fields_below(kind: type[Config], *path: str) -> Iterator[tuple[tuple[str, ...], FieldInfo]]:
+    """Yield every single setting of a class and of its parts, with the names that lead to it."""
+    for name, field in kind.model_fields.items():
+        inner = part_of(field)
+        if inner is None:
+            yield (*path, name), field
+        else:
+            yield from fields_below(inner, *path, name)
+
+
+def range_of(field: FieldInfo) -> str:
+    """Return the numbers that a field takes, as in `from 0 to 10 px`; empty where any."""
+    bounds = {
+        name: getattr(rule, name)
+        for rule in field.metadata
+        for name in ("gt", "ge", "lt", "le")
+        if getattr(rule, name, None) is not None
+    }
+    if "gt" in bounds:
+        bounds.pop("ge", None)
+    if bounds.get("ge") == -LARGEST and bounds.get("le") == LARGEST:
+        return ""
+    text = range_text(**bounds)
+    return " ".join(filter(None, (text, about(field, "unit"))))
+
+
+_KINDS: dict[Any, str] = {
+    float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a path"
+}  # fmt: skip
+
+
+def expected_of(field: FieldInfo) -> str:
+    """Return what a field takes, as errors say it."""
+    if part_of(field) is not None:
+        return "settings with names"
+    choices = choices_of(field)
+    if choices:
+        return ", ".join(map(str, choices))
+    kinds = [kind for kind in kinds_of(field) if kind not in (Any, NoneType)]
+    words = [_KINDS.get(kind, "a list") for kind in kinds]
+    if float in kinds or int in kinds:
+        words[0] = " ".join(filter(None, (words[0], range_of(field))))
+    return " or ".join(words)
+
+
+def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
+    """Return the first of the errors with what was found and expected."""
+    first = error.errors(include_url=False)[0]
+    cause = (first.get("ctx") or {}).get("error")
+    name = str(first["loc"][0]) if first["loc"] else ""
+    if isinstance(cause, SettingError):
+        return cause.within(name)
+    field = kind.model_fields.get(name)
+    if field is None and name:
+        names = ", ".join(kind.model_fields)
+        return SettingError(name, f": no such setting; expected some of {names}")
+    if isinstance(cause, InputError):  # a sentence of its own
+        return SettingError("", f": {cause}")
+    if cause is not None:
+        return SettingError(name, f": {cause}")
+    found = escape_unprintable(repr(first["input"]))[:_SHOWN]
+    place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
+    expected = first["msg"].removeprefix("Input should be ")
+    if field is not None and not place:
+        expected = expected_of(field)
+    return SettingError(name, f"{place} is {found}; expected {expected}")

@@ -1,0 +1,116 @@
+"""What operating systems do differently: locks, signals, processes, cores and memory. Nothing else
+here asks which system it runs on, but for windows of viewers."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import contextmanager
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: Where Windows locks a byte: beyond what is written, since it keeps others from reading it.
+_LOCKED_BYTE = 2**30
+#: Of glibc's malloc.h.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+
+
+def lock_file(file: IO[bytes]) -> None:
+    """Lock an open file until it closes. Raises BlockingIOError if another process has locked it,
+    OSError where the file system has no locks."""
+    try:
+        import fcntl
+    except ImportError:
+        _lock_byte(file)
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _lock_byte(file: IO[bytes]) -> None:
+    """Lock one byte of a file, as Windows does. Raises BlockingIOError."""
+    import msvcrt
+
+    windows: Any = msvcrt  # whose names type checkers know on Windows only
+    before = file.tell()
+    file.seek(_LOCKED_BYTE)
+    try:
+        windows.locking(file.fileno(), windows.LK_NBLCK, 1)
+    except PermissionError as error:
+        raise BlockingIOError(*error.args) from None
+    finally:
+        file.seek(before)
+
+
+def is_alive(process: int) -> bool:
+    """Return whether a process of this number runs."""
+    import psutil
+
+    try:
+        return bool(psutil.pid_exists(process))
+    except OverflowError:  # of a name that only looks like ours
+        return False
+
+
+def physical_memory() -> int:
+    """Return the bytes of this machine's memory."""
+    import psutil
+
+    return int(psutil.virtual_memory().total)
+
+
+def list_own_cores() -> list[int]:
+    """Return the numbers of the cores that this process may run on; all where the system does not
+    pin processes to cores, as macOS."""
+    import psutil
+
+    process = psutil.Process()
+    if hasattr(process, "cpu_affinity"):
+        return sorted(process.cpu_affinity())
+    return list(range(os.cpu_count() or 1))
+
+
+def pin_to_cores(cores: Sequence[int]) -> None:
+    """Let this process run on these cores only, where the system can do that."""
+    import psutil
+
+    process = psutil.Process()
+    if hasattr(process, "cpu_affinity"):
+        process.cpu_affinity(list(cores))
+
+
+@contextmanager
+def handle_signals(handler: Callable[[int, Any], Any], names: Iterable[str]) -> Iterator[None]:
+    """Have the signals of these names, as many as the system has, call `handler` inside. In the
+    main thread only."""
+    before = {number: signal.signal(number, handler) for number in _signals(names)}
+    try:
+        yield
+    finally:
+        for number, usual in before.items():
+            signal.signal(number, usual)
+
+
+def ignore_signals(names: Iterable[str]) -> None:
+    """Let this process ignore the signals of these names, as many as the system has."""
+    for number in _signals(names):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _signals(names: Iterable[str]) -> list[int]:
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def keep_freed_memory(nbytes: int) -> None:
+    """Let the process keep up to `nbytes` that it frees for its next allocations, where its C
+    library is glibc."""
+    if sys.platform != "linux":
+        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_MMAP_THRESHOLD, nbytes)
+        mallopt(_TRIM_THRESHOLD, nbytes)

@@ -1,0 +1,13 @@
+"""What figures of silhouettes mean, in words."""
+
+from __future__ import annotations
+
+#: Parts of a silhouette smaller than this share of its largest part are speckle.
+SPECKLE_SHARE = 0.02
+
+DEFINITION = (
+    "IoU of the reprojected surface voxels with the silhouette that they were made of: the pixels "
+    "whose silhouette likelihood is above 0.5, within the projection of the reconstruction volume "
+    "and beyond it where a part lies mostly within, "
+    f"less speckle (5x5 median; parts under {SPECKLE_SHARE:.0%} of the largest one)"
+)

@@ -1,0 +1,17 @@
+"""The folder that a sequence lies in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cl import InputError, MissingFileError
+
+
+def check_folder(folder: Path) -> None:
+    """Raise MissingFileError if there is no such folder, InputError if it is a file."""
+    if folder.is_dir():
+        return
+    wanted = "expected a folder with calibrated views"
+    if folder.exists():
+        raise InputError(f"{folder}: a file; {wanted}")
+    raise MissingFileError(f"{folder}: no such folder; {wanted}")

@@ -1,0 +1,48 @@
+"""All settings of a reconstruction in one tree, a node for each room.
+
+Tables of --config and of presets, validation, and docs/settings.md are derived from it; so are the
+flags of single settings.
+"""
+
+from __future__ import annotations
+
+from psfs.background.config import PlateConfig, ScreenConfig
+from psfs.calibration.config import CalibrationConfig
+from psfs.common.config import Config, part
+from psfs.diagnostics.config import ConsistencyConfig, FaultConfig, PictureConfig
+from psfs.footage import settings as footage
+from psfs.voxels.config import EdgeConfig, ReconstructionConfig
+
+
+class BackgroundSettings(Config):
+    """How the empty scene is learnt from pictures."""
+
+    plate: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
+    screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
+
+
+class DiagnosticsSettings(Config):
+    """When footage and cameras count as faulty."""
+
+    consistency: ConsistencyConfig = part(ConsistencyConfig, "Cameras that disagree.")
+    faults: FaultConfig = part(FaultConfig, "Cameras that are late, exchanged or turned.")
+    pictures: PictureConfig = part(PictureConfig, "Faults of one camera's pictures.")
+
+
+class Settings(Config):
+    """The settings of every room of psfs."""
+
+    capture: footage.Settings = part(
+        footage.Settings, "What the files of a sequence do not say: the keys of sequence.toml."
+    )
+    background: BackgroundSettings = part(
+        BackgroundSettings, "How the empty scene is learnt from pictures."
+    )
+    reconstruction: ReconstructionConfig = part(
+        ReconstructionConfig, "From pictures to silhouettes and voxels."
+    )
+    edges: EdgeConfig = part(EdgeConfig, "The edges of the voxels' silhouettes.")
+    diagnostics: DiagnosticsSettings = part(
+        DiagnosticsSettings, "When footage and cameras count as faulty."
+    )
+    calibration: CalibrationConfig = part(CalibrationConfig, "How cameras are calibrated.")

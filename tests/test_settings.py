@@ -1,0 +1,58 @@
+"""The tree of settings: whole, documented, and as docs/settings.md says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import apf.presets
+import apf.settings
+import psfs.settings
+from psfs.common.config import Config, about, part_of
+
+ROOT = Path(__file__).parents[1]
+TREE = apf.settings.Settings
+
+
+def below(kind: type[Config]) -> set[type[Config]]:
+    """A class of settings and its parts."""
+    parts = [part_of(field) for field in kind.model_fields.values()]
+    return {kind}.union(*(below(part) for part in parts if part is not None))
+
+
+def classes(kind: type[Config] = Config) -> set[type[Config]]:
+    """All classes of settings that are part of the programs."""
+    found = {k for k in kind.__subclasses__() if k.__module__.startswith(("psfs.", "apf."))}
+    return found.union(*(classes(k) for k in found))
+
+
+def test_every_class_of_settings_is_in_the_tree() -> None:
+    outside = {psfs.settings.Settings, apf.presets.Preset}  # the one's own base, and a choice of it
+    assert classes() - outside == below(TREE)
+    assert len(below(TREE)) > 60
+
+
+@pytest.mark.parametrize("kind", sorted(below(TREE), key=lambda k: k.__qualname__))
+def test_every_setting_says_what_it_is_and_where_it_comes_from(kind: type[Config]) -> None:
+    assert kind.__doc__
+    for name, field in kind.model_fields.items():
+        text = field.description or ""
+        assert text[:1].isupper() or text.startswith('"'), f"{name}: {text}"
+        assert text.endswith("."), f"{name}: {text}"
+        if part_of(field) is None:
+            assert about(field, "source") or kind.SOURCE, f"{name} has no source"
+
+
+@pytest.mark.parametrize("kind", sorted(below(TREE), key=lambda k: k.__qualname__))
+def test_defaults_are_in_their_ranges(kind: type[Config]) -> None:
+    assert kind.from_dict(kind().to_dict()) == kind()
+
+
+def test_the_page_is_that_of_the_code() -> None:
+    command = [sys.executable, "-c", "from settings_table import page; print(page(), end='')"]
+    made = subprocess.run(command, capture_output=True, text=True, cwd=ROOT / "scripts", check=True)
+    page = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+    assert made.stdout == page, "run python scripts/settings_table.py"
