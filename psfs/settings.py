@@ -15,14 +15,14 @@ from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
 
 class BackgroundSettings(Config):
-    """How the empty scene is learnt from pictures."""
+    """The estimation of the background from pictures of the empty scene."""
 
-    plate: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
+    model: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
     screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
 
 
 class DiagnosticsSettings(Config):
-    """When footage and cameras count as faulty."""
+    """Limits beyond which footage and cameras count as faulty."""
 
     consistency: ConsistencyConfig = part(ConsistencyConfig, "Cameras that disagree.")
     faults: FaultConfig = part(FaultConfig, "Cameras that are late, exchanged or turned.")
@@ -36,7 +36,7 @@ class Settings(Config):
         footage.Settings, "What the files of a sequence do not say: the keys of sequence.toml."
     )
     background: BackgroundSettings = part(
-        BackgroundSettings, "How the empty scene is learnt from pictures."
+        BackgroundSettings, "How the background is estimated from pictures."
     )
     reconstruction: ReconstructionConfig = part(
         ReconstructionConfig, "From pictures to silhouettes and voxels."

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 
 from apf.settings import Settings
-from psfs.common.config import Config, about, choices_of, fields_below, part_of, range_of
+from psfs.common.config import Config, about, describe_range, field_choices, fields_below, part_kind
 
 PAGE = Path(__file__).parents[1] / "docs" / "settings.md"
 _HEAD = """# Settings
@@ -34,7 +34,7 @@ def page() -> str:
 def _sections(config: Config, where: str, shown: dict[type[Config], str]) -> Iterator[str]:
     """Yield a section for each part of `config`; classes that are `shown` are not shown again."""
     for name, field in type(config).model_fields.items():
-        kind, inner = part_of(field), getattr(config, name)
+        kind, inner = part_kind(field), getattr(config, name)
         if kind is None:
             continue
         path = f"{where}.{name}" if where else name
@@ -44,7 +44,7 @@ def _sections(config: Config, where: str, shown: dict[type[Config], str]) -> Ite
             continue
         shown[kind] = path
         yield f"`{kind.__name__}`: {' '.join((inspect.getdoc(kind) or '').split())}\n"
-        rows = [_row(inner, *item) for item in kind.model_fields.items() if not part_of(item[1])]
+        rows = [_row(inner, *item) for item in kind.model_fields.items() if not part_kind(item[1])]
         if rows:
             head = "| setting | default | unit or range | flag | what it is | source |"
             yield "\n".join([head, "|---|---|---|---|---|---|", *rows, ""])
@@ -65,7 +65,9 @@ def _again(config: Config, before: str) -> str:
 def _row(config: Config, name: str, field: FieldInfo) -> str:
     value = getattr(config, name)
     default = "" if value is None else f"`{value}`"
-    takes = range_of(field) or ", ".join(map(str, choices_of(field))) or about(field, "unit")
+    takes = (
+        describe_range(field) or ", ".join(map(str, field_choices(field))) or about(field, "unit")
+    )
     flag = f"`{about(field, 'flag')}`" if about(field, "flag") else ""
     source = about(field, "source") or config.SOURCE
     cells = (f"`{name}`", default, takes, flag, field.description or "", source)

@@ -17,7 +17,7 @@ import apf
 import apf.cli
 import psfs
 import psfs.cli
-from psfs.common.config import Config, part_of
+from psfs.common.config import Config, part_kind
 from psfs.common.toml import read_toml
 
 ROOT = Path(__file__).parents[1]
@@ -39,7 +39,7 @@ def test_public_names_are_there_documented_and_listed(package: ModuleType) -> No
 
 def configs_in(config: type[Config]) -> set[type[Config]]:
     """A config and all that it is made of."""
-    parts = [part_of(field) for field in config.model_fields.values()]
+    parts = [part_kind(field) for field in config.model_fields.values()]
     return {config}.union(*(configs_in(part) for part in parts if part is not None))
 
 

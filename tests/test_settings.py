@@ -11,7 +11,7 @@ import pytest
 import apf.presets
 import apf.settings
 import psfs.settings
-from psfs.common.config import Config, about, part_of
+from psfs.common.config import Config, about, part_kind
 
 ROOT = Path(__file__).parents[1]
 TREE = apf.settings.Settings
@@ -19,7 +19,7 @@ TREE = apf.settings.Settings
 
 def below(kind: type[Config]) -> set[type[Config]]:
     """A class of settings and its parts."""
-    parts = [part_of(field) for field in kind.model_fields.values()]
+    parts = [part_kind(field) for field in kind.model_fields.values()]
     return {kind}.union(*(below(part) for part in parts if part is not None))
 
 
@@ -42,7 +42,7 @@ def test_every_setting_says_what_it_is_and_where_it_comes_from(kind: type[Config
         text = field.description or ""
         assert text[:1].isupper() or text.startswith('"'), f"{name}: {text}"
         assert text.endswith("."), f"{name}: {text}"
-        if part_of(field) is None:
+        if part_kind(field) is None:
             assert about(field, "source") or kind.SOURCE, f"{name} has no source"
 
 

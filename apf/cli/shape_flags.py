@@ -8,7 +8,7 @@ from typing import Any
 from apf.image_objective.config import ObjectiveConfig
 from cl import InputError
 from psfs.cli.commandline import path_or_name
-from psfs.common.config import choices_of
+from psfs.common.config import field_choices
 
 #: Of these flags, the settings of `ObjectiveConfig`.
 SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
@@ -17,7 +17,7 @@ SHAPE_FLAGS = ("shape", "shape_weights", "shape_pose", "round_ends")
 def add_shape_flags(parser: argparse.ArgumentParser) -> None:
     """--shape, --shape-weights, --shape-pose and --round-ends."""
     group = parser.add_argument_group("shape", "how the body looks in pictures")
-    _, *frusta = choices_of(ObjectiveConfig.model_fields["vertices_per_part"])
+    _, *frusta = field_choices(ObjectiveConfig.model_fields["vertices_per_part"])
     known = ", ".join(map(str, frusta))
     group.add_argument(
         "--shape",

@@ -6,7 +6,7 @@ from psfs.common.config import Config, setting
 
 
 class ChunksConfig(Config):
-    """How chunks overlap and when they agree."""
+    """Overlap of parts, and when they agree."""
 
     overlap: float = setting(
         1.0,
@@ -26,7 +26,7 @@ class ChunksConfig(Config):
 
 
 class WorkerConfig(Config):
-    """How many workers an embedded cluster has. A worker is a process that does one take at a
+    """Number of workers of an embedded cluster. A worker is a process that does one take at a
     time."""
 
     per_gpu: int = setting(

@@ -11,7 +11,7 @@ from psfs.common.config import Config, setting
 
 
 class CropConfig(Config):
-    """How pictures are cropped around the silhouette before the network sees them."""
+    """The crop of pictures around the silhouette before the network sees them."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -51,8 +51,8 @@ class CropConfig(Config):
 
 
 class PersonConfig(Config):
-    """What makes a person the one that is followed, beside confidence and size, which give 0 to 1
-    in every frame."""
+    """Costs that make a person the one that is followed, beside confidence and size, which give 0
+    to 1 in every frame."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -78,7 +78,7 @@ class PersonConfig(Config):
 
 
 class AgreementConfig(Config):
-    """When keypoints count as wrong, see `apf.keypoints.agreement`."""
+    """Limits beyond which keypoints count as wrong, see `apf.keypoints.agreement`."""
 
     SOURCE: ClassVar = (
         "set between what the sequences at hand show untouched and what they show spoilt"
@@ -108,7 +108,7 @@ class AgreementConfig(Config):
 
 
 class TriangulationConfig(Config):
-    """When cameras are left out of a point, and when there is no point."""
+    """Limits by which cameras are left out of a point, and points are left out."""
 
     max_error: float = setting(
         15.0,

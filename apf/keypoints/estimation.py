@@ -30,7 +30,7 @@ from psfs.silhouettes.config import SilhouetteConfig
 
 @dataclass(frozen=True)
 class EstimationJob:
-    """What is to be done. overrides: of `Sequence.open`. device: name, for the silhouettes that
+    """A job of estimation. overrides: of `Sequence.open`. device: name, for the silhouettes that
     pictures are cropped by; None for whole pictures."""
 
     folder: Path

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from cl import InputError
-from psfs.common.config import C, Config, SettingError, about, fields_below, kinds_of
+from psfs.common.config import C, Config, SettingError, about, field_kinds, fields_below
 
 Names = tuple[str, ...]
 
@@ -33,7 +33,7 @@ def add_setting_flags(
     the flags the settings' defaults, so that they are written beside results."""
     added = set()
     for path, field in flagged(kind):
-        flag, *_ = kinds_of(field)
+        flag, *_ = field_kinds(field)
         name = about(field, "flag")
         if name in added:
             continue

@@ -17,7 +17,7 @@ import tomli_w
 from cl import InputError
 from psfs.cli.commandline import path_or_name
 from psfs.cli.recording import RecordingParser
-from psfs.common.config import Config, part_of
+from psfs.common.config import Config, part_kind
 from psfs.common.files import resolve_path, written_whole
 from psfs.common.presets import Presets, overlaid, read_preset
 from psfs.common.toml import read_toml
@@ -44,7 +44,7 @@ def add_config_flag(parser: argparse.ArgumentParser) -> None:
 def add_configs(parser: argparse.ArgumentParser, tree: type[Config], *names: str) -> None:
     """Let `parser`'s settings have tables for these nodes of a tree of settings: `configs[name]` of
     the arguments, where it is stated."""
-    kinds = {name: part_of(tree.model_fields[name]) for name in names}
+    kinds = {name: part_kind(tree.model_fields[name]) for name in names}
     parser.set_defaults(config_kinds={**(parser.get_default("config_kinds") or {}), **kinds})
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
 from cl import InputError
@@ -25,13 +25,13 @@ _SHOWN = 80
 class SettingError(InputError):
     """A setting that is refused: the names that lead to it, and what is wrong with it."""
 
-    def __init__(self, path: str, problem: str) -> None:
+    def __init__(self, problem: str, path: str = "") -> None:
         super().__init__(f"{path}{problem}" if path else problem.removeprefix(": "))
         self.path, self.problem = path, problem
 
     def within(self, name: str) -> SettingError:
         """Return the same error of settings that are a part of others, by the part's `name`."""
-        return SettingError(".".join(filter(None, (name, self.path))), self.problem)
+        return SettingError(self.problem, ".".join(filter(None, (name, self.path))))
 
 
 class Config(BaseModel):
@@ -52,8 +52,10 @@ class Config(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _plain(cls, value: Any) -> Any:
-        if isinstance(value, list):
+    def _plain(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, list) and Any not in field_kinds(
+            cls.model_fields[str(info.field_name)]
+        ):
             return tuple(value)
         return value.item() if getattr(value, "ndim", None) == 0 else value
 
@@ -132,21 +134,21 @@ def about(field: FieldInfo, name: str) -> str:
     return str(extra.get(name, "")) if isinstance(extra, dict) else ""
 
 
-def kinds_of(field: FieldInfo) -> tuple[Any, ...]:
+def field_kinds(field: FieldInfo) -> tuple[Any, ...]:
     """Return the types that a field takes."""
     kind = field.annotation
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
-def choices_of(field: FieldInfo) -> tuple[Any, ...]:
+def field_choices(field: FieldInfo) -> tuple[Any, ...]:
     """Return the values among which a field chooses; none where it takes others."""
-    kinds = [kind for kind in kinds_of(field) if get_origin(kind) is Literal]
+    kinds = [kind for kind in field_kinds(field) if get_origin(kind) is Literal]
     return tuple(value for kind in kinds for value in get_args(kind))
 
 
-def part_of(field: FieldInfo) -> type[Config] | None:
+def part_kind(field: FieldInfo) -> type[Config] | None:
     """Return the class of the settings that a field holds; None where it is a single one."""
-    for kind in kinds_of(field):
+    for kind in field_kinds(field):
         if isinstance(kind, type) and issubclass(kind, Config):
             return kind
     return None
@@ -155,14 +157,14 @@ def part_of(field: FieldInfo) -> type[Config] | None:
 def fields_below(kind: type[Config], *path: str) -> Iterator[tuple[tuple[str, ...], FieldInfo]]:
     """Yield every single setting of a class and of its parts, with the names that lead to it."""
     for name, field in kind.model_fields.items():
-        inner = part_of(field)
+        inner = part_kind(field)
         if inner is None:
             yield (*path, name), field
         else:
             yield from fields_below(inner, *path, name)
 
 
-def range_of(field: FieldInfo) -> str:
+def describe_range(field: FieldInfo) -> str:
     """Return the numbers that a field takes, as in `from 0 to 10 px`; empty where any."""
     bounds = {
         name: getattr(rule, name)
@@ -183,17 +185,17 @@ _KINDS: dict[Any, str] = {
 }  # fmt: skip
 
 
-def expected_of(field: FieldInfo) -> str:
+def describe_expected(field: FieldInfo) -> str:
     """Return what a field takes, as errors say it."""
-    if part_of(field) is not None:
+    if part_kind(field) is not None:
         return "settings with names"
-    choices = choices_of(field)
+    choices = field_choices(field)
     if choices:
         return ", ".join(map(str, choices))
-    kinds = [kind for kind in kinds_of(field) if kind not in (Any, NoneType)]
+    kinds = [kind for kind in field_kinds(field) if kind not in (Any, NoneType)]
     words = [_KINDS.get(kind, "a list") for kind in kinds]
     if float in kinds or int in kinds:
-        words[0] = " ".join(filter(None, (words[0], range_of(field))))
+        words[0] = " ".join(filter(None, (words[0], describe_range(field))))
     return " or ".join(words)
 
 
@@ -207,14 +209,14 @@ def _first_error(kind: type[Config], error: ValidationError) -> SettingError:
     field = kind.model_fields.get(name)
     if field is None and name:
         names = ", ".join(kind.model_fields)
-        return SettingError(name, f": no such setting; expected some of {names}")
+        return SettingError(f": no such setting; expected some of {names}", name)
     if isinstance(cause, InputError):  # a sentence of its own
-        return SettingError("", f": {cause}")
+        return SettingError(f": {cause}")
     if cause is not None:
-        return SettingError(name, f": {cause}")
+        return SettingError(f": {cause}", name)
     found = escape_unprintable(repr(first["input"]))[:_SHOWN]
     place = "".join(f"[{step}]" for step in first["loc"][1:] if isinstance(step, int))
     expected = first["msg"].removeprefix("Input should be ")
     if field is not None and not place:
-        expected = expected_of(field)
-    return SettingError(name, f"{place} is {found}; expected {expected}")
+        expected = describe_expected(field)
+    return SettingError(f"{place} is {found}; expected {expected}", name)

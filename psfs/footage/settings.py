@@ -18,12 +18,12 @@ BackgroundKind = Literal[
     "gaussian", "frames", "masks", "threshold", "mog", "mog-adaptive", "chroma"
 ]
 Subject = Literal["person", "object"]
-#: How silhouettes are made. "gaussian": empty plate (`background/`);
-#: "frames": the same, learnt from the sequence's own frames; "masks": ready masks; "threshold":
-#: brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of Gaussians, learnt
-#: from the empty plate or, without one, from the sequence's own frames; "mog-adaptive": one that
-#: goes on learning, frame by frame; "chroma": a screen of one colour, `key` or found in the empty
-#: plate or the frames.
+#: How silhouettes are made. "gaussian": background model from pictures of the empty scene
+#: (`background/`); "frames": the same, estimated from the sequence's own frames; "masks": given
+#: masks; "threshold": brighter than `threshold` (0..1), then dilated and eroded; "mog": mixture of
+#: Gaussians, fitted to the empty scene or, without it, to the sequence's own frames;
+#: "mog-adaptive": one that is updated frame by frame; "chroma": a screen of one colour, `key` or
+#: estimated from the empty scene or the frames.
 BACKGROUND_KINDS: tuple[str, ...] = get_args(BackgroundKind)
 #: Those by a mixture of Gaussians.
 MIXTURES = ("mog", "mog-adaptive")
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Config):
-    """The keys of `sequence.toml`; None where nothing is said."""
+    """The keys of `sequence.toml`; None for those that are not stated."""
 
     unit: str | float | None = setting(
         None,

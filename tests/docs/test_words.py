@@ -39,7 +39,6 @@ TO_DO = {
     "psfs/api.py",
     "psfs/backend.py",
     "psfs/background",
-    "psfs/calibration/config.py",
     "psfs/cli",
     "psfs/diagnostics",
     "psfs/reconstructor.py",
