@@ -6,7 +6,7 @@ from psfs.common.config import Config, setting
 
 
 class ChunksConfig(Config):
-    """Overlap of parts, and when they agree."""
+    """Overlap of chunks, and when they agree."""
 
     overlap: float = setting(
         1.0,
