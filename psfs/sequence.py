@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from collections.abc import Sequence as Items
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
@@ -126,6 +127,12 @@ class Sequence:
     def with_cameras(self, names: Collection[str]) -> Sequence:
         """Return the same views of these cameras only. Raises InputError for unknown names."""
         return self._again(self.settings.replace(cameras=tuple(names)))
+
+    def with_rig(self, rig: CameraRig) -> Sequence:
+        """Return the same views by `rig`, which knows more of the same cameras."""
+        other = copy(self)
+        other.rig = rig
+        return other
 
     def synchronised(self, late: Mapping[str, int]) -> Sequence:
         """Return the same views, those shifted that come `late` by so many frames, by name."""

@@ -22,6 +22,7 @@ from psfs.background.gaussian import Background
 from psfs.cameras.camera import CameraRig
 from psfs.reconstructor import ReconstructionConfig, Reconstructor
 from psfs.sequence import Frame, Sequence
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import HostVoxels
@@ -48,10 +49,12 @@ class SessionSettings:
 
 @dataclass(frozen=True, eq=False)
 class CarvedFrame:
-    """The silhouettes (V, H, W) bool that a frame was carved with, and its surface voxels."""
+    """The silhouettes (V, H, W) bool that a frame was carved with, where they are known, likewise
+    (elsewhere furniture hides what is behind it), and its surface voxels."""
 
     index: int
     silhouettes: np.ndarray
+    known: np.ndarray
     cloud: VoxelCloud
 
 
@@ -119,7 +122,7 @@ class Session:
         same device and settings. Frames are kept in memory if they were before."""
         if sequence is self.sequence:
             return self
-        if self.sequence.keeps_frames:
+        if self.sequence.keeps_frames and not sequence.keeps_frames:
             sequence.keep_frames()
         return Session(sequence, self.device, self.settings)
 
@@ -188,43 +191,50 @@ class Session:
         reconstruct = self.reconstructor(grid)
         for frame in self.sequence.frames_at(indices):
             voxels = reconstruct(frame)
-            shown = reconstruct.evidence() > 0
-            yield CarvedFrame(frame.index, shown, voxels.cloud(colour=frame.images is not None))
+            evidence, cloud = reconstruct.evidence(), voxels.cloud(colour=frame.images is not None)
+            yield CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud)
 
 
 class _CarvedFrames:
-    """Carved frames in little memory: silhouettes as compressed bits. All are dropped, and no more
+    """Carved frames in little memory: pictures as compressed bits. All are dropped, and no more
     is kept, once they take more than `_CARVED_BYTES`."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
         self._wanted, self._n_bytes = wanted, 0
         self._shape: tuple[int, ...] = ()
-        self._frames: dict[int, tuple[bytes, VoxelCloud]] = {}
+        self._frames: dict[int, tuple[bytes, bytes, VoxelCloud]] = {}
 
     def add(self, index: int, voxels: Voxels | HostVoxels, colour: bool) -> None:
         if index not in self._wanted or voxels.evidence is None:
             return
         evidence = voxels.evidence
-        shown = (evidence if isinstance(evidence, np.ndarray) else evidence.get()) > 0
-        bits, cloud = zlib.compress(np.packbits(shown).tobytes(), 1), voxels.cloud(colour=colour)
-        self._shape = shown.shape
-        self._frames[index] = bits, cloud
-        self._n_bytes += len(bits) + cloud.nbytes
+        counts = evidence if isinstance(evidence, np.ndarray) else evidence.get()
+        shown, known = _compress(counts > 0), _compress(counts != UNKNOWN)
+        cloud = voxels.cloud(colour=colour)
+        self._shape = counts.shape
+        self._frames[index] = shown, known, cloud
+        self._n_bytes += len(shown) + len(known) + cloud.nbytes
         if self._n_bytes > _CARVED_BYTES:
             self._wanted = frozenset()
             self._frames.clear()
 
     def holds(self, grid: VoxelGrid, indices: Items[int]) -> bool:
         """Return whether all frames of `indices` are there, carved in `grid`."""
-        return all(
-            index in self._frames and self._frames[index][1].grid.same_as(grid) for index in indices
-        )
+        frames = self._frames
+        return all(i in frames and frames[i][-1].grid.same_as(grid) for i in indices)
 
     def get(self, index: int) -> CarvedFrame:
-        bits, cloud = self._frames[index]
-        packed = np.frombuffer(zlib.decompress(bits), np.uint8)
-        shown = np.unpackbits(packed, count=math.prod(self._shape)).astype(bool)
-        return CarvedFrame(index, shown.reshape(self._shape), cloud)
+        shown, known, cloud = self._frames[index]
+        return CarvedFrame(index, self._expand(shown), self._expand(known), cloud)
+
+    def _expand(self, compressed: bytes) -> np.ndarray:
+        packed = np.frombuffer(zlib.decompress(compressed), np.uint8)
+        flat = np.unpackbits(packed, count=math.prod(self._shape)).astype(bool)
+        return flat.reshape(self._shape)
+
+
+def _compress(pictures: np.ndarray) -> bytes:
+    return zlib.compress(np.packbits(pictures).tobytes(), 1)
 
 
 def check_frames(session: Session) -> range:

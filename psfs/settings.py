@@ -9,7 +9,13 @@ from __future__ import annotations
 from psfs.background.config import PlateConfig, ScreenConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
-from psfs.diagnostics.config import ConsistencyConfig, FaultConfig, PictureConfig
+from psfs.diagnostics.config import (
+    AlignmentConfig,
+    ConsistencyConfig,
+    FaultConfig,
+    OccluderConfig,
+    PictureConfig,
+)
 from psfs.footage import settings as footage
 from psfs.voxels.config import EdgeConfig, ReconstructionConfig
 
@@ -27,6 +33,8 @@ class DiagnosticsSettings(Config):
     consistency: ConsistencyConfig = part(ConsistencyConfig, "Cameras that disagree.")
     faults: FaultConfig = part(FaultConfig, "Cameras that are late, exchanged or turned.")
     pictures: PictureConfig = part(PictureConfig, "Faults of one camera's pictures.")
+    alignment: AlignmentConfig = part(AlignmentConfig, "Rigs that are a little off.")
+    occluders: OccluderConfig = part(OccluderConfig, "Furniture before the person.")
 
 
 class Settings(Config):

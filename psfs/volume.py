@@ -79,7 +79,7 @@ def _stated_or_found(session: Session) -> Volume:
     n_samples = config.volume.samples
     picked = np.unique(np.linspace(0, len(frames) - 1, n_samples).round().astype(int))
     evidence = session.evidence([frames[int(i)] for i in picked])
-    search = _BoxSearch(
+    search = BoxSearch(
         session.rig,
         [without_speckle(maps) for maps in evidence],
         volume_config(session.sequence, config),
@@ -94,11 +94,11 @@ def _stated_or_found(session: Session) -> Volume:
     return Volume(*box)
 
 
-_Box = tuple[np.ndarray, np.ndarray]
+Box = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class _BoxSearch:
+class BoxSearch:
     """Search for the box around the largest part of each frame, coarse to fine. evidence: maps of
     each frame, as `without_speckle` leaves them. min_cameras: that see an occupied voxel."""
 
@@ -107,7 +107,7 @@ class _BoxSearch:
     config: VolumeConfig
     min_cameras: int
 
-    def run(self) -> _Box | None:
+    def run(self) -> Box | None:
         """Return the lowest and highest corner, m; None if nothing is occupied."""
         config = self.config
         everywhere = reachable_box(self.rig, config, floor=False)
@@ -122,7 +122,7 @@ class _BoxSearch:
             return None if box is None else self._within(box)
         return box
 
-    def _within(self, box: _Box) -> _Box | None:
+    def _within(self, box: Box) -> Box | None:
         """Return the box of what is occupied in `box`, with a margin."""
         low, high = box
         config = self.config

@@ -15,6 +15,7 @@ from apf.body.stature import is_whole
 from apf.filters.config import FilterConfig
 from apf.initialisation.automatic import find_start
 from apf.initialisation.config import FrameChoice, StartConfig
+from apf.initialisation.hypotheses import forward
 from apf.initialisation.kept_voxels import StoredVoxels, person_points, stored
 from apf.initialisation.shape_fit import seen_heights
 from apf.initialisation.start import Start, StartError, check_startable
@@ -44,10 +45,47 @@ def initialise(
 ) -> Start:
     """Find the person in the first of the session's frames; see `find_start`.
 
+    Where another hypothesis fits nearly as well, more frames are looked at: in a skirt, or with
+    arms before the trunk, a second tells little of which way somebody looks.
+
     Who stoops or crouches there, and stands taller in a later frame, has the body that is found
     around that one: how long bent limbs are, a hull does not show.
     """
     config = config or StartConfig()
+
+    def found(config: StartConfig) -> Start:
+        return _find(
+            session, template, config,
+            height=height, keep_shape=keep_shape, seed=seed, progress=progress,
+        )  # fmt: skip
+
+    start = found(config)
+    if start.rival >= config.acceptance.ambiguous:
+        return start
+    factor, frames = config.acceptance.longer, config.frames
+    wider = frames.replace(duration=factor * frames.duration, n_fitted=2 * frames.n_fitted)
+    try:
+        again = found(config.replace(frames=wider))
+    except StartError:
+        return start
+    turned = forward(start.body, start.pose) @ forward(again.body, again.pose) < 0
+    if not turned or again.rival < start.rival:
+        return start
+    log.info("%s: the person looks the other way, as longer looks tell", session.sequence.name)
+    return again
+
+
+def _find(
+    session: Session,
+    template: BodyModel,
+    config: StartConfig,
+    *,
+    height: float | None,
+    keep_shape: bool,
+    seed: int,
+    progress: Callable[[], object] | None,
+) -> Start:
+    """Find the person by looks of these settings."""
     check_startable(template)  # before the voxels are made
     sequence, device, chosen = session.sequence, session.device, session.frames
     check_rate(sequence, chosen.step)

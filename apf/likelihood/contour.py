@@ -20,6 +20,8 @@ from psfs.cameras.camera import CameraRig
 N_NORMALS = 4
 #: Pixels to either side of an outline, and diagonal steps that are about as far.
 REACH, DIAGONAL_REACH = 3, 2
+#: What a contour is worth that furniture hides: neither there nor missing.
+HIDDEN = 128
 #: Of the Sobel operator's result, per grey value and pixel.
 SOBEL_GAIN = 128
 #: Pixels from the border that have no gradient, and no contour.
@@ -89,7 +91,7 @@ class Contours:
 
     def _kernel(self, name: str) -> Any:
         return self.device.kernel(
-            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH,
+            "tracking/contour", name, REACH=REACH, DIAGONAL_REACH=DIAGONAL_REACH, HIDDEN=HIDDEN,
             MARGIN=MARGIN, OUTER_MARGIN=OUTER_MARGIN, STRIP=_STRIP,
             **({} if self.device.is_gpu else {"ANYWHERE": 1}),
         )  # fmt: skip

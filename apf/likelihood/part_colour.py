@@ -99,7 +99,7 @@ def palette_of(
 
     The palette is found by k-means in CIE Lab, in which lightness counts half: shading changes it.
     """
-    person = pictures[silhouettes > 0]
+    person = pictures[silhouettes == 255]
     if len(person) < config.least_pixels:
         return None
     chosen = person[np.arange(_PALETTE_PIXELS) * len(person) // _PALETTE_PIXELS]

@@ -30,7 +30,6 @@ MOST_FRAMES = 200
 _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
-#: than hulls of few cameras are thicker than flesh.
 _FAR = 0.10
 
 
@@ -77,13 +76,13 @@ def compare_with_silhouettes(
     for number, frame in enumerate(session.carved(grid, indices)):
         shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
-            _score_cones(camera, cones[number], drawn, silhouette)
-            for camera, silhouette in zip(rig, shown, strict=True)
+            _score_cones(camera, cones[number], drawn, silhouette, known)
+            for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
         ])  # fmt: skip
         found["body_iou"].append(scores[:, 0])
         found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
         found["explained"].append(_explained_share(cloud.centres, cones[number]))
-        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown))
+        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, frame.known))
         clouds.append(cloud)
         if progress is not None:
             progress()
@@ -92,20 +91,30 @@ def compare_with_silhouettes(
 
 
 def _voxel_iou(
-    rig: CameraRig, extents: np.ndarray, centres: np.ndarray, shown: np.ndarray
+    rig: CameraRig,
+    extents: np.ndarray,
+    centres: np.ndarray,
+    shown: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool."""
+    """Return the IoU (V,) of voxels with `centres` (N, 3) m and the silhouettes (V, H, W) bool, at
+    pixels that are `known` (V, H, W)."""
     ours = [
         voxel_silhouette(camera, centres, extent, shown.shape[1:])
         for camera, extent in zip(rig, extents, strict=True)
     ]
-    return np.array([iou(one, other) for one, other in zip(ours, shown, strict=True)])
+    views = zip(ours, shown, known, strict=True)
+    return np.array([iou(one & there, other) for one, other, there in views])
 
 
 def _score_cones(
-    camera: Camera, cones: np.ndarray, drawn: Items[int], silhouette: np.ndarray
+    camera: Camera,
+    cones: np.ndarray,
+    drawn: Items[int],
+    silhouette: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
-    """Score posed cones (C, 16) in one camera.
+    """Score posed cones (C, 16) in one camera, at pixels that are `known` (H, W) bool.
 
     Returns (1 + n,): their IoU with the silhouette (H, W) bool, and for each `drawn` cone its share
     in the silhouette; NaN if too little of it is visible.
@@ -119,6 +128,7 @@ def _score_cones(
         shape = np.zeros_like(whole)
         cv2.fillConvexPoly(shape, cv2.convexHull(np.rint(quad).astype(np.int32)), 1)
         shape[camera.size[1] :], shape[:, camera.size[0] :] = 0, 0
+        shape[~known] = 0
         pixels = np.count_nonzero(shape)
         if pixels >= _LEAST_PIXELS:
             scores[1 + number] = np.count_nonzero(shape & silhouette) / pixels

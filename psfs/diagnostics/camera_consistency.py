@@ -1,7 +1,8 @@
 """Which cameras disagree with the others, and why.
 
 A camera is judged by the shape that all the others see: carved without it, projected into it, and
-compared with its own silhouette.
+compared with its own silhouette, as far as that has to do with the person: clutter elsewhere in its
+picture, and furniture before the person, are no ground to leave a camera out.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from psfs.cameras.footprints import voxel_footprints
@@ -17,6 +19,7 @@ from psfs.common.regions import iou
 from psfs.diagnostics.config import ConsistencyConfig
 from psfs.sequence import Sequence
 from psfs.session import Session
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.host_voxels import surface_indices, voxel_silhouette
@@ -128,7 +131,7 @@ class _Judge:
         votes = np.zeros((2, self.grid.size), np.int32)
         for view in views:
             voxels, pixels = self._at[view]
-            votes[0, voxels] += self._evidence[index][view][pixels]
+            votes[0, voxels] += _counts(self._evidence[index][view][pixels])
             votes[1, voxels] += 1
         return votes
 
@@ -136,7 +139,7 @@ class _Judge:
         """Return the surface voxels (N,) by the votes of `n_views` cameras less those of one."""
         others = votes.copy()
         voxels, pixels = self._at[without]
-        others[0, voxels] -= self._evidence[index][without][pixels]
+        others[0, voxels] -= _counts(self._evidence[index][without][pixels])
         others[1, voxels] -= 1
         needed = OccupancyConfig().seeing_cameras(n_views - 1)
         occupied = (others[0] > 0) & (others[1] >= needed)
@@ -147,7 +150,10 @@ class _Judge:
         size = (self.rig.height, self.rig.width)
         camera = self.rig.cameras[view]
         expected = voxel_silhouette(camera, self.grid.centres(shape), self._extents[view], size)
-        return iou(expected, evidence[view] > 0)
+        own = of_person(evidence[view] > 0, expected)
+        if (own & expected).sum() >= self.limits.agrees * own.sum():
+            expected &= evidence[view] != UNKNOWN  # furniture, or else the camera is wrong
+        return iou(expected, own)
 
     def reason(self, view: int, others: list[int]) -> str:
         """Return why camera `view` may disagree with the shape that `others` see."""
@@ -182,6 +188,20 @@ class _Judge:
             scores[lag] = self._iou(view, shape, evidence)
         best = max(scores, key=lambda lag: scores[lag])
         return best if scores[best] > scores[0] + self.limits.rise else 0
+
+
+def of_person(shown: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return those connected parts of a silhouette (H, W) bool that meet the expected one: others
+    are clutter, or people elsewhere. All of it where none does: it is elsewhere itself."""
+    count, labels = cv2.connectedComponents(shown.view(np.uint8), connectivity=8)
+    meets = np.zeros(count, bool)
+    meets[np.unique(labels[expected & shown])] = True
+    return meets[labels] if meets.any() else shown
+
+
+def _counts(evidence: np.ndarray) -> np.ndarray:
+    """Return evidence with 0 where it is unknown."""
+    return np.where(evidence == UNKNOWN, 0, evidence)
 
 
 def _coarse_grid(sequence: Sequence, limits: ConsistencyConfig) -> VoxelGrid:

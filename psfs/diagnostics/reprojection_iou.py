@@ -14,6 +14,7 @@ from psfs.common.regions import iou, keep_large_regions
 from psfs.diagnostics.definitions import SPECKLE_SHARE
 from psfs.sequence import Frame
 from psfs.session import Session
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
@@ -29,8 +30,11 @@ class Checker:
 
     The silhouettes are those of the session's reconstruction in this grid, which is done again,
     so what was learnt from the frames before is learnt again. Give the frames in the run's order; a
-    frame for itself learns from itself.
+    frame for itself learns from itself. known: (V, H, W) bool, where the frame whose silhouettes
+    were asked for last says anything: elsewhere furniture hides what is behind it.
     """
+
+    known: np.ndarray
 
     def __init__(self, session: Session, grid: VoxelGrid) -> None:
         self.rig = session.rig
@@ -43,7 +47,9 @@ class Checker:
         """Return (V, H, W) bool: the frame's silhouettes, whole where the volume cuts them, less
         speckle."""
         self._reconstruct(frame)
-        whole = whole_silhouettes(self._reconstruct.evidence() > 0, self._volume)
+        evidence = self._reconstruct.evidence()
+        self.known = evidence != UNKNOWN
+        whole = whole_silhouettes(evidence > 0, self._volume)
         self.beyond.append(beyond_volume(whole, self._volume))
         return whole
 
@@ -53,7 +59,7 @@ class Checker:
         scores = []
         for view, camera in enumerate(self.rig):
             voxels = voxel_silhouette(camera, cloud.centres, self._extents[view], shape)
-            scores.append(iou(voxels, shown[view]))
+            scores.append(iou(voxels & self.known[view], shown[view]))
         return np.array(scores)
 
 

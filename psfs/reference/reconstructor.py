@@ -15,6 +15,7 @@ from psfs.reconstructor import ReconstructionConfig
 from psfs.reference.adaptation import NumpyAdaptation
 from psfs.reference.appearance import NumpyForeground
 from psfs.reference.colour import surface_colour
+from psfs.reference.hidden import hide
 from psfs.reference.occupancy import occupancy
 from psfs.reference.silhouette import mask_evidence, silhouette_evidence
 from psfs.reference.surface import smooth, surface_voxels
@@ -112,5 +113,6 @@ def frame_evidence(
     """Return evidence counts (V, H, W) int8 of a frame: of its masks if there is no background."""
     pictures = frame_input(frame, background)
     if background is None:
-        return mask_evidence(pictures, rig, config)
-    return silhouette_evidence(pictures, rig, background, config, foreground)
+        return hide(mask_evidence(pictures, rig, config), rig.hidden)
+    evidence = silhouette_evidence(pictures, rig, background, config, foreground)
+    return hide(evidence, rig.hidden)

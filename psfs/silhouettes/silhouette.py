@@ -16,6 +16,7 @@ from psfs.cameras.cells import CELL, cells
 from psfs.silhouettes.appearance import BINS, Foreground
 from psfs.silhouettes.config import SPAN, SilhouetteConfig
 from psfs.silhouettes.floor_shadow import floor_points
+from psfs.silhouettes.hidden import hide_launch
 
 if TYPE_CHECKING:
     from psfs.background.gaussian import Background
@@ -28,7 +29,8 @@ class Silhouette:
     A pixel's evidence is log(SLM / 0.5) for P(O) = 0.5, see `EvidenceConfig.log_odds`. One
     byte per pixel, because the occupancy gathers from these maps: on PoCL, int8 maps took 59 ms
     for 8 cameras and 2.3 M voxels, float32 maps 71 ms. Pixels outside a smaller camera's picture
-    hold 0. `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
+    hold 0; those that the rig says are hidden hold `UNKNOWN`, unless they show foreground.
+    `background` None: the maps come from ready masks; a `ChromaKey`: by the chromaticity.
 
     The foreground is uniform (Song et al.: for the first frame) until `foreground` has learnt
     from a reconstruction; `foreground` is None for masks, before a screen of one colour, which
@@ -64,6 +66,9 @@ class Silhouette:
         else:
             self.input = device.empty((*shape, 3), np.uint8, "the pictures")
             self._launches = self._from_pictures(background)
+        hidden = rig.hidden
+        if hidden is not None:
+            self._launches.append(hide_launch(device, hidden, self.evidence))
 
     def __call__(self, pictures: np.ndarray) -> Array:
         """Enqueue upload and map for pictures (V, H, W, 3) uint8 BGR, or masks (V, H, W) uint8."""

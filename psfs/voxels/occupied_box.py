@@ -8,6 +8,7 @@ import numpy as np
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.common.regions import find_largest_region_box
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.voxels.config import VolumeConfig
 from psfs.voxels.grid import VoxelGrid
 
@@ -70,7 +71,8 @@ def largest_parts_box(
         covered = grid.voxel_size * camera.K[0, 0] / float(np.median(depth))
         seen, pixels = np.flatnonzero(inside), row * rig.width + column
         for frame, maps in enumerate(evidence):
-            votes[frame, seen] += _widened(maps[view], covered).ravel()[pixels]
+            counts = _widened(maps[view], covered).ravel()[pixels]
+            votes[frame, seen] += np.where(counts == UNKNOWN, 0, counts)
     occupied = (votes > 0) & (seeing >= min_cameras)
     parts = [find_largest_region_box(frame.reshape(grid.shape)) for frame in occupied]
     corners = np.array([part for part in parts if part is not None])

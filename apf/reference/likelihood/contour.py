@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from apf.body.cones import project_outlines
 from apf.body.model import BodyModel
-from apf.likelihood.contour import DIAGONAL_REACH, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
+from apf.likelihood.contour import DIAGONAL_REACH, HIDDEN, MARGIN, N_NORMALS, OUTER_MARGIN, REACH
 from apf.reference.likelihood.part_colour import hidden_by_trunk, looked_up
 from psfs.cameras.camera import Camera
 
@@ -34,8 +34,8 @@ def gradients_of(pictures: np.ndarray, maps: np.ndarray) -> np.ndarray:
 
 def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.ndarray:
     """Return contours (V, 4, H, W) uint8: the largest derivative along each of the normals (1, 0),
-    (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond; 0 within
-    OUTER_MARGIN pixels of the border."""
+    (1, 1), (0, 1) and (-1, 1) within REACH along it, 255 at `contrast` and beyond, HIDDEN
+    where furniture is before the body; 0 within OUTER_MARGIN pixels of the border."""
     views, _, height, width = gradients.shape
     x, y = np.moveaxis(gradients.astype(np.int32), 1, 0)
     slopes = np.abs(x), np.abs(x + y) * 181 >> 8, np.abs(y), np.abs(y - x) * 181 >> 8
@@ -50,6 +50,9 @@ def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.nd
             found[:, normal] = np.maximum(found[:, normal], moved)
     scale = (255 << 16) // contrast + 1
     values = np.minimum(found, contrast) * scale >> 16
+    silhouettes = maps[:, None, ..., 0]
+    hidden = (silhouettes == 1) | (silhouettes == 254)
+    values = np.where(hidden, HIDDEN, values)
     return np.where(_shown(maps, OUTER_MARGIN), values, 0).astype(np.uint8)
 
 

@@ -25,9 +25,9 @@ _NO_CODE = N_CODES - 1
 
 def encoded(pictures: np.ndarray, silhouettes: np.ndarray, palette: np.ndarray) -> np.ndarray:
     """Return the codes (V, H, W) uint8 of pictures (V, H, W, 3) uint8 BGR by `palette` (32768,),
-    N_CODES - 1 outside silhouettes (V, H, W)."""
+    N_CODES - 1 outside silhouettes (V, H, W) and where these are hidden, not 255."""
     blue, green, red = np.moveaxis(pictures.astype(int) >> 3, -1, 0)
-    return np.where(silhouettes > 0, palette[blue << 10 | green << 5 | red], _NO_CODE).astype(
+    return np.where(silhouettes == 255, palette[blue << 10 | green << 5 | red], _NO_CODE).astype(
         np.uint8
     )
 

@@ -14,7 +14,7 @@
 
 // Unit ray of `pixel` in the world; *depth_per_length turns lengths along it into depths. The
 // distortion is inverted by fixed-point iteration, as cv2.undistortPoints does.
-inline float3 camera_ray(__global const float *camera, float2 pixel, float *depth_per_length)
+INLINED float3 camera_ray(__global const float *camera, float2 pixel, float *depth_per_length)
 {
     const float yd = (pixel.y - camera[15]) / camera[13];
     const float xd = (pixel.x - camera[14] - camera[16] * yd) / camera[12];
@@ -35,7 +35,7 @@ inline float3 camera_ray(__global const float *camera, float2 pixel, float *dept
                             camera[2] * x + camera[5] * y + camera[8]);
 }
 
-inline float3 camera_centre(__global const float *camera)
+INLINED float3 camera_centre(__global const float *camera)
 {
     return (float3)(camera[25], camera[26], camera[27]);
 }
@@ -143,8 +143,8 @@ __kernel void floor_shadow(__global const float *balls, const float2 centre,
 }
 
 // The room's pixel under the person's shadow: bilinear look-up of the shadow map.
-inline float3 shadowed_room(__global const float *room, __global const float *floor_point,
-                            __global const float *shadow, const float2 centre, int id)
+INLINED float3 shadowed_room(__global const float *room, __global const float *floor_point,
+                             __global const float *shadow, const float2 centre, int id)
 {
     const float3 colour = vload3(id, room);
     const float half_size = 0.5f * (SHADOW_SIZE - 1);
@@ -157,7 +157,7 @@ inline float3 shadowed_room(__global const float *room, __global const float *fl
     return colour * mix(near, far, y - j);
 }
 
-inline __global const uchar *tile_of(__global const uchar *tiles, int u, int v, int view)
+static inline __global const uchar *tile_of(__global const uchar *tiles, int u, int v, int view)
 {
     return tiles + ((view * TILES_Y + v / TILE) * TILES_X + u / TILE) * (PRIMITIVES + 1);
 }

@@ -15,7 +15,7 @@
 #define MAX_BLEND 0.07f
 
 // First-order distance (m) to one primitive; *along is the position on its axis.
-inline float primitive_distance(__global const float *g, float3 p, float *along)
+INLINED float primitive_distance(__global const float *g, float3 p, float *along)
 {
     const float x = g[0] * p.x + g[1] * p.y + g[2] * p.z + g[9];
     const float y = g[3] * p.x + g[4] * p.y + g[5] * p.z + g[10];
@@ -32,15 +32,15 @@ inline float primitive_distance(__global const float *g, float3 p, float *along)
 }
 
 // Polynomial smooth minimum: differs from min only where |a - b| < k.
-inline float smooth_min(float a, float b, float k)
+static inline float smooth_min(float a, float b, float k)
 {
     const float h = fmax(k - fabs(a - b), 0.0f) / k;
     return fmin(a, b) - 0.25f * h * h * k;
 }
 
 // Distance to the listed primitives (in the order of their groups).
-inline float body_distance(__global const float *primitives, const uchar *list, int count,
-                           float3 p)
+INLINED float body_distance(__global const float *primitives, const uchar *list, int count,
+                            float3 p)
 {
     float total = FAR, part = FAR, group = -1.0f, along;
     for (int i = 0; i < count; ++i) {
@@ -57,8 +57,8 @@ inline float body_distance(__global const float *primitives, const uchar *list, 
 
 // Whether primitive `g` comes within MAX_BLEND + slack of the line from `origin` along `ray`;
 // *middle +- *chord: the piece of the line in its bounding sphere.
-inline bool near_line(__global const float *g, float3 origin, float3 ray, float slack,
-                      float *middle, float *chord)
+INLINED bool near_line(__global const float *g, float3 origin, float3 ray, float slack,
+                       float *middle, float *chord)
 {
     const float3 to = (float3)(g[20], g[21], g[22]) - origin;
     const float radius = g[23] + MAX_BLEND + slack;
@@ -76,8 +76,9 @@ inline bool near_line(__global const float *g, float3 origin, float3 ray, float 
 }
 
 // Those primitives of the tile that the ray passes within MAX_BLEND; [*enter, *leave] spans them.
-inline int primitives_on_ray(__global const float *primitives, __global const uchar *tile,
-                             float3 origin, float3 ray, uchar *list, float *enter, float *leave)
+INLINED int primitives_on_ray(__global const float *primitives, __global const uchar *tile,
+                              float3 origin, float3 ray, uchar *list, float *enter,
+                              float *leave)
 {
     int count = 0;
     *enter = FAR;
@@ -96,8 +97,8 @@ inline int primitives_on_ray(__global const float *primitives, __global const uc
 
 // Length along the ray to the body, or 0 where it is missed or farther than `limit`; the
 // primitives it concerns are left in list[0..*count).
-inline float trace(__global const float *primitives, __global const uchar *tile, float3 origin,
-                   float3 ray, float limit, uchar *list, int *count)
+INLINED float trace(__global const float *primitives, __global const uchar *tile,
+                    float3 origin, float3 ray, float limit, uchar *list, int *count)
 {
     float t, leave;
     *count = primitives_on_ray(primitives, tile, origin, ray, list, &t, &leave);
@@ -112,8 +113,8 @@ inline float trace(__global const float *primitives, __global const uchar *tile,
 
 // Linear colour of a point of the nearest primitive `g`, `along` its axis; palette: 3 per region,
 // then the shirt's second colour.
-inline float3 cloth_colour(__global const float *palette, __global const float *g, float along,
-                           float3 p)
+INLINED float3 cloth_colour(__global const float *palette, __global const float *g,
+                            float along, float3 p)
 {
     const int region = (int)(along > g[26] ? g[25] : g[24]);
     float3 colour = vload3(region, palette);
@@ -141,7 +142,8 @@ inline float3 cloth_colour(__global const float *palette, __global const float *
     return colour;
 }
 
-inline float3 body_normal(__global const float *primitives, const uchar *list, int count, float3 p)
+INLINED float3 body_normal(__global const float *primitives, const uchar *list, int count,
+                           float3 p)
 {
     const float e = 1.5e-3f;
     const float3 a = (float3)(e, -e, -e), b = (float3)(-e, -e, e), c = (float3)(-e, e, -e);
@@ -152,8 +154,8 @@ inline float3 body_normal(__global const float *primitives, const uchar *list, i
                      d * body_distance(primitives, list, count, p + d));
 }
 
-inline float3 shade_body(__global const float *primitives, const uchar *list, int count,
-                         __global const float *palette, float3 p)
+INLINED float3 shade_body(__global const float *primitives, const uchar *list, int count,
+                          __global const float *palette, float3 p)
 {
     const float3 n = body_normal(primitives, list, count, p);
     float open = 1.0f;

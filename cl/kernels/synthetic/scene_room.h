@@ -7,7 +7,7 @@
 #include "synthetic/scene_light.h"
 #include "synthetic/scene_noise.h"
 
-inline float3 floor_colour(float x, float y, int seed)
+INLINED float3 floor_colour(float x, float y, int seed)
 {
     // A rug, turned a little, with a border and a woven pattern.
     const float rx = 0.94f * x + 0.34f * y - 0.35f, ry = -0.34f * x + 0.94f * y + 0.25f;
@@ -35,7 +35,7 @@ inline float3 floor_colour(float x, float y, int seed)
 }
 
 // A picture in a frame: u, v in [-1, 1], edge = distance to the frame's rim, m.
-inline float3 poster_colour(float u, float v, float edge, float style, float hue, int seed)
+INLINED float3 poster_colour(float u, float v, float edge, float style, float hue, int seed)
 {
     if (edge < 0.035f)
         return hue < 0.5f ? (float3)(0.03f, 0.03f, 0.035f) : (float3)(0.18f, 0.28f, 0.4f);
@@ -59,7 +59,8 @@ inline float3 poster_colour(float u, float v, float edge, float style, float hue
     return mix(one, two, smoothstep(0.35f, 0.6f, n)); // abstract
 }
 
-inline float3 wall_colour(int wall, float along, float z, __global const float *posters, int seed)
+INLINED float3 wall_colour(int wall, float along, float z, __global const float *posters,
+                           int seed)
 {
     for (int i = 0; i < POSTERS; ++i) {
         __global const float *q = posters + 8 * i;
@@ -74,7 +75,7 @@ inline float3 wall_colour(int wall, float along, float z, __global const float *
     return paint * plaster;
 }
 
-inline float3 box_colour(__global const float *box, float3 p, float3 n, int seed)
+INLINED float3 box_colour(__global const float *box, float3 p, float3 n, int seed)
 {
     const float3 low = vload3(0, box), high = (float3)(box[3], box[4], box[5]);
     const float across = fabs(n.x) > 0.5f ? p.y : p.x;
@@ -108,7 +109,8 @@ inline float3 box_colour(__global const float *box, float3 p, float3 n, int seed
 }
 
 // Nearest box on the ray before *t: index or -1; *n its normal.
-inline int hit_boxes(__global const float *boxes, float3 origin, float3 ray, float *t, float3 *n)
+INLINED int hit_boxes(__global const float *boxes, float3 origin, float3 ray, float *t,
+                      float3 *n)
 {
     int hit = -1;
     for (int i = 0; i < BOXES; ++i) {
@@ -128,7 +130,7 @@ inline int hit_boxes(__global const float *boxes, float3 origin, float3 ray, flo
 }
 
 // How open the floor point is between the walls and the boxes that stand on it.
-inline float floor_openness(__global const float *boxes, float x, float y)
+static inline float floor_openness(__global const float *boxes, float x, float y)
 {
     float open = 1.0f - 0.30f * exp(-4.0f * (ROOM_X - fabs(x))) -
                  0.30f * exp(-4.0f * (ROOM_Y - fabs(y)));
@@ -142,8 +144,8 @@ inline float floor_openness(__global const float *boxes, float x, float y)
 }
 
 // Colour (grey levels, BGR) of the empty room along the ray; *t its distance; *on_floor 1 or 0.
-inline float3 room_colour(__global const float *posters, __global const float *boxes, float3 origin,
-                          float3 ray, int seed, float *t, int *on_floor)
+INLINED float3 room_colour(__global const float *posters, __global const float *boxes,
+                           float3 origin, float3 ray, int seed, float *t, int *on_floor)
 {
     const float3 half_size = (float3)(ROOM_X, ROOM_Y, 0.5f * ROOM_Z);
     const float3 from = origin - (float3)(0.0f, 0.0f, 0.5f * ROOM_Z);

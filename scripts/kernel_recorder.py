@@ -1,0 +1,58 @@
+"""A plugin of pytest for check_kernels.py: which parity tests there are, and what they build and
+launch; fills that Oclgrind's detector of uninitialised values sees.
+
+KERNEL_RECORD names the JSON file that is written: {"cases": [[test, [kernel, ...]], ...]} when
+tests are collected only, else {"programs": [[file, source, options], ...], "launched": [...]}.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+from helpers import parity
+
+from cl import Device
+from cl.program import build_options
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    if session.config.option.collectonly:
+        cases = [
+            (item.nodeid, [name for mark in item.iter_markers("parity") for name in mark.args])
+            for item in session.items
+        ]
+        _write({"cases": cases})
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _recorded() -> Iterator[None]:
+    """Write down the programs and the launches of the session."""
+    programs: set[tuple[str, str, str]] = set()
+    compiled = Device.compiled
+
+    def recording(device: Device, source: str, name: str, file: str, /, **defines: Any) -> Any:
+        programs.add((file, source, build_options(defines)))
+        return compiled(device, source, name, file, **defines)
+
+    with pytest.MonkeyPatch.context() as patch, parity.launched() as names:
+        patch.setattr(Device, "compiled", recording)
+        patch.setattr(pyopencl, "enqueue_fill_buffer", fill_by_copy)
+        yield
+    _write({"programs": sorted(programs), "launched": sorted(names)})
+
+
+def fill_by_copy(queue: Any, buffer: Any, pattern: Any, offset: int, size: int) -> Any:
+    """Fill from the host: Oclgrind takes what OpenCL's own command fills for uninitialised."""
+    host = np.tile(np.atleast_1d(pattern), size // np.asarray(pattern).nbytes)
+    return pyopencl.enqueue_copy(queue, buffer, host, dst_offset=offset)
+
+
+def _write(found: dict[str, Any]) -> None:
+    Path(os.environ["KERNEL_RECORD"]).write_text(json.dumps(found))
