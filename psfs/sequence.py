@@ -19,8 +19,9 @@ import numpy as np
 
 from cl import InputError
 from psfs.background.chroma_key import key_from_media
-from psfs.background.gaussian import Background, background_from_frames, background_from_plates
+from psfs.background.gaussian import Background, background_from_plates
 from psfs.background.mixture import Mixture
+from psfs.background.take import background_from_take
 from psfs.cameras.calibration.handedness import LEFT_HANDED, MIRROR
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.units import metres_per_unit, rotate_rig, rotation_to_z_up
@@ -214,7 +215,7 @@ class Sequence:
             return background_from_plates(self.rig, self.footage.background)
         if self.background_kind == "frames":
             assert self.footage.images is not None
-            return background_from_frames(self.rig, self.footage.images)
+            return background_from_take(self.rig, self.footage.images)
         if self.background_kind == "chroma":
             plates = self.footage.background
             assert self.footage.images is not None
@@ -263,7 +264,7 @@ class Sequence:
             raise InputError(f"{self.folder}: background kind {kind} needs {what}; found none")
         if kind == "frames" and self.settings.background is None:
             self.notes.append(
-                "no empty background: learnt from the frames; who keeps still becomes part of it"
+                "no empty background: learnt from the frames; who never moves becomes part of it"
             )
         return kind
 

@@ -6,7 +6,7 @@ flags of single settings.
 
 from __future__ import annotations
 
-from psfs.background.config import PlateConfig, ScreenConfig
+from psfs.background.config import PlateConfig, ScreenConfig, TakeConfig
 from psfs.calibration.config import CalibrationConfig
 from psfs.common.config import Config, part
 from psfs.diagnostics.config import (
@@ -25,6 +25,7 @@ class BackgroundSettings(Config):
 
     model: PlateConfig = part(PlateConfig, "The empty scene as a density per pixel.")
     screen: ScreenConfig = part(ScreenConfig, "The screen of one colour.")
+    take: TakeConfig = part(TakeConfig, "The empty scene, when only the take itself shows it.")
 
 
 class DiagnosticsSettings(Config):

@@ -9,6 +9,7 @@ from psfs.background.config import (
     BackgroundConfig,
     ChromaKeyConfig,
     EvidenceConfig,
+    LightConfig,
 )
 from psfs.common.config import Config, part, setting
 
@@ -200,6 +201,9 @@ class SilhouetteConfig(Config):
     background: BackgroundConfig = part(
         BackgroundConfig, "The density of the background's colours."
     )
+    light: LightConfig = part(
+        LightConfig, "How a picture's light is told from that of the background."
+    )
     floor: FloorConfig = part(FloorConfig, "Shadows on the floor.")
     rim: RimConfig = part(RimConfig, "Mixed pixels at the silhouette's rim.")
     smoothing: EvidenceSmoothingConfig = part(
@@ -211,7 +215,9 @@ class SilhouetteConfig(Config):
     appearance: AppearanceConfig = part(
         AppearanceConfig, "What is learnt of the person for the next frame."
     )
-    adaptation: AdaptationConfig = part(AdaptationConfig, "How the background follows the light.")
+    adaptation: AdaptationConfig = part(
+        AdaptationConfig, "How the background takes on what changes in places."
+    )
     chroma_key: ChromaKeyConfig = part(
         ChromaKeyConfig, "The density of a screen's colours, where the background is one."
     )

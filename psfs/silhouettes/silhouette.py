@@ -11,6 +11,7 @@ from cl.workgroups import pixel_pack, row_group
 from psfs.background.adaptation import Adaptation
 from psfs.background.chroma_key import ChromaKey, key_launch
 from psfs.background.config import BackgroundConfig
+from psfs.background.light import light_launch, steady_light
 from psfs.cameras.camera import CameraRig
 from psfs.cameras.cells import CELL, cells
 from psfs.silhouettes.appearance import BINS, Foreground
@@ -123,21 +124,25 @@ class Silhouette:
         scene = device.to_device(planes, "the background")
         colours = device.zeros(BINS**3, np.int8, "the foreground's colours")
         location = device.zeros((len(rig), rows, columns), np.int8, "the location prior")
-        light = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
+        shade = device.empty((len(rig), rows + 2, columns + 2), np.uint8, "the floor's light")
+        light = device.to_device(steady_light(len(rig)), "the light")
         cameras = device.to_device(rig.packed(), "the cameras")
         floor = device.to_device(floor_points(rig, config.floor).astype(np.float32), "the floor")
         if config.appearance.learn:
-            self._learn_into(colours, location, scene)
+            self._learn_into(colours, location, scene, light)
         luma = device.empty((len(rig), rig.height, rig.width), np.uint8, "the pictures' luma")
         seen = {"images": self.input, "background": scene, "light": light}
+        estimate = (config.light, config.background, self.input, light)
         known = {"colours": colours, "location": location}
-        launches = [
+        launches = [light_launch(device, rig, background, *estimate)] if config.light.follow else []
+        launches += [
             self._launch(
                 "floor_light",
                 "floor_light",
                 (columns + 2, rows + 2),
                 cameras=cameras,
                 points=floor,
+                floor_light=shade,
                 **seen,
             ),
             self._launch(
@@ -146,22 +151,23 @@ class Silhouette:
                 self._packs(),
                 **seen,
                 **known,
+                floor_light=shade,
                 sizes=self._sizes,
                 ratios=ratios,
                 luma=luma,
             ),
         ]
-        return launches, {"images": self.input, "background": scene, "luma": luma, **known}
+        return launches, {"luma": luma, **seen, **known}
 
-    def _learn_into(self, colours: Array, location: Array, scene: Array) -> None:
+    def _learn_into(self, colours: Array, location: Array, scene: Array, light: Array) -> None:
         """Make what learns from one frame for the next: the person's colours and location, and the
         background's drift."""
         device, rig, config, shown = self._device, self.rig, self._config, self.input
         self.foreground = Foreground(device, rig, shown, self.evidence, colours, location, config)
         if config.adaptation.rate:
             frame = (shown, self.evidence, self.foreground.marks, self._sizes)
-            light = (config.adaptation, config.background)
-            self.adaptation = Adaptation(device, rig, *light, *frame, scene)
+            rates = (config.adaptation, config.background)
+            self.adaptation = Adaptation(device, rig, *rates, *frame, scene, light)
 
     def _rims(self, scene: dict[str, Array], mapped: dict[str, Array]) -> list[Launch]:
         """Return the launches that make new ratios for the pixels of the rim, and near foreground

@@ -290,7 +290,7 @@ __kernel void spread(__global const float *restrict pool, __global const int *re
         slot >= 0 && slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
 }
 
-// Probabilities of the surface voxels, in their order.
+// Probabilities of the surface voxels, in their order: that of the threshold where there was no room.
 __kernel void sparse_gather(__global const float *restrict pool, __global const int *restrict slots,
                             __global const int *restrict indices,
                             __global const int *restrict n_surface, __global float *restrict out)
@@ -300,7 +300,7 @@ __kernel void sparse_gather(__global const float *restrict pool, __global const 
         const int x = indices[i] / (NY * NZ), y = indices[i] / NZ % NY, z = indices[i] % NZ;
         const int slot = slots[(x / BX * BRICKS_Y + y / BY) * BRICKS_Z + z / BZ];
         const int within = ((x % BX) * BY + y % BY) * BZ + z % BZ;
-        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : 0.0f;
+        out[i] = slot < CAPACITY ? pool[slot * BRICK_VOXELS + within] : THRESHOLD;
     }
 }
 #endif
