@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cache, partial
 
+import numpy as np
+
 from cl import Array, Device
 from cl.workgroups import pixel_pack, row_group
 from psfs.background.config import AdaptationConfig, BackgroundConfig
@@ -61,7 +63,7 @@ class Adaptation:
             )
         )
         self._period, self._frames = config.period, 0
-        self._planes, self._drift = planes, drift
+        self._planes = planes
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
@@ -71,7 +73,6 @@ class Adaptation:
     def restart(self, planes: np.ndarray) -> None:
         """Start again from `planes`, see `background_planes`."""
         self._planes.set(planes)
-        self._drift.fill(0)
         self._frames = 0
 
 

@@ -14,6 +14,7 @@ from psfs.backend import evidence_for, reconstructor_for
 from psfs.background.gaussian import Background
 from psfs.sequence import Sequence
 from psfs.session import CarvedFrame, Session, SessionSettings
+from psfs.silhouettes.hidden import UNKNOWN
 from psfs.volume import Volume, automatic_grid, find_volume
 from psfs.voxels.grid import VoxelGrid
 
@@ -32,7 +33,8 @@ def carved_anew(session: Session, grid: VoxelGrid, indices: range) -> list[Carve
     found = []
     for frame in session.sequence.frames_at(indices):
         voxels = reconstruct(frame)
-        found.append(CarvedFrame(frame.index, reconstruct.evidence() > 0, voxels.cloud(True)))
+        evidence, cloud = reconstruct.evidence(), voxels.cloud(True)
+        found.append(CarvedFrame(frame.index, evidence > 0, evidence != UNKNOWN, cloud))
     return found
 
 
@@ -40,6 +42,7 @@ def assert_same(found: list[CarvedFrame], expected: list[CarvedFrame]) -> None:
     assert [one.index for one in found] == [one.index for one in expected]
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one.silhouettes, other.silhouettes)
+        np.testing.assert_array_equal(one.known, other.known)
         np.testing.assert_array_equal(one.cloud.indices, other.cloud.indices)
         np.testing.assert_array_equal(one.cloud.probability, other.cloud.probability)
         np.testing.assert_array_equal(one.cloud.colour, other.cloud.colour)
@@ -86,6 +89,28 @@ def test_kept_frames_take_a_bounded_memory(
     for frame in session.sequence:
         session.carved_by(frame.index, reconstruct(frame))
     assert_same(list(session.carved(grid, range(2))), carved_anew(session, grid, range(2)))
+
+
+def test_what_is_hidden_is_known_of_kept_frames(session: Session) -> None:
+    hidden = np.zeros((len(session.rig), session.rig.height, session.rig.width), bool)
+    hidden[0, : session.rig.height // 2] = True
+    session = session.on(session.sequence.with_rig(session.rig.with_hidden(hidden)))
+    grid = automatic_grid(session)
+    session.keep_carved(range(2))
+    reconstruct = session.reconstructor(grid)
+    for index in range(2):
+        session.carved_by(index, reconstruct(session.sequence.read(index)))
+    kept = list(session.carved(grid, range(2)))
+    assert_same(kept, carved_anew(session, grid, range(2)))
+    assert not kept[0].known[0].all() and kept[0].known[1].all()
+
+
+def test_a_corrected_rig_has_the_frames_that_were_kept(session: Session) -> None:
+    session.sequence.keep_frames()
+    expected = [frame.images for frame in session.sequence]
+    other = session.on(session.sequence.with_rig(session.rig.with_hidden(None)))
+    assert other is not session
+    assert all(map(np.array_equal, (frame.images for frame in other.sequence), expected))
 
 
 def test_evidence_is_computed_once(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
