@@ -1,4 +1,4 @@
-"""One take on one device: what is learnt of its footage, once, for all stages that need it.
+"""One take on one device: what its footage shows, computed once, for all stages that need it.
 
 A stage is a function of a session and of the results of the stages before it. What it finds is kept
 in the session, so that a stage that is asked for twice computes once.
@@ -59,7 +59,7 @@ class CarvedFrame:
 
 
 class Session:
-    """A sequence on a device, with what the stages learnt of its footage.
+    """A sequence on a device, with what the stages found in its footage.
 
     device: computes; the caller's. sequence: its rig, frames and background are used. settings:
     see `SessionSettings`. background: the empty scene, the sequence's own until a stage revises it.
@@ -111,7 +111,7 @@ class Session:
         return self._background or self.sequence.background
 
     def revise_background(self, background: Background) -> None:
-        """Replace the background by what a stage has learnt. Later evidence is computed with it;
+        """Replace the background by what a stage has estimated. Later evidence is computed with it;
         what was computed before is forgotten, but for the results of stages."""
         self._background = background
         self._evidence_of, self._reconstructor, self._carved = None, None, None
@@ -137,8 +137,8 @@ class Session:
         self._results[key] = result
 
     def evidence(self, indices: Iterable[int]) -> list[np.ndarray]:
-        """Return the evidence (V, H, W) int8 of each frame of `indices`, for which nothing was
-        learnt from other frames. Some are kept. Raises InputError as `Sequence.reader` does."""
+        """Return the evidence (V, H, W) int8 of each frame of `indices`, computed without other
+        frames. Some are kept. Raises InputError as `Sequence.reader` does."""
         wanted = list(indices)
         found = {index: self._evidence[index] for index in wanted if index in self._evidence}
         missing = [index for index in dict.fromkeys(wanted) if index not in found]

@@ -37,7 +37,7 @@ def draw_overlay(
     joints: np.ndarray,
     edges: np.ndarray,
 ) -> np.ndarray:
-    """A copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
+    """Return a copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
 
     cones: (C, 16) posed cones, outlined, one colour per side of the body. joints: (J, 3) m,
     joined along edges (E, 2). What lies behind the camera is left out.
@@ -77,7 +77,7 @@ def _draw_skeleton(
 
 
 def _fixed(pixels: np.ndarray) -> np.ndarray:
-    """Pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
+    """Return pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
     return np.rint(np.clip(pixels, -_FAR, _FAR) * 2**_BITS).astype(np.int32)
 
 
@@ -92,7 +92,7 @@ def overlay_picture(
     views: Items[int] | None = None,
     note: str = "",
 ) -> np.ndarray:
-    """One frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
+    """Return a frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
 
     note: written beside the frame's number. Where the frame has no images it is drawn on the
     masks. Arguments as in `draw_overlay`. The mosaic has even sides within MOSAIC_SIZE.
@@ -114,8 +114,8 @@ def overlay_picture(
 
 
 def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
-    """Columns and scale, 1 at most, for n tiles: those that would be largest within MOSAIC_SIZE,
-    as a page shows them, fewest empty, then widest."""
+    """Return columns and scale, 1 at most, for n tiles: those that would be largest within
+    MOSAIC_SIZE, as a page shows them, fewest empty, then widest."""
 
     def key(columns: int) -> tuple[float, int, int]:
         rows = -(-n // columns)
@@ -127,7 +127,7 @@ def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
 
 
 def _label(image: np.ndarray, text: str) -> None:
-    """White text on a dark strip in the upper left corner."""
+    """Draw white text on a dark strip in the upper left corner."""
     size = max(0.4, min(image.shape[:2]) / 800)
     font = cv2.FONT_HERSHEY_SIMPLEX
     (width, height), below = cv2.getTextSize(text, font, size, 1)
@@ -177,7 +177,7 @@ def write_overlay(
 
 
 def _shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list[str]]:
-    """The posed cones (F, C, 16) that are looked for in images, and their names."""
+    """Return the posed cones (F, C, 16) that are compared with images, and their names."""
     if body is None:
         return np.zeros((len(track), 0, CONE_FLOATS)), []
     shown = [i for i, cone in enumerate(body.cones) if cone.in_images]

@@ -61,7 +61,7 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     return Layer("cones", lambda frame, _colouring: drawing(frame))
 
 
-def note_of(track: Track, frame: int) -> str:
+def describe_frame(track: Track, frame: int) -> str:
     """Return what the tracker says of a frame, for a caption."""
     found = np.flatnonzero(track.frames == frame)
     if not len(found):
