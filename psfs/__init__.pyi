@@ -19,11 +19,13 @@ from .presets import preset as preset
 from .reconstructor import Reconstructor as Reconstructor
 from .sequence import Frame as Frame
 from .sequence import Sequence as Sequence
+from .session import Session as Session
+from .session import SessionSettings as SessionSettings
 from .silhouettes.config import AppearanceConfig as AppearanceConfig
+from .silhouettes.config import EvidenceSmoothingConfig as EvidenceSmoothingConfig
 from .silhouettes.config import FloorConfig as FloorConfig
 from .silhouettes.config import RimConfig as RimConfig
 from .silhouettes.config import SilhouetteConfig as SilhouetteConfig
-from .silhouettes.config import SmoothingConfig as SmoothingConfig
 from .volume import automatic_grid as automatic_grid
 from .voxels.clouds import read_cloud as read_cloud
 from .voxels.clouds import write_cloud as write_cloud

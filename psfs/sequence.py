@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,19 @@ class Sequence:
         nbytes = 4 * len(self.rig) * self.rig.width * self.rig.height
         depth = max(1, min(_QUEUE_FRAMES, _QUEUE_BYTES // nbytes))
         return prefetch(self._decoded(indices), depth)
+
+    def frames_at(self, indices: Items[int]) -> Iterator[Frame]:
+        """Yield the frames of these numbers, decoded ahead of the caller if they are evenly spaced.
+        Raises InputError as `frames` does."""
+        steps = {second - first for first, second in pairwise(indices)}
+        if len(steps) > 1 or min(steps, default=1) <= 0:
+            return map(self.read, indices)
+        return self.frames(slice(indices[0], indices[-1] + 1, min(steps, default=1)))
+
+    @property
+    def keeps_frames(self) -> bool:
+        """Whether decoded frames are kept in memory, see `keep_frames`."""
+        return self._kept is not None
 
     def keep_frames(self) -> None:
         """Decode a short sequence once: its frames are kept, as far as they are decoded in order

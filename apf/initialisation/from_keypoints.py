@@ -55,6 +55,7 @@ def start_from_keypoints(
     keypoints: Keypoints,
     template: BodyModel,
     frames: range,
+    *,
     height: float | None = None,
     keep_shape: bool = False,
     config: KeypointStartConfig | None = None,

@@ -13,16 +13,14 @@ import numpy as np
 
 from apf.body.cones import cone_distances, project_outlines
 from apf.body.kinematics import posed_cones
+from apf.report.overlay import checked_indices
 from apf.report.parts import Part, find_parts
-from apf.results.overlay import frames_of
 from apf.tracking.track import Track
-from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.footprints import voxel_footprints
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import Checker
-from psfs.sequence import Sequence
-from psfs.voxels.config import ReconstructionConfig
+from psfs.diagnostics.reprojection_iou import volume_region, whole_silhouettes
+from psfs.session import Session
 from psfs.voxels.grid import VoxelCloud, VoxelGrid
 from psfs.voxels.host_voxels import voxel_silhouette
 
@@ -32,7 +30,6 @@ MOST_FRAMES = 200
 _LEAST_PIXELS = 20
 #: A surface voxel farther than this from every cone, m, is unexplained: about a forearm's girth,
 #: and more than the hulls of few cameras exceed the body.
-#: than hulls of few cameras are thicker than flesh.
 _FAR = 0.10
 
 
@@ -61,37 +58,31 @@ def choose_rows(n_frames: int, most: int = MOST_FRAMES) -> np.ndarray:
     return np.arange(0, n_frames, max(1, -(-n_frames // most)))
 
 
-def measure_agreement(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
+def compare_with_silhouettes(
+    session: Session,
     grid: VoxelGrid,
-    config: ReconstructionConfig,
     track: Track,
     progress: Callable[[], object] | None = None,
 ) -> Agreement:
-    """Reconstruct the `choose_rows` of the track, and compare body and voxels with their
-    silhouettes.
-
-    progress: called after each frame.
-    """
-    rows, rig, body = choose_rows(len(track)), sequence.rig, track.its_body
+    """Compare body and voxels in some frames of the track with the silhouettes that the voxels
+    in `grid` were carved from, see `Session.carved`. progress: called after each frame."""
+    rows, rig, body = choose_rows(len(track)), session.rig, track.its_body
     parts, drawn = find_parts(body), [i for i, cone in enumerate(body.cones) if cone.in_images]
-    checker = Checker(device, sequence, grid, config)
-    extents = voxel_footprints(rig, grid.voxel_size)
+    region, extents = volume_region(rig, grid), voxel_footprints(rig, grid.voxel_size)
     cones = posed_cones(body, track.poses[rows])
     found = defaultdict[str, list[Any]](list)
     clouds = []
-    for number, frame in enumerate(frames_of(sequence, track.frames[rows])):
-        shown = checker.silhouettes(frame)
-        cloud = checker.cloud(colour=frame.images is not None)
+    indices = checked_indices(session.sequence, track.frames[rows])
+    for number, frame in enumerate(session.carved(grid, indices)):
+        shown, cloud = whole_silhouettes(frame.silhouettes, region), frame.cloud
         scores = np.array([
             _score_cones(camera, cones[number], drawn, silhouette, known)
-            for camera, silhouette, known in zip(rig, shown, checker.known, strict=True)
+            for camera, silhouette, known in zip(rig, shown, frame.known, strict=True)
         ])  # fmt: skip
         found["body_iou"].append(scores[:, 0])
         found["inside"].append(_worst_scores(scores[:, 1:], drawn, parts))
         found["explained"].append(_explained_share(cloud.centres, cones[number]))
-        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, checker.known))
+        found["voxel_iou"].append(_voxel_iou(rig, extents, cloud.centres, shown, frame.known))
         clouds.append(cloud)
         if progress is not None:
             progress()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cache, partial
 
+import numpy as np
+
 from cl import Array, Device
 from cl.workgroups import pixel_pack, row_group
 from psfs.background.config import AdaptationConfig, BackgroundConfig
@@ -61,11 +63,17 @@ class Adaptation:
             )
         )
         self._period, self._frames = config.period, 0
+        self._planes = planes
 
     def __call__(self) -> None:
         """Enqueue the drift towards the frame whose silhouettes and marks are on the device."""
         self._of_phase(phase=self._frames % self._period)()
         self._frames += 1
+
+    def restart(self, planes: np.ndarray) -> None:
+        """Start again from `planes`, see `background_planes`."""
+        self._planes.set(planes)
+        self._frames = 0
 
 
 def _parts(device: Device) -> int:

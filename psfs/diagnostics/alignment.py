@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from cl import Device, NumpyDevice
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.cameras.rig_geometry import intersect_axes_ahead
 from psfs.diagnostics.config import AlignmentConfig, FaultConfig
 from psfs.diagnostics.small_views import Outline, SmallViews, small_views
 from psfs.diagnostics.tangency import Tangency
-from psfs.sequence import Sequence
+from psfs.session import Session
 
 #: Numbers of a camera's correction: a rotation vector, rad, and the log of the focal length's
 #: factor.
@@ -63,22 +62,19 @@ class Alignment:
 
 
 def aligned_rig(
-    sequence: Sequence,
-    device: Device | NumpyDevice,
-    views: SmallViews,
-    config: AlignmentConfig | None = None,
+    session: Session, views: SmallViews, config: AlignmentConfig | None = None
 ) -> Alignment | None:
-    """Return the corrected rig of a sequence of which `views` show a part, None where it fits as it
-    is, or nothing can be said. views: of these cameras or more, in small; larger ones are looked at
+    """Return the corrected rig of a session, None where it fits as it is, or nothing can be said.
+    views: of these cameras or more, a part of the sequence in small; larger ones are looked at
     where they say that the rig is off."""
-    config, rig = config or AlignmentConfig(), sequence.rig
+    config, rig = config or AlignmentConfig(), session.rig
     if not config.on or len(rig) < 3:
         return None
     first = _aligned_by(rig, views, config)
     if first is None or not first.likely(config, config.first_share):
         return None
     larger = FaultConfig().replace(longest_side=config.longest_side)
-    found = _aligned_by(rig, small_views(sequence, device, larger), config)
+    found = _aligned_by(rig, small_views(session.sequence, session.device, larger), config)
     return found if found is not None and found.believed(config) else None
 
 

@@ -1,4 +1,4 @@
-"""Where furniture hides people from a camera: `hidden_pixels(sequence, device)`.
+"""Where furniture hides people from a camera: `hidden_pixels(session)`.
 
 Guan, Franco & Pollefeys 2007 infer occluders from silhouettes: something stands before the person
 where one camera denies what the others see. Any hull of few cameras is larger than the person, so
@@ -12,17 +12,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cl import Device, NumpyDevice
 from psfs.backend import evidence_for
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.diagnostics.config import OccluderConfig
 from psfs.diagnostics.small_views import Shrink
-from psfs.sequence import Sequence
+from psfs.session import Session
 from psfs.silhouettes.config import SilhouetteConfig
-from psfs.volume import box_of_evidence, volume_config
-from psfs.voxels.bounding_volume import without_speckle
+from psfs.volume import BoxSearch, volume_config
 from psfs.voxels.config import OccupancyConfig
 from psfs.voxels.grid import VoxelGrid
+from psfs.voxels.occupied_box import without_speckle
 
 #: Voxels of the fine grid along each side of one of the coarse grid.
 _FINE = 2
@@ -30,24 +29,22 @@ _FINE = 2
 _ENLARGED = 0.15
 
 
-def hidden_pixels(
-    sequence: Sequence, device: Device | NumpyDevice, config: OccluderConfig | None = None
-) -> np.ndarray | None:
+def hidden_pixels(session: Session, config: OccluderConfig | None = None) -> np.ndarray | None:
     """Return (V, H, W) bool, the pixels of each camera where furniture hides what is behind it;
     None where there are none, or too few cameras to tell."""
     config = config or OccluderConfig()
-    rig = sequence.rig
+    rig, sequence = session.rig, session.sequence
     if not config.on or len(rig) <= config.agreeing:
         return None
     shrink = Shrink(rig, config.longest_side)
-    background = shrink.background(sequence.background)
+    background = shrink.background(session.background)
     evidence_of = evidence_for(
-        device, shrink.small, background, SilhouetteConfig().without_memory()
+        session.device, shrink.small, background, SilhouetteConfig().without_memory()
     )
     picked = np.linspace(0, len(sequence) - 1, config.samples).round().astype(int)
     with sequence.reader(learning=False) as read:
         evidence = [evidence_of(shrink.frame(read(int(i)))).copy() for i in np.unique(picked)]
-    box = _box(sequence, shrink.small, evidence)
+    box = _box(session, shrink.small, evidence)
     if box is None:
         return None
     small = hidden_in(shrink.small, evidence, *box, config)
@@ -184,16 +181,17 @@ def _without_specks(region: np.ndarray, least: int) -> np.ndarray:
 
 
 def _box(
-    sequence: Sequence, rig: CameraRig, evidence: list[np.ndarray]
+    session: Session, rig: CameraRig, evidence: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the box around what is seen, enlarged; None of nothing."""
-    volume = volume_config(sequence)
-    if sequence.volume is not None:
-        low, high = sequence.volume
+    volume, stated = volume_config(session.sequence), session.sequence.volume
+    if stated is not None:
+        low, high = stated
         return np.asarray(low, float), np.asarray(high, float)
     picked = np.linspace(0, len(evidence) - 1, volume.samples).round().astype(int)
     needed = OccupancyConfig().seeing_cameras(len(rig))
-    found = box_of_evidence(rig, [without_speckle(evidence[i]) for i in picked], needed, volume)
+    clean = [without_speckle(evidence[i]) for i in picked]
+    found = BoxSearch(rig, clean, volume, needed).run()
     if found is None:  # for those to say who need it
         return None
     low, high = found

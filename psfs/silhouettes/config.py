@@ -101,7 +101,7 @@ class RimConfig(Config):
 SPAN = 16
 
 
-class SmoothingConfig(Config):
+class EvidenceSmoothingConfig(Config):
     """Contrast-sensitive smoothing: near foreground a pixel's evidence is that of the pixels around
     it that look like it, so silhouettes end where the picture has edges. A reach of 1 and a
     contrast of 1000 is the plain mean over 3x3 pixels."""
@@ -206,7 +206,9 @@ class SilhouetteConfig(Config):
     )
     floor: FloorConfig = part(FloorConfig, "Shadows on the floor.")
     rim: RimConfig = part(RimConfig, "Mixed pixels at the silhouette's rim.")
-    smoothing: SmoothingConfig = part(SmoothingConfig, "How pixels learn from those around them.")
+    smoothing: EvidenceSmoothingConfig = part(
+        EvidenceSmoothingConfig, "How pixels learn from those around them."
+    )
     evidence: EvidenceConfig = part(
         EvidenceConfig, "How log ratios become evidence, and its limits."
     )

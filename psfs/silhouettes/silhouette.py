@@ -84,6 +84,14 @@ class Silhouette:
             launch()
         return self.evidence
 
+    def restart(self) -> None:
+        """Forget what was learnt from frames: the person's colours and place, the light's drift."""
+        if self.foreground is not None:
+            self.foreground.restart()
+        if self.adaptation is not None:
+            assert self.background is not None
+            self.adaptation.restart(background_planes(self.background, self._config.background))
+
     def _from_pictures(self, background: Background) -> list[Launch]:
         device, rig, config = self.device, self.rig, self._config
         bordered = (len(rig), rig.height + 2, rig.width + 2)

@@ -30,18 +30,17 @@ def decided(
     """The start that is chosen, and how many were looked for."""
     looks: list[StartConfig] = []
 
-    def found(*arguments: Any) -> Start:
-        looks.append(arguments[-1])
+    def found(session: Any, template: Any, config: StartConfig, **options: Any) -> Start:
+        looks.append(config)
         if len(looks) == 1:
             return first
         if again is None:
             raise StartError("nobody")
         return again
 
-    monkeypatch.setattr(sequence, "_start_of", found)
-    nothing: Any = None
-    footage: Any = SimpleNamespace(name="skirt")
-    chosen = sequence.start_of(nothing, footage, nothing, SONG)
+    monkeypatch.setattr(sequence, "_find", found)
+    session: Any = SimpleNamespace(sequence=SimpleNamespace(name="skirt"))
+    chosen = sequence.initialise(session, SONG)
     if len(looks) > 1:
         assert looks[1].frames.duration == pytest.approx(2.5 * looks[0].frames.duration)
         assert looks[1].frames.n_fitted == 2 * looks[0].frames.n_fitted

@@ -29,7 +29,7 @@ from psfs.reference.silhouette import (
 )
 from psfs.reference.surface import surface_voxels
 from psfs.silhouettes.appearance import BINS, Foreground
-from psfs.silhouettes.config import SilhouetteConfig, SmoothingConfig
+from psfs.silhouettes.config import EvidenceSmoothingConfig, SilhouetteConfig
 from psfs.silhouettes.silhouette import Silhouette
 
 CONFIG = SilhouetteConfig()
@@ -139,10 +139,12 @@ def test_ratios_of_mixed_pixels(device: Device, views: int, size: tuple[int, int
 
 
 @pytest.mark.parity("reconstruction/silhouette.smoothed_evidence")
-@pytest.mark.parametrize("smoothing", [SmoothingConfig(), SmoothingConfig(reach=1, contrast=3.0)])
+@pytest.mark.parametrize(
+    "smoothing", [EvidenceSmoothingConfig(), EvidenceSmoothingConfig(reach=1, contrast=3.0)]
+)
 @pytest.mark.parametrize(("views", "size"), SIZES)
 def test_smoothed_evidence(
-    device: Device, views: int, size: tuple[int, int], smoothing: SmoothingConfig
+    device: Device, views: int, size: tuple[int, int], smoothing: EvidenceSmoothingConfig
 ) -> None:
     rig, background, images = shaded(views, size)
     config = CONFIG.replace(smoothing=smoothing)

@@ -14,10 +14,10 @@ from helpers import tracks
 from helpers.shared import shared_data
 
 from apf.cli import main
+from apf.evaluation.evaluate import evaluate, load_truth
+from apf.evaluation.evaluation_plot import write_plot
+from apf.evaluation.joint_names import EVALUATED_JOINTS, match_joints
 from apf.formats.trc import JointSeries, read_trc
-from apf.results.evaluate import evaluate, load_truth
-from apf.results.evaluation_plot import write_plot
-from apf.results.joint_names import EVALUATED_JOINTS, match_joints
 from cl import InputError
 
 

@@ -9,7 +9,7 @@ import trimesh
 
 from apf.body.mesh import cone_mesh
 from apf.body.model import BodyModel, find_side
-from apf.results.overlay import COLOURS
+from apf.report.overlay import COLOURS
 from apf.tracking.track import Track
 from psfs.mesh.drawing import Layer, Lines, Surface
 
@@ -61,7 +61,7 @@ def cone_layer(track: Track, body: BodyModel) -> Layer:
     return Layer("cones", lambda frame, _colouring: drawing(frame))
 
 
-def note_of(track: Track, frame: int) -> str:
+def describe_frame(track: Track, frame: int) -> str:
     """Return what the tracker says of a frame, for a caption."""
     found = np.flatnonzero(track.frames == frame)
     if not len(found):

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from apf.body.limbs import limb_joints, limb_names
+from apf.evaluation.joint_names import match_joints
 from apf.formats.trc import JointSeries
-from apf.results.joint_names import match_joints
 from apf.tracking.track import Track
 
 

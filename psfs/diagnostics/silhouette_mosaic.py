@@ -7,7 +7,7 @@ import numpy as np
 
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.regions import bounding_box
-from psfs.diagnostics.silhouettes import Silhouettes
+from psfs.diagnostics.silhouette_scores import Silhouettes
 from psfs.output.preview import crop_view
 
 #: Width and height of a panel, and of the title above it, px.

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from apf.body.limbs import LIMB_ENDS
+from apf.evaluation.flags import FlagCounts, flagged_joints, said_lost
+from apf.evaluation.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.formats.c3d import read_c3d
 from apf.formats.trc import JointSeries, read_trc
-from apf.results.flags import FlagCounts, flagged_joints, said_lost
-from apf.results.joint_names import EVALUATED_JOINTS, evaluated_joints, match_joints
 from apf.tracking.track import Track
 from apf.tracking.uncertainty import inside
 from cl import InputError
@@ -243,7 +243,8 @@ def evaluate(track: Track | JointSeries, truth: JointSeries) -> Evaluation:
     offsets = ours[rows][:, columns] - true[true_rows][:, columns]
     stated = _stated(track, tuple(names))[rows]
     axes = _body_frames(true[true_rows])
-    found = evaluation_of(track, truth, (frames, rows), tuple(names), offsets, axes, stated)
+    common = frames, rows
+    found = evaluation_of(track, truth, common, tuple(names), offsets, axes, covariance=stated)
     kept = found.joint_names
     return replace(
         found,
@@ -272,6 +273,7 @@ def evaluation_of(
     names: tuple[str, ...],
     offsets: np.ndarray,
     axes: np.ndarray,
+    *,
     covariance: np.ndarray | None = None,
 ) -> Evaluation:
     """Return the evaluation of points `names` with these offsets (F, J, 3), m, in common frames,

@@ -10,9 +10,9 @@ import pytest
 from helpers import tracks
 
 from apf.cli import main
+from apf.evaluation.conventions import axes_that_fit
+from apf.evaluation.evaluate import evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries, write_trc
-from apf.results.conventions import axes_that_fit
-from apf.results.evaluate import evaluate
 
 TRACK = tracks.walker(20)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.tracks import walker
 
-from apf.cluster.parts import cut_chunks, find_seam, join_tracks
+from apf.cluster.chunks import cut_chunks, find_seam, join_tracks
 from apf.tracking.track import Track
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from apf.body.kinematics import bone_matrices
+from apf.evaluation.evaluate import Evaluation, common_frames, evaluation_of
+from apf.evaluation.marker_sets import FOLDER, SHIPPED
 from apf.formats.trc import JointSeries
 from apf.keypoints.landmarks import Landmark, locate_points, parse_landmarks
-from apf.results.evaluate import Evaluation, common_frames, evaluation_of
-from apf.results.marker_sets import FOLDER, SHIPPED
 from apf.tracking.track import Track
 from cl import InputError
 from psfs.cameras.names import listed

@@ -122,14 +122,14 @@ class _Summary(Table):
 
 
 @dataclass(frozen=True)
-class Run:
-    """The result of a finished (or interrupted) `psfs reconstruct`."""
+class ReconstructionFolder:
+    """A finished (or interrupted) `psfs reconstruct`."""
 
     out: Path
     summary: dict[str, Any]
 
     @classmethod
-    def open(cls, out: Path) -> Run:
+    def open(cls, out: Path) -> ReconstructionFolder:
         """Read the summary in `out`. Raises InputError, or MissingFileError, if it holds no run."""
         path, what = out / SUMMARY, "the summary of a `psfs reconstruct`"
         summary = read_json(path, what)

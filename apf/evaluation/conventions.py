@@ -8,8 +8,8 @@ from itertools import permutations, product
 
 import numpy as np
 
+from apf.evaluation.evaluate import Evaluation, evaluate
 from apf.formats.trc import CONVENTIONS, JointSeries
-from apf.results.evaluate import Evaluation, evaluate
 from apf.tracking.track import Track
 
 #: m, mean error that no track of the same take has; and that of one whose axes are right, at most

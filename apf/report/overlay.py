@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from collections.abc import Sequence as Items
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def draw_overlay(
     joints: np.ndarray,
     edges: np.ndarray,
 ) -> np.ndarray:
-    """A copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
+    """Return a copy of `image` with the body: (h, w, 3) uint8 BGR as `camera` sees it.
 
     cones: (C, 16) posed cones, outlined, one colour per side of the body. joints: (J, 3) m,
     joined along edges (E, 2). What lies behind the camera is left out.
@@ -77,7 +77,7 @@ def _draw_skeleton(
 
 
 def _fixed(pixels: np.ndarray) -> np.ndarray:
-    """Pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
+    """Return pixels (..., 2) as the integers with `_BITS` fractional bits that OpenCV draws."""
     return np.rint(np.clip(pixels, -_FAR, _FAR) * 2**_BITS).astype(np.int32)
 
 
@@ -88,10 +88,11 @@ def overlay_picture(
     cone_names: Items[str],
     joints: np.ndarray,
     edges: np.ndarray,
+    *,
     views: Items[int] | None = None,
     note: str = "",
 ) -> np.ndarray:
-    """One frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
+    """Return a frame's mosaic (h, w, 3) uint8 BGR: all cameras, or those of `views`, with the body.
 
     note: written beside the frame's number. Where the frame has no images it is drawn on the
     masks. Arguments as in `draw_overlay`. The mosaic has even sides within MOSAIC_SIZE.
@@ -113,8 +114,8 @@ def overlay_picture(
 
 
 def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
-    """Columns and scale, 1 at most, for n tiles: those that would be largest within MOSAIC_SIZE,
-    as a page shows them, fewest empty, then widest."""
+    """Return columns and scale, 1 at most, for n tiles: those that would be largest within
+    MOSAIC_SIZE, as a page shows them, fewest empty, then widest."""
 
     def key(columns: int) -> tuple[float, int, int]:
         rows = -(-n // columns)
@@ -126,7 +127,7 @@ def _arrangement(n: int, width: int, height: int) -> tuple[int, float]:
 
 
 def _label(image: np.ndarray, text: str) -> None:
-    """White text on a dark strip in the upper left corner."""
+    """Draw white text on a dark strip in the upper left corner."""
     size = max(0.4, min(image.shape[:2]) / 800)
     font = cv2.FONT_HERSHEY_SIMPLEX
     (width, height), below = cv2.getTextSize(text, font, size, 1)
@@ -158,7 +159,8 @@ def write_overlay(
     views = [names.index(name) for name in cameras or names]
     cones, cone_names = _shown_cones(body, track)
     with write_video(path, frame_rate(track)) as video:
-        for row, frame in enumerate(frames_of(sequence, track.frames)):
+        indices = checked_indices(sequence, track.frames)
+        for row, frame in enumerate(sequence.frames_at(indices)):
             picture = overlay_picture(
                 frame,
                 sequence.rig,
@@ -166,8 +168,8 @@ def write_overlay(
                 cone_names,
                 track.joints[row],
                 track.edges,
-                views,
-                "   LOST" if track.lost[row] else "",
+                views=views,
+                note="   LOST" if track.lost[row] else "",
             )
             video.write(picture)
             if progress is not None:
@@ -175,15 +177,16 @@ def write_overlay(
 
 
 def _shown_cones(body: BodyModel | None, track: Track) -> tuple[np.ndarray, list[str]]:
-    """The posed cones (F, C, 16) that are looked for in images, and their names."""
+    """Return the posed cones (F, C, 16) that are compared with images, and their names."""
     if body is None:
         return np.zeros((len(track), 0, CONE_FLOATS)), []
     shown = [i for i, cone in enumerate(body.cones) if cone.in_images]
     return posed_cones(body, track.poses)[:, shown], [body.cone_names[i] for i in shown]
 
 
-def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
-    """The frames of these indices (F,), decoded in the background where evenly spaced."""
+def checked_indices(sequence: Sequence, indices: np.ndarray) -> list[int]:
+    """Return frame numbers (F,) of a track as a list. Raises InputError if there is none, or one
+    that the sequence does not have."""
     if not indices.size:
         raise InputError("the track holds no frame to draw")
     if indices.min() < 0 or indices.max() >= len(sequence):
@@ -191,11 +194,7 @@ def frames_of(sequence: Sequence, indices: np.ndarray) -> Iterator[Frame]:
             f"{sequence.folder}: the track has frames {indices.min()}..{indices.max()}; "
             f"the sequence {len(sequence)}"
         )
-    steps = np.unique(np.diff(indices))
-    if steps.size > 1 or (steps.size and steps[0] <= 0):
-        return (sequence.read(int(index)) for index in indices)
-    step = int(steps[0]) if steps.size else 1
-    return sequence.frames(slice(int(indices[0]), int(indices[-1]) + 1, step))
+    return [int(index) for index in indices]
 
 
 def frame_rate(track: Track) -> float:

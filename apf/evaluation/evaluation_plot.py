@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from apf.body.model import find_side, sideless
-from apf.results.evaluate import LOST_JOINT, Evaluation
+from apf.evaluation.evaluate import LOST_JOINT, Evaluation
 from psfs.common.files import written_whole
 
 if TYPE_CHECKING:

@@ -9,15 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cl import Device, InputError, NumpyDevice
-from psfs.backend import reconstructor_for
+from cl import InputError
 from psfs.cameras.camera import Camera
 from psfs.common.pictures import read_picture
 from psfs.common.regions import iou
-from psfs.diagnostics.silhouette_iou import volume_region
+from psfs.diagnostics.reprojection_iou import volume_region
 from psfs.sequence import Frame, Sequence
+from psfs.session import Session
 from psfs.volume import automatic_grid
-from psfs.voxels.config import ReconstructionConfig
 from psfs.voxels.grid import VoxelGrid
 
 #: Folder of a sequence with true silhouettes, <camera>_<frame:06d>.png. For scoring only.
@@ -78,24 +77,19 @@ def true_mask(
     return mask
 
 
-def followed_silhouettes(
-    device: Device | NumpyDevice,
-    sequence: Sequence,
-    wanted: Collection[int],
-    grid: VoxelGrid | None = None,
-    config: ReconstructionConfig | None = None,
+def score_silhouettes(
+    session: Session, wanted: Collection[int], grid: VoxelGrid | None = None
 ) -> Iterator[Silhouettes | None]:
     """Reconstruct the frames up to the last `wanted` one; yield the silhouettes of those wanted,
     None for the others.
 
     All frames before are reconstructed, too, since the silhouettes learn from them. grid: by
-    default `automatic_grid` of the whole sequence. Raises InputError as that does, and for true
-    masks that cannot be read.
+    default the session's `automatic_grid`. Raises InputError as that does, and for true masks that
+    cannot be read.
     """
-    config = config or ReconstructionConfig()
-    grid = grid or automatic_grid(sequence, config=config, device=device)
+    sequence, grid = session.sequence, grid or automatic_grid(session)
     rig, within = sequence.rig, volume_region(sequence.rig, grid)
-    reconstruct = reconstructor_for(device, rig, grid, sequence.background, config, sparse=True)
+    reconstruct = session.reconstructor(grid)
     shape = (rig.height, rig.width)
     for frame in sequence.frames(slice(max(wanted) + 1)):
         reconstruct(frame)
@@ -106,7 +100,7 @@ def followed_silhouettes(
         masks = (evidence > 0) & within
         truth = [true_mask(sequence.folder, camera, frame.index, shape) for camera in rig]
         scores = np.array([_scores(*of) for of in zip(rig, masks, truth, strict=True)])
-        likelihood = config.silhouette.evidence.likelihood(evidence)
+        likelihood = session.reconstruction.silhouette.evidence.likelihood(evidence)
         yield Silhouettes(frame, within, likelihood, masks, truth, scores)
 
 

@@ -14,7 +14,7 @@ from helpers.shared import shared_data
 
 from apf.body import load_body
 from apf.body.kinematics import posed_cones
-from apf.results.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
+from apf.report.overlay import COLOURS, draw_overlay, overlay_picture, write_overlay
 from cl import InputError
 from psfs.cameras.camera import Camera, CameraRig
 from psfs.common.files import write_picture
@@ -53,8 +53,8 @@ class Footage:
             return Frame(index, None, np.full(shape, 255, np.uint8))
         return Frame(index, np.full((*shape, 3), 90, np.uint8), None)
 
-    def frames(self, selection: slice) -> Iterator[Frame]:
-        return (self.read(index) for index in range(self.count)[selection])
+    def frames_at(self, indices: list[int]) -> Iterator[Frame]:
+        return map(self.read, indices)
 
 
 def body_at(row: int = 0) -> tuple[np.ndarray, list[str], np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from helpers.tracks import walker
 from apf.body import load_body
 from apf.body.cones import cone_distances
 from apf.body.kinematics import posed_cones
-from apf.results.layers import cone_layer, note_of, skeleton_layer
+from apf.report.viewer_layers import cone_layer, describe_frame, skeleton_layer
 from psfs.mesh.drawing import Lines, Surface
 
 
@@ -55,5 +55,5 @@ def test_notes() -> None:
         walker(3),
         diagnostics={"confidence": np.array([0.5, 0.1, np.nan]), "lost": np.array([0, 1, 0])},
     )
-    notes = [note_of(track, frame) for frame in range(4)]
+    notes = [describe_frame(track, frame) for frame in range(4)]
     assert notes == ["confidence 0.50", "LOST", "", "not tracked"]
