@@ -15,8 +15,8 @@ from cl import Step
 
 
 def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Likelihood:
-    """Return the voxels' likelihood for a filter of these settings and so many runs, with the
-    keypoints' if that has a weight."""
+    """Return the voxel likelihood for `n_runs` runs of a filter; include the keypoint term if its
+    weight is not 0."""
     search = config.search
     voxels = VoxelLikelihood(scene, config.likelihood, search.n_particles, n_runs, search.velocity)
     return with_keypoints(scene, config, voxels, n_runs)
@@ -25,8 +25,9 @@ def voxel_likelihood(scene: Scene, config: FilterConfig, n_runs: int = 1) -> Lik
 def with_keypoints(
     scene: Scene, config: FilterConfig, base: Likelihood | None, n_runs: int = 1
 ) -> Likelihood:
-    """Return the likelihood `base` with the keypoints' term if that has a weight, or the
-    keypoints' alone."""
+    """Add the keypoint term to the likelihood `base` if the term's weight is not 0.
+
+    If `base` is None, return the likelihood of the keypoints alone."""
     if base is not None and config.keypoints.weight == 0:
         return base
     posture, n = config.likelihood.posture_prior_weight, config.search.n_particles
@@ -34,12 +35,12 @@ def with_keypoints(
 
 
 class AnnealedParticleFilter(DeviceTracker):
-    """Tracks the body of a scene through its voxels. Twin: reference/filters/annealed.py.
+    """Annealed particle filter that tracks a body by its voxels.
 
-    With a `likelihood` of its own it tracks through whatever that observes, image features say, and
-    the scene needs no grid. With several `seeds` it makes as many runs at once, each bit by bit
-    that of its seed alone, for `step_runs`; a likelihood of its own then has room for the particles
-    of all.
+    If a `likelihood` is given, the filter tracks by what that observes, for example image features,
+    and the scene needs no grid. With several `seeds` the filter makes one run per seed at once, see
+    `step_runs`; each run is bit-equal to a filter with that seed alone. A given likelihood must
+    then hold the particles of all runs. Twin: reference/filters/annealed.py.
     """
 
     def __init__(

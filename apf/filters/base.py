@@ -1,4 +1,4 @@
-"""What all filters share: the estimate, and the frame around a search."""
+"""Base classes of all filters: the estimate, and the steps of a frame around the search."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from cl.staging import Download
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """One frame's result.
+    """Result of one frame.
 
-    body: that is tracked, D degrees of freedom and J joints. pose: (D,) m and rad, the weighted
-    mean of the last layer's particles (Song et al. eq. 12), refined. deviation: (D,) the particles'
-    standard deviation. ess, beta, least_error: (n_layers,) effective sample size, annealing
-    exponent, error of the best particle. information: (D, D) of the refinement's linear system,
-    about the inverse of the pose's covariance; zero or (0, 0) where nothing was refined.
-    candidates: (K, D), candidate_errors: (K,), what the limb search chose the pose from, see
-    `LimbSearch`; one where no limb was looked for. misfit: of the pose, see
-    `VoxelLikelihood.misfit_launcher`; NaN of a likelihood that knows none.
-    confidence, lost, restart: see `apf.tracking.recovery`, which fills them in. disagreement: (L,)
-    m, see `apf.tracking.two_way`; None of what was tracked one way.
+    body: the tracked body, with D degrees of freedom and J joints. pose: (D,) m and rad, the
+    weighted mean of the last layer's particles (Song et al. eq. 12), refined. deviation: (D,)
+    standard deviation of the particles. ess, beta, least_error: (n_layers,) effective sample size,
+    annealing exponent and error of the best particle. information: (D, D) matrix of the
+    refinement's linear system, about the inverse covariance of the pose; zero or (0, 0) without
+    refinement. candidates: (K, D) poses that the limb search chose from, see `LimbSearch`; K = 1
+    without limb search. candidate_errors: (K,) their errors. misfit: misfit of the pose, see
+    `VoxelLikelihood.misfit_launcher`; NaN if the likelihood has none. confidence, lost, restart:
+    set by `apf.tracking.recovery`. disagreement: (L,) m, see `apf.tracking.two_way`; None after a
+    single pass.
     """
 
     body: BodyModel
@@ -65,8 +65,8 @@ class Estimate:
 
 
 class Tracker:
-    """Follows a body from frame to frame: `start(pose)` once, then `step(observation)` per frame,
-    or `stream(observations)`."""
+    """Tracker of one body: call `start(pose)` once, then `step(observation)` for each frame, or
+    `stream(observations)`."""
 
     def __init__(self, scene: Scene, config: FilterConfig) -> None:
         self.body, self.config = scene.body, config
@@ -76,8 +76,10 @@ class Tracker:
         raise NotImplementedError
 
     def step(self, observation: Shown, keypoints: PointObservations | None = None) -> Estimate:
-        """Track one frame further, by voxels or whatever else the likelihood observes, and by
-        keypoints where it has a weight for them."""
+        """Track one frame further and return its estimate.
+
+        observation: voxels, or what else the likelihood observes. keypoints: used if the keypoint
+        term has a weight."""
         raise NotImplementedError
 
     def stream(self, observations: Iterable[Shown]) -> Iterator[Estimate]:
@@ -85,16 +87,16 @@ class Tracker:
         return map(self.step, observations)
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
+        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         raise NotImplementedError
 
 
 class DeviceTracker(Tracker):
-    """A tracker by OpenCL, of one run or of several at once.
+    """Tracker on an OpenCL device, of one run or of several runs at once.
 
-    A frame is enqueued without waiting for the host; only the estimates come back. Subclasses have
-    `_search(source)`, the launches that judge the particles, several times per frame.
+    The host enqueues a frame without waiting and downloads only the estimates. Subclasses implement
+    `_search(source)`, which returns the launches that diffuse and score the particles.
     """
 
     def __init__(
@@ -120,9 +122,10 @@ class DeviceTracker(Tracker):
         self._judging: dict[int, tuple[Array, Array, list[Launch]]] = {}
 
     def change_body(self, body: BodyModel) -> None:
-        """Track `body`, which has the structure of the one before: the same bones, axes and cones
-        of other sizes, limits and sigmas. After the next `start` it does what a new tracker of
-        `body` would, bit by bit."""
+        """Track `body` from now on; only its sizes, limits and sigmas may differ.
+
+        Bones, axes and cones must be the same as before. After the next `start` the results are
+        bit-equal to those of a new tracker of `body`."""
         self._settle()
         self.body = body
         for part in (self.particles, self.likelihood, self._limb_search):
@@ -151,12 +154,13 @@ class DeviceTracker(Tracker):
         return self.search_runs()
 
     def stream(self, observations: Iterable[Observation]) -> Iterator[Estimate]:
-        """Yield the first run's estimate for each of `observations`. The next one is taken while
-        the device searches; on a GPU it is made in that time, too, by another queue.
+        """Yield the first run's estimate for each of `observations`.
 
-        Taking it may overwrite the one before, as `Reconstructor.stream` does: when an estimate is
-        given, its observation may be gone, and the search by the next one has begun: `push` and
-        `widen` count for the one after that, and a stream that is left has gone a frame further.
+        The next observation is fetched while the device searches; on a GPU a second queue also
+        prepares it in that time. Fetching may overwrite the previous observation, as
+        `Reconstructor.stream` does. When an estimate is yielded, its observation may therefore be
+        overwritten, and the search of the next frame has begun: `push` and `widen` take effect one
+        frame later, and a stream that the caller stops early has searched one frame more.
         """
         return (estimates[0] for estimates in self.stream_runs(observations))
 
@@ -169,7 +173,7 @@ class DeviceTracker(Tracker):
             show = self.likelihood.prepare(observation)
             with self.device.on(queue) as own:
                 show()
-                self.device.hold_up(own)  # the next one is prepared where this one was
+                self.device.hold_up(own)  # the next observation overwrites this one
                 following = self._begin_search()
             self._streaming = queue
             if under_way is not None:
@@ -179,7 +183,7 @@ class DeviceTracker(Tracker):
             yield under_way()
 
     def observe(self, observation: Observation) -> None:
-        """Enqueue what the likelihood keeps of an observation, the first half of `step`."""
+        """Enqueue the likelihood's preparation of a frame: the first half of `step`."""
         self._settle()
         self.likelihood.observe(observation)
 
@@ -192,8 +196,8 @@ class DeviceTracker(Tracker):
         return self._begin_search()()
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
-        `unit`; of several runs, each of which has learnt colours of its own, their mean."""
+        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
+        `unit`. Average them over the runs, as each run has its own colour model."""
         self._settle()
         n, n_runs = len(poses), self.particles.n_runs
         if n not in self._judging:
@@ -213,19 +217,20 @@ class DeviceTracker(Tracker):
         self.particles.widen(factor)
 
     def push(self, offset: np.ndarray) -> None:
-        """Search the next frame from poses moved by `offset` (D,): what is known of the motion."""
+        """Shift the next frame's start poses by `offset` (D,), a known part of the motion."""
         self._settle()
         self.particles.push(offset)
 
     def _settle(self) -> None:
-        """Make what is enqueued from now on wait for the search that a stream has begun, which may
-        have been left."""
+        """Make later commands wait for the search that a stream has begun: the caller may have
+        stopped the stream early."""
         if self._streaming is not None:
             self.device.wait_for(self._streaming)
             self._streaming = None
 
     def _begin_search(self) -> Callable[[], list[Estimate]]:
-        """Enqueue the search; what is returned waits for it and gives each run's estimate."""
+        """Enqueue the search; return a function that waits for it and returns each run's
+        estimate."""
         for launch in self._layers[self._n_frames % 2]:
             launch()
         self._n_frames += 1
@@ -267,17 +272,18 @@ def checked_pose(body: BodyModel, pose: np.ndarray) -> np.ndarray:
 
 @cache
 def _symmetric_indices(n: int) -> np.ndarray:
-    """Return (n, n) where each element of a symmetric matrix stands in its lower triangle, row by
-    row."""
+    """Return (n, n) indices that expand a packed lower triangle, row by row, to a symmetric
+    matrix."""
     indices = np.zeros((n, n), np.intp)
     indices[np.tril_indices(n)] = np.arange(n * (n + 1) // 2)
     return np.maximum(indices, indices.T)
 
 
 def unpacked(report: np.ndarray, body: BodyModel, n_runs: int, n_layers: int) -> list[Estimate]:
-    """Return each run's Estimate from what a tracker downloads, all runs of one after the other:
-    `ParticleSet.result`, of as many layers, the lower triangle of `Estimate.information` row by
-    row, candidates and their errors, misfits."""
+    """Return each run's Estimate from the downloaded `report`.
+
+    The report holds, each for all runs: `ParticleSet.result` of `n_layers` layers, the lower
+    triangle of `Estimate.information` row by row, candidates, their errors, misfits."""
     report, n_dof, begin = report.astype(np.float64), body.n_dof, 0
 
     def taken(*shape: int) -> np.ndarray:

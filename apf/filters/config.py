@@ -281,7 +281,7 @@ class LimbSearchConfig(Config):
 
     @property
     def reaches(self) -> list[float]:
-        """How far the poses of every round reach, in the body's sigmas."""
+        """Spread of the poses in each round, in the body's sigmas."""
         return [self.reach, *(self.round_reach * 0.5**i for i in range(self.rounds))]
 
 
@@ -302,12 +302,12 @@ class FilterConfig(Config):
 
     @classmethod
     def of(cls, **settings: Any) -> FilterConfig:
-        """Return the defaults but for single `settings`. Raises InputError for bad values and
+        """Return the defaults, except for single `settings`. Raises InputError for bad values and
         TypeError for unknown names."""
         return cls().changed(**settings)
 
     def changed(self, **settings: Any) -> FilterConfig:
-        """Return these settings but for single ones, named as in `of`."""
+        """Return a copy of these settings with single ones changed, named as in `of`."""
         unknown = sorted(settings.keys() - _PATHS.keys())
         if unknown:
             raise TypeError(f"no setting of a filter: {', '.join(unknown)}")
@@ -327,7 +327,7 @@ class FilterConfig(Config):
 
     @property
     def by_points(self) -> FilterConfig:
-        """The settings of the refinement that brings limbs to observed points."""
+        """Settings of the refinement that moves limbs to observed points."""
         search = self.limb_search
         return self.changed(
             refinement_steps=search.point_steps, refinement_point_reach=search.point_reach,
@@ -336,7 +336,7 @@ class FilterConfig(Config):
 
     @property
     def searches_limbs(self) -> bool:
-        """Whether limbs are looked for elsewhere before an estimate is final."""
+        """Whether the limb search runs before an estimate is final."""
         return self.limb_search.reach > 0 and self.refinement.steps > 0
 
     def at_rate(self, fps: float) -> FilterConfig:
@@ -355,7 +355,7 @@ def _short(path: tuple[str, ...]) -> str:
     return path[-1] if path[-2] in _UNPREFIXED else f"{path[-2]}_{path[-1]}"
 
 
-#: The names that lead to each single setting, by its own.
+#: The path of names to each single setting, by the setting's name in `FilterConfig.of`.
 _PATHS = {_short(path): path for path, _ in fields_below(FilterConfig)}
 
 
@@ -386,7 +386,7 @@ def _other_terms() -> dict[str, tuple[str, float]]:
 
 
 _USUAL_TERMS, _OTHER_TERMS = _usual_terms(), _other_terms()
-#: The setting with which keypoints count, where they are chosen in another way.
+#: The default weight of keypoints where another option than their weight turns them on.
 KEYPOINTS_ON = dict([_OTHER_TERMS["keypoints"]])
 USUAL_TERMS = tuple(_USUAL_TERMS)
 TERMS = (*USUAL_TERMS, *_OTHER_TERMS)

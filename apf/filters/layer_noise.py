@@ -1,4 +1,4 @@
-"""Standard deviations of each layer's noise: the body's sigmas, the trunk first if wanted."""
+"""Standard deviations of each layer's noise, with optional layers that move only the trunk."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from apf.filters.config import SearchConfig
 def layer_sigmas(body: BodyModel, config: SearchConfig) -> np.ndarray:
     """Return (n_layers, D) deviation of each degree of freedom, before `SearchConfig.layer_noise`.
 
-    With `trunk_layers`, so many first layers move the trunk alone, and the noise of all else
-    begins to shrink afterwards (partitioned sampling, MacCormick & Isard 2000).
+    The first `SearchConfig.trunk_layers` layers move only the trunk; the noise of the limbs shrinks
+    from the layer after them on (partitioned sampling, MacCormick & Isard 2000).
     """
     sigmas = np.tile(body.sigma, (config.n_layers, 1))
     first = min(config.trunk_layers, config.n_layers - 1)

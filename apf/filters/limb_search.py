@@ -1,4 +1,4 @@
-"""The search for limbs elsewhere than the particles' mean has them (kernels: limb_search.cl)."""
+"""Search for limbs that the particles' mean places wrongly (kernels: limb_search.cl)."""
 
 from __future__ import annotations
 
@@ -15,37 +15,40 @@ from apf.likelihood.base import Likelihood
 from cl import Array, Device, Launch, Stage
 from cl.workgroups import stated_group
 
-#: Items that choose, and move the poses chosen from.
+#: Work-items of a group of the kernel `choose`.
 _GPU_GROUP, _CPU_GROUP = 256, 64
 
 
 def limb_ranges(body: BodyModel) -> np.ndarray:
-    """Return (D, 2) lowest and highest value of a degree of freedom that may be anywhere."""
+    """Return (D, 2) range of each degree of freedom from which limb poses are drawn: its limits,
+    clipped to [-pi, pi]."""
     return np.clip(body.limits, -np.pi, np.pi)
 
 
 def n_near(n: int) -> int:
-    """Return how many of `n` poses, the mean among them, have their limb near where it was."""
+    """Return how many of `n` poses, the mean included, are drawn with their limb near the mean."""
     return (n + 1) // 2
 
 
 class LimbSearch(Stage):
-    """Ends the search of a frame: refines the particles' mean and, for every limb, the best of many
-    poses that differ from the mean in that limb, one of which has it where observed points are, and
-    the best of many that have it anywhere within its limits, both found in rounds, each about the
-    best of the round before; the one of these that scores best is the estimate. Does nothing with a
-    likelihood that has neither surface points nor observed ones.
+    """Last step of a frame: recovers lost limbs and refines the estimate.
 
-    A limb that the search has lost, an arm taken for the torso's side say, would stay lost:
-    particles near the estimate do not reach where it is, and those that are spread widely are
-    wrong in the rest of the body. Twin: reference/filters/limb_search.py, kernels: limb_search.cl.
+    For each limb, two searches draw many poses that differ from the particles' mean in that limb
+    only. The first draws it near the mean, with one pose moved to the observed points; the second
+    draws it anywhere within its limits. Each search takes several rounds, each around the best pose
+    of the previous round. The mean and the best pose of every search are refined, and the one with
+    the lowest error is the estimate. Without surface points and observed points nothing is done.
 
-    Each of R runs, with a seed each, by default that of the config, is searched by itself.
-    `shift` is the device array (R, D) of how far the estimates moved from the means; `information`
-    (R, D (D + 1) / 2) is that of `Refinement` for the poses taken. Zero where nothing is refined.
-    `candidates` (R K, D) and `errors` (R K,) are what each run's estimate was chosen from, and how
-    badly it fits: the refined mean, then what each limb's two searches found; with K = 1 no limb is
-    looked for. tells_misfits: whether the search fills in the likelihood's `misfits`.
+    Without this step a lost limb, for example an arm mistaken for the side of the torso, would stay
+    lost: particles near the estimate do not reach the limb, and widely spread particles are wrong
+    in the rest of the body. Twin: reference/filters/limb_search.py.
+
+    seeds: one per run, by default that of the config; the R runs are independent. `shift`: device
+    array (R, D), estimates minus means. `information`: (R, D (D + 1) / 2) of `Refinement` for the
+    accepted poses. Both are zero without refinement. `candidates` (R K, D): for each run the
+    refined mean, then the results of each limb's two searches; K = 1 without limb search.
+    `errors` (R K,): errors of the candidates. tells_misfits: whether the limb search writes the
+    likelihood's `misfits`.
     """
 
     kernels = "tracking/limb_search"
@@ -108,9 +111,9 @@ class LimbSearch(Stage):
         self._ranges.set(limb_ranges(body).astype(np.float32))
 
     def launcher(self, frame: Array, result: Array) -> list[Launch]:
-        """Return the launches that search: they move the means in `result`, its first R D values.
+        """Return the launches of the search, which overwrite the means, `result[:R * D]`.
 
-        frame: (R,) uint32, the number of the frame that the random numbers are drawn for.
+        frame: (R,) uint32 frame numbers, part of the random numbers' counters.
         """
         likelihood, candidates = self.likelihood, self.candidates
         if self.config.refinement.steps == 0 or not likelihood.refines:
@@ -159,7 +162,7 @@ class LimbSearch(Stage):
         )
 
     def _choose(self, frame: Array, round: int) -> Launch:
-        """Return what ends a round, and moves the poses on to the next one, if there is one."""
+        """Return the launch that ends a round and draws the next round's poses, if there is one."""
         reaches, following = self.config.limb_search.reaches, round + 1
         return self.launch(
             "choose",

@@ -1,4 +1,4 @@
-"""Every search over every objective: what `apf track --method M --objective O` chooses."""
+"""Settings of a search and its objective, as chosen by `apf track --method M --objective O`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from apf.filters.searches.swarm import SwarmConfig
 from apf.image_objective.config import FeatureConfig, ObjectiveConfig
 from psfs.common.config import Config, part, setting, with_parts
 
-#: Settings that searches and objectives have of their own, by the names that they have in `Method`.
+#: Settings of single searches and objectives, by their field names in `Method`.
 _OWN_SETTINGS = dict(
     chain(
         *(search.settings.items() for search in SEARCHES.values()),
@@ -27,7 +27,7 @@ _OWN_SETTINGS = dict(
 
 @with_parts(_OWN_SETTINGS)
 class Method(Config):
-    """A search, an objective and the settings of both; those of others are not looked at."""
+    """A search, an objective and the settings of both; settings of others are ignored."""
 
     search: str = setting(
         "apf",
@@ -68,8 +68,8 @@ class Method(Config):
     @model_validator(mode="before")
     @classmethod
     def _agree(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """Let image objectives be of the kind that the objective names, and keypoints alone have a
-        weight."""
+        """Set the kind of an image objective from `objective`; give keypoints their default weight
+        if they are the only observation."""
         name = values.get("objective", "voxel")
         if name in OBJECTIVES and "image" in OBJECTIVES[name].settings:
             image = values.get("image") or ObjectiveConfig()
@@ -82,16 +82,16 @@ class Method(Config):
 
     @classmethod
     def of(cls, search: str = "apf", objective: str = "voxel", **settings: Any) -> Method:
-        """Return a method with the search's own defaults and single `settings` of its filter, named
-        as in `FilterConfig.of`."""
+        """Return a method with the defaults of the search, except for `settings` of its filter,
+        named as in `FilterConfig.of`."""
         defaults = SEARCHES[search].defaults if search in SEARCHES else {}
         config = FilterConfig.of(**{**defaults, **settings})
         return cls(search=search, objective=objective, filter=config)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "") -> Method:
-        """Return the inverse of `to_dict`; what is not stated has the search's own
-        default. Arguments and errors as of `overlaid`."""
+        """Return the method that `to_dict` wrote as `values`; missing settings get the defaults of
+        the search. For arguments and errors see `overlaid`."""
         search = values.get("search", "")
         base = cls.of(search) if search in SEARCHES else cls()
         return base.overlaid(values, where)
@@ -112,28 +112,28 @@ class Method(Config):
 
     @property
     def goes_back(self) -> bool:
-        """Whether a take is tracked both ways."""
+        """Whether a take is tracked forward and backward."""
         return self.both_ways and not self.uses_images
 
     @property
     def n_runs(self) -> int:
-        """How many runs make a track."""
+        """Number of runs that are fused into a track."""
         return self.runs if self.goes_back else 1
 
     @property
     def uses_keypoints(self) -> bool:
-        """Whether keypoints have a weight, beside the objective or alone."""
+        """Whether keypoints have a weight, with another objective or alone."""
         return self.filter.keypoints.weight > 0
 
     def with_keypoints(self, n_sightings: int) -> Method:
-        """Return the method with room for so many keypoints in a frame; with their usual weight
-        unless they have one."""
+        """Return the method with room for `n_sightings` keypoints in a frame; give keypoints their
+        default weight if they have none."""
         room = max(self.filter.keypoints.room, n_sightings)
         weight = {} if self.uses_keypoints else KEYPOINTS_ON
         return self.replace(filter=self.filter.changed(keypoints_room=room, **weight))
 
     def described(self) -> dict[str, Any]:
-        """Return what was used, for a track's provenance."""
+        """Return the settings that were used, for a track's provenance."""
         own = {**SEARCHES[self.search].settings, **self._objective.settings}
         return {
             "method": self.search,

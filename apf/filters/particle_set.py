@@ -13,25 +13,25 @@ from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Launch, Stage
 from cl.workgroups import pack_defines, stated_group
 
-#: Work-items that anneal all particles of a run: as many as a work-group can have everywhere.
+#: Work-items that anneal all particles of a run: a work-group size that every GPU supports.
 _LARGEST_GROUP = 1024
-#: Particles that a CPU's work-group diffuses: PoCL by itself makes one group of all, for one core.
+#: Particles that a CPU's work-group diffuses: PoCL alone would make one group, on one core.
 _CHILDREN = 8
-#: Bits to which the exponent's logarithm is found: more than single precision tells apart.
+#: Bits to which the exponent's logarithm is computed: more than single precision resolves.
 _BITS = 18
 #: The exponent's logarithm to base 2 lies between -20 and 20: errors in float need no larger range.
 LOG2_BETA_LIMIT = 20.0
 
 
 class ParticleSet(Stage):
-    """Particles, their weights and parents, all on the device, of R runs with a seed each: `seeds`,
-    by default one with that of the config. Runs do not mix: each has n_particles, N in all.
+    """Particles of R independent runs on the device, with their weights and parents.
 
-    `sets` are two pose arrays (N, D): each layer diffuses one into the other. `result` holds what
-    the host reads after a frame: means (R, D), deviations (R, D), then per layer and run effective
-    sample size, beta and least error. `parents` (N,): of the next layer, by number in the run.
-    `motion` (R, D, 2): last estimate, and how far the next frame's particles move. `frame` (R,)
-    counts the frames.
+    seeds: one per run; by default one run with the seed of the config. Each run has n_particles
+    particles, all runs together N. `sets`: two pose arrays (N, D); each layer diffuses one into the
+    other. `result`: what the host reads after a frame: means (R, D), deviations (R, D), then
+    effective sample size, beta and least error per layer and run. `parents` (N,): parents of the
+    next layer, as particle numbers within the run. `motion` (R, D, 2): last estimate, and shift of
+    the next frame's particles. `frame` (R,): frame counters.
     """
 
     kernels = "tracking/annealing"
@@ -63,7 +63,7 @@ class ParticleSet(Stage):
         self._seeds = device.to_device(seed_words(self.seeds))
 
     def change_body(self, body: BodyModel) -> None:
-        """Spread by the sigmas of `body`, within its limits, from now on."""
+        """Use the sigmas and limits of `body` from now on."""
         self._sigmas.set(layer_sigmas(body, self.config).astype(np.float32))
         self._limits.set(body.limits)
 
@@ -87,8 +87,9 @@ class ParticleSet(Stage):
         _replace(self.motion, slice(run, run + 1), np.float32(0))
 
     def renew(self, layer: int, errors: Array, source: int) -> list[Launch]:
-        """Return what ends a layer, whose set `source` has `errors` (N,), and begins the next, if
-        there is one, in the other set."""
+        """Return the launches that end a layer and, unless it is the last, diffuse the next.
+
+        errors: (N,) of the particles in set `source`; the other set gets the next layer's."""
         last = layer == self.config.n_layers - 1
         if self.device.is_gpu and not last and self.config.spread == 0:
             return [self.anneal_diffuse(layer, errors, source)]
@@ -98,15 +99,14 @@ class ParticleSet(Stage):
         return launches if last else [*launches, self.diffuse(layer + 1, source)]
 
     def push(self, offset: np.ndarray) -> None:
-        """Move the next frame's particles by `offset` (D,), beside what else they move; waits for
-        the device."""
+        """Add `offset` (D,) to the shift of the next frame's particles; wait for the device."""
         motion = self.motion.get()
         motion[..., 1] += offset
         self.motion.set(motion)
 
     def diffuse(self, layer: int, source: int) -> Launch:
-        """Return what draws the parents of set `source` and spreads them by the layer's noise into
-        the other (Song et al. eq. 11)."""
+        """Return the launch that copies the parents in set `source`, adds the layer's noise and
+        writes them to the other set (Song et al. eq. 11)."""
         n_packs = -(-self.n_dof // self._pack)
         launch = self.launch(
             "diffuse",
@@ -130,15 +130,16 @@ class ParticleSet(Stage):
         return launch
 
     def widen(self, factor: float) -> None:
-        """Spread by `factor` times the noise of the config from now on."""
+        """Multiply the noise of the config by `factor` from now on."""
         for layer, launch in self._diffusions:
             launch.set(noise=factor * self.config.layer_noise[layer])
 
     def anneal(self, layer: int, errors: Array, beta: float = 0.0) -> Launch:
-        """Return what weighs by `errors` (N,) at the layer's survival rate (Song et al. eq. 10;
-        Deutscher & Reid 2005), and draws the next parents.
+        """Return the launch that computes weights from `errors` (N,) at the layer's survival rate
+        (Song et al. eq. 10; Deutscher & Reid 2005) and draws the next parents.
 
-        A positive `beta` is the exponent whatever the survival."""
+        A positive `beta` is used as the exponent instead of the one found from the survival rate.
+        """
         return self.launch(
             "anneal",
             (self._group * self.n_runs,),
@@ -157,8 +158,9 @@ class ParticleSet(Stage):
         )
 
     def anneal_diffuse(self, layer: int, errors: Array, source: int) -> Launch:
-        """Return `anneal` of a layer and `diffuse` of the next in one launch: on a GPU, work-groups
-        that all do the first take less time than another launch."""
+        """Return one launch that does `anneal` of a layer and `diffuse` of the next.
+
+        On a GPU it is faster to repeat the annealing in every work-group than to launch twice."""
         config, n = self.config, self.config.n_particles
         n_packs = -(-self.n_dof // self._pack)
         n_groups = min(n * n_packs // self._group, self.device.info.compute_units // self.n_runs)
@@ -187,7 +189,8 @@ class ParticleSet(Stage):
         return launch
 
     def estimate(self, source: int) -> Launch:
-        """Return what takes weighted mean and deviation of set `source` (Song et al. eq. 12)."""
+        """Return the launch that computes the weighted mean and deviation of set `source` (Song et
+        al. eq. 12)."""
         return self.launch(
             "estimate",
             (self.n_dof * self._group, self.n_runs),
@@ -207,9 +210,11 @@ class ParticleSet(Stage):
         misfits: Array,
         report: Array,
     ) -> Launch:
-        """Return what ends the frame: the next one's particles move by `shift` (R, D) and the
-        motion. `report` (n,) gets all that the host reads: `result`, `information` (R, ..), the
-        limb search's `candidates` (R K, D) and their `errors` (R K,), `misfits` (R,)."""
+        """Return the launch that ends the frame.
+
+        It adds `shift` (R, D) and the motion to the next frame's particles and writes all that the
+        host reads to `report` (n,): `result`, `information` (R, ..), the limb search's `candidates`
+        (R K, D), their `errors` (R K,), `misfits` (R,)."""
         return self.launch(
             "end_frame",
             (report.size,),

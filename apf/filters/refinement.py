@@ -24,13 +24,12 @@ _GPU_BLOCK, _CPU_BLOCK = 96, 256
 
 
 class Refinement:
-    """Moves `n_poses` poses (n_poses, D), each by itself, onto surface voxels and observed points,
-    where there are such.
+    """Gauss-Newton fit of `n_poses` independent poses to surface voxels and observed points.
 
-    `information` is the device array (n_poses, D (D + 1) / 2) of the lower triangle of the last
-    linear system, row by row: how firmly voxels and prior hold the pose, about the inverse
-    covariance; zero where nothing is refined. `shift` (n_poses, D) is how far each was moved.
-    Raises InputError if the body has more degrees of freedom than local memory can hold.
+    `information`: device array (n_poses, D (D + 1) / 2), the lower triangle of the last linear
+    system, row by row: about the inverse covariance of the pose given voxels and prior; zero
+    without refinement. `shift` (n_poses, D): how far each pose was moved. Raises InputError if the
+    body has more degrees of freedom than fit into local memory.
     """
 
     def __init__(
@@ -81,16 +80,16 @@ class Refinement:
         self._limits.set(body.limits)
 
     def launcher(self, points: Array | None, results: Array) -> list[Launch]:
-        """Return the launches that refine `results` (n_poses, D) on the surface `points` (K, 4),
-        where it looks at voxels, and what was observed; none with 0 steps."""
+        """Return the launches that fit `results` (n_poses, D) to the surface `points` (K, 4), if
+        voxels are used, and to the observed points; no launches with 0 steps."""
         if self.config.steps == 0:
             return []
         launches, poses = self._met(points, results)
         return [*launches, self._end(self.config.steps, results, poses)]
 
     def shift_launcher(self, points: Array | None, results: Array) -> list[Launch]:
-        """Return the launches that put into `shift` (n_poses, D) how far `results` would move,
-        which stay; the pose after the last step is not judged."""
+        """Return the launches that write to `shift` (n_poses, D) how far the fit would move
+        `results`, which do not change; the cost after the last step is not evaluated."""
         return self._met(points, results)[0]
 
     def _met(self, points: Array | None, results: Array) -> tuple[list[Launch], Array]:
@@ -111,7 +110,8 @@ class Refinement:
         poses: Array,
         reach: tuple[float, float],
     ) -> list[Launch]:
-        """Return the launches from `poses` on to the next ones, and of the linear system there."""
+        """Return the launches that step from `poses` to the next ones and build the linear system
+        there."""
         taken = self._taken(results, poses, step) | {
             "first": step == 0,
             "limits": self._limits,
@@ -143,7 +143,7 @@ class Refinement:
         )
 
     def _evidence(self, points: Array | None, reach: tuple[float, float]) -> dict[str, Argument]:
-        """Return what the linear system is made of, by the kernels' names."""
+        """Return the kernels' arguments for the linear system, by name."""
         config, observed = self.config, self._observed
         strength, weight = self._voxel_weights
         return {
@@ -164,12 +164,12 @@ class Refinement:
 
     @property
     def _voxel_weights(self) -> tuple[float, float]:
-        """The strength of a voxel in the cost and its weight in the linear system."""
+        """Strength of a voxel in the cost, and its weight in the linear system."""
         strength = self.config.strength / max(1, self._n_points)
         return strength, strength / self.config.scale**2
 
     def _taken(self, results: Array, poses: Array, step: int) -> dict[str, Argument]:
-        """Return what a step reads and keeps, by the kernels' names."""
+        """Return the kernels' arguments for a step, by name."""
         strength, weight = self._voxel_weights
         return {
             "strength": strength,
@@ -208,5 +208,5 @@ class Refinement:
 
 
 def prior_deviation(body: BodyModel, config: FilterConfig) -> np.ndarray:
-    """Return (D,) how far the refined pose may be from the particles' mean."""
+    """Return (D,) prior standard deviation of the refined pose about the particles' mean."""
     return np.maximum(config.refinement.width * config.search.noise * body.sigma, 1e-6)

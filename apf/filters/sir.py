@@ -14,12 +14,12 @@ from cl import InputError, Step
 
 
 class SirParticleFilter(DeviceTracker):
-    """Propagates by N(x, Sigma), weighs by exp(-(1 - f)^2 / sigma_z^2), resamples.
+    """Particle filter that propagates by N(x, Sigma), weighs by exp(-(1 - f)^2 / sigma_z^2) and
+    resamples.
 
-    One layer: the errors of the likelihood, squared, stand for (1 - f)^2. config: n_particles,
-    noise, velocity, seed, first_survival, and what refines an estimate; n_layers must be 1. The
-    pose is the weighted mean. Twin: reference/filters/sir.py. Raises InputError for another number
-    of layers.
+    The likelihood's squared errors take the place of (1 - f)^2. The pose is the weighted mean.
+    config: the filter uses n_particles, noise, velocity, seed, first_survival and the settings of
+    the refinement. Raises InputError unless n_layers is 1. Twin: reference/filters/sir.py.
     """
 
     def __init__(

@@ -17,10 +17,10 @@ _GROUP = 256
 
 
 class Swarm(ParticleSet):
-    """A particle set with velocities and memory. Kernel: swarm.cl.
+    """Particle set with velocities and personal bests (kernels: swarm.cl).
 
-    sets[0]: the particles' poses; sets[1]: the best that each has found in the frame. The best of
-    all is the parent of all particles of the next frame.
+    sets[0]: the particles' poses; sets[1]: the best pose that each has found in the frame. The
+    global best is the parent of all particles of the next frame.
     """
 
     def __init__(
@@ -78,12 +78,12 @@ class Swarm(ParticleSet):
 
 
 class ParticleSwarm(DeviceTracker):
-    """Searches each frame by a synchronous swarm with one global best; see `DeviceTracker`.
+    """Tracker by a synchronous particle swarm with one global best.
 
-    config: n_particles, n_layers as the number of iterations (each scores all particles once),
-    noise, velocity, seed, and what refines an estimate. An estimate's pose is the global best, its
-    deviation that of the particles' own bests from it, ess the number of particles that improved
-    in each iteration; beta is 0. Twin: reference/filters/swarm.py.
+    config: the swarm uses n_particles, n_layers as the number of iterations (each scores all
+    particles once), noise, velocity, seed and the settings of the refinement. In an `Estimate`,
+    pose is the global best, deviation that of the personal bests about it, ess the number of
+    particles that improved in each iteration, and beta 0. Twin: reference/filters/swarm.py.
     """
 
     def __init__(
