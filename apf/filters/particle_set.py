@@ -13,7 +13,7 @@ from apf.filters.layer_noise import layer_sigmas
 from cl import Array, Device, Launch, Stage
 from cl.workgroups import pack_defines, stated_group
 
-#: Work-items that anneal all particles of a run: a work-group size that every GPU supports.
+#: Work-items that anneal all particles of a run: a work-group size that devices support.
 _LARGEST_GROUP = 1024
 #: Particles that a CPU's work-group diffuses: PoCL alone would make one group, on one core.
 _CHILDREN = 8

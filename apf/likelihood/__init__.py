@@ -1,4 +1,4 @@
-"""How badly poses fit the voxels: Song et al. eq. (14)-(16), and more terms."""
+"""Errors of poses against the voxels: Song et al. eq. (14)-(16), and further terms."""
 
 import lazy_loader as _lazy
 

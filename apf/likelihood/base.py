@@ -1,4 +1,4 @@
-"""What a filter searches with: the base of likelihoods and objectives."""
+"""Base class of the likelihoods and objectives that a filter evaluates."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from cl import Array, Launch, Step
 
 
 class PointSubset(NamedTuple):
-    """Every `stride`-th of K surface points from number `first` on; after the last the first again,
-    so that all subsets of a stride have the same size."""
+    """Every `stride`-th of K surface points, starting at number `first`. Indices wrap around, so
+    that all subsets of a stride have the same size."""
 
     first: int
     stride: int
 
 
 class Likelihood:
-    """Scores poses against what was observed; all on the device, without waiting.
+    """Likelihood that scores poses against an observation, on the device and without waiting.
 
-    A subclass has `errors`, `observe` and `launcher`. The rest is optional: what a likelihood does
-    not override does nothing, and the filter does without it.
+    A subclass must have `errors`, `observe` and `launcher`. All other methods are optional and do
+    nothing by default.
 
-    errors: (N,) float32, -log weight at exponent 1 of each pose; smaller is better.
-    points: (K, 4) float32 surface points, m, that estimates are refined on; the fourth value is 0
-    where there is none. None: estimates stay the particles' mean.
-    observed: points of the body that estimates are refined on. None: on none.
-    unit: what a term of weight 1 counts in `errors`, for terms that are added to them.
-    misfits: (R,) float32 of R runs, which `misfit_launcher` fills. None: not known.
-    misfits_of_all: whether `rescoring_launcher` knows them, too.
+    errors: (N,) float32, -log weight of each pose at exponent 1; smaller is better.
+    points: (K, 4) float32 surface points, m, that estimates are fitted to; the fourth value is 0
+    for unused rows. None: estimates are not fitted to a surface.
+    observed: observed points of the body that estimates are fitted to. None: there are none.
+    unit: contribution of a term with weight 1 to `errors`, for terms that are added later.
+    misfits: (R,) float32 of R runs, written by `misfit_launcher`. None: the likelihood has none.
+    misfits_of_all: whether `rescoring_launcher` can write misfits, too.
 
-    The misfit of a pose states in absolute terms how badly it fits: the share of the body that lies
-    outside the silhouettes plus the share of the surface voxels that the body leaves unexplained, 0
-    (perfect) to 2. It depends on no weight of `errors`, so that frames and searches compare.
+    The misfit of a pose is an absolute measure of fit, from 0 (perfect) to 2: the share of the body
+    that lies outside the silhouettes, plus the share of the surface voxels that the body does not
+    explain. It does not depend on the weights in `errors`, so that it can be compared between
+    frames and searches.
     """
 
     errors: Array
@@ -47,7 +48,7 @@ class Likelihood:
 
     @property
     def refines(self) -> bool:
-        """Whether there is something that estimates are refined on."""
+        """Whether there are points that estimates are refined on."""
         return self.points is not None or self.observed is not None
 
     def observe(self, observation: Any) -> None:
@@ -55,8 +56,8 @@ class Likelihood:
         raise NotImplementedError
 
     def prepare(self, observation: Any) -> Callable[[], None]:
-        """Enqueue what of `observe` may be done while the frame before is still searched; return
-        what enqueues the rest."""
+        """Enqueue the part of `observe` that may run during the search of the previous frame;
+        return a function that enqueues the rest."""
         return lambda: self.observe(observation)
 
     def launcher(self, poses: Array) -> Sequence[Step]:
@@ -71,24 +72,26 @@ class Likelihood:
         least_recall: float = 0.0,
         misfits: Array | None = None,
     ) -> list[Launch]:
-        """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same: every
-        `stride`-th of `points`, and silhouette recall with a weight of at least `least_recall`.
-        `misfits` (n,) gets theirs, for a stride of 1, of likelihoods that have `misfits_of_all`.
-        Asked for by the limb search, where there are `points`."""
+        """Return the launches that score `poses` (n, D) into `errors` (n,) for the limb search.
+
+        All poses are scored by the same samples, every `stride`-th of `points`, and by silhouette
+        recall with a weight of at least `least_recall`. `misfits` (n,), if given, receives the
+        misfits; this needs a stride of 1 and `misfits_of_all`."""
         raise NotImplementedError
 
     def take_points(self, observed: ObservedPoints, config: KeypointConfig) -> bool:
-        """Add the term of observed points, see `KeypointLikelihood`, to the errors of all launches
-        that are asked for from now on. False, of a likelihood that cannot, leaves it to others."""
+        """Add the term of observed points, see `KeypointLikelihood`, to all launches made from now
+        on. Return False if the likelihood cannot: the caller then adds the term itself."""
         return False
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that put into `misfits` those of the first R of `poses` (.., D)."""
+        """Return the launches that write the misfits of the first R of `poses` (.., D) to
+        `misfits`."""
         return []
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from a frame whose estimate is the first of `pose`
-        (.., D)."""
+        """Return the launches that update the learned models after a frame, whose estimate is the
+        first row of `pose` (.., D)."""
         return []
 
     def change_body(self, body: BodyModel) -> None:
@@ -96,4 +99,4 @@ class Likelihood:
         raise NotImplementedError
 
     def forget(self, run: int | None = None) -> None:
-        """Forget what was learnt, of one run or of all: a new track begins."""
+        """Reset the learned models of one run, or of all runs, before a new track."""

@@ -1,9 +1,9 @@
-"""Settings of the voxels' likelihood: weights and scales of its terms.
+"""Settings of the voxel likelihood: weights and scales of its terms.
 
-The error of a pose is the sum over the cameras of the terms' weighted errors; with the weights of
-edge and silhouette alone it is Song et al. eq. (16), its sign put right. "Tuned" says that a
-default was the best of those tried on the synthetic walks (4 and 8 cameras) and the recordings at
-hand, over several seeds; "by hand" that it was set once and not tried against others.
+The error of a pose is the sum of the weighted terms over all cameras. With edge and silhouette
+terms alone it is Song et al. eq. (16) with its sign corrected. "Tuned" means that a default was the
+best of several on the synthetic walks (4 and 8 cameras) and the recordings at hand, over several
+seeds; "by hand" means that it was set once and not compared with others.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class KeypointConfig(Config):
 
 
 class ReprojectionConfig(Config):
-    """How cones are compared with the reprojected voxels, by edges and silhouettes."""
+    """Comparison of cones with the reprojected voxels, by edges and silhouettes."""
 
     sample_spacing: float = setting(
         0.06,
@@ -77,7 +77,7 @@ class ReprojectionConfig(Config):
 
 
 class SurfaceSamplesConfig(Config):
-    """Which of the surface voxels are looked at."""
+    """Sampling of the surface voxels for the surface term."""
 
     n_points: int = setting(
         1024, "Number of surface voxels, evenly spread over all of them.", "by hand", least=1
@@ -92,9 +92,9 @@ class SurfaceSamplesConfig(Config):
 
 @with_parts({term.name: term.settings for term in TERMS.values()})
 class LikelihoodConfig(Config):
-    """What the voxels' likelihood is made of: what is here, and a field for the settings of every
-    registered term, by its name. All weights but those of edge and silhouette are 0 for Song et
-    al.'s likelihood alone."""
+    """Settings of the voxel likelihood: the fields below, and one field per registered term, named
+    as the term. For the likelihood of Song et al. set all weights except edge and silhouette to 0.
+    """
 
     edge_weight: float = setting(
         4.0,
@@ -174,7 +174,7 @@ class LikelihoodConfig(Config):
 
     @property
     def terms(self) -> dict[str, TermSettings]:
-        """The settings of the registered terms that have a weight, by name."""
+        """Settings of the registered terms with a positive weight, by name."""
         every = {name: self.of_term(name) for name in TERMS}
         return {name: settings for name, settings in every.items() if settings.weight > 0}
 

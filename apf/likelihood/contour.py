@@ -1,8 +1,8 @@
-"""Where the pictures have contours (kernels: contour.cl, likelihood.cl).
+"""Contours of the pictures along the outlines of limbs (kernels: contour.cl, likelihood.cl).
 
-Silhouettes show a limb's outline where it lies before the background. Before the trunk the picture
-alone shows it: grey values change across the outline. The term asks for that change along the
-outline's normal (Isard & Blake 1998, section 4), the largest within a few pixels.
+A silhouette shows the outline of a limb only in front of the background. In front of the trunk, the
+outline shows only as a change of grey values in the picture. The term measures the largest change
+along the outline's normal within a few pixels (Isard & Blake 1998, section 4).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from cl.signature import Argument
 from cl.workgroups import row_group
 from psfs.voxels.device_voxels import Voxels
 
-#: Normals that contours are looked for along: (1, 0), (1, 1), (0, 1) and (-1, 1).
+#: Directions along which contours are found: (1, 0), (1, 1), (0, 1) and (-1, 1).
 N_NORMALS = 4
-#: Pixels to either side of an outline, and diagonal steps that are about as far.
+#: Search range to either side of an outline, px, and the diagonal steps of about the same length.
 REACH, DIAGONAL_REACH = 3, 2
-#: What a contour is worth that furniture hides: neither there nor missing.
+#: Value of a contour hidden by furniture: counts neither as present nor as missing.
 HIDDEN = 128
-#: Of the Sobel operator's result, per grey value and pixel.
+#: Gain of the Sobel operator, per grey value and pixel.
 SOBEL_GAIN = 128
 #: Pixels from the border that have no gradient, and no contour.
 MARGIN = 2
@@ -31,15 +31,16 @@ _STRIP = 8
 
 
 def contrast_of(config: ContourConfig) -> int:
-    """Return the derivative by the Sobel operator that counts in full."""
+    """Return the result of the Sobel operator that counts as a full contour."""
     return max(1, round(config.contrast * SOBEL_GAIN))
 
 
 class Contours(Term):
-    """The contours of the pictures that the maps (V, H, W, 2) are silhouettes of.
+    """Term that compares the outlines of limbs with the contours of the pictures.
 
-    `contours` (V, 4, H, W) uint8, zero before, become those of the latest frame, along each normal;
-    `known` tells whether it had pictures. Twin: reference/likelihood/contour.py.
+    `contours` (V, 4, H, W) uint8: contours of the latest frame along each of the four normals, zero
+    at first. `known`: whether that frame had pictures. The maps (V, H, W, 2) hold the silhouettes
+    in the same pictures. Twin: reference/likelihood/contour.py.
     """
 
     kernels = "tracking/contour"
@@ -94,6 +95,6 @@ class Contours(Term):
         return -(-(rig.width - 2 * margin) // _STRIP), rig.height - 2 * margin, len(rig)
 
     def _group(self, margin: int) -> tuple[int, int, int] | None:
-        """Return a CPU's work-group, a row of strips: of those that PoCL chooses by itself
+        """Return the work-group for a CPU, a row of strips: with the work-group that PoCL chooses,
         `find_contours` takes twice as long."""
         return None if self.device.is_gpu else row_group(self.device, self._size(margin)[0])

@@ -1,4 +1,4 @@
-"""Where a person's keypoints lie on the body, and how far a network errs."""
+"""Positions of keypoints on the body, and the error of the network that finds them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from apf.likelihood.observations import PointObservations
 
 @dataclass(frozen=True, eq=False)
 class KeypointModel:
-    """What keypoints, K in each of V cameras, say of a body: P of them are points on it.
+    """Model of P body points among the K keypoints that a network finds in each of V cameras.
 
-    columns: (P,) int, their numbers among the K. bone: (P,) int, that each is on. position: (P, 3)
-    m in its frame. partner: (P,) int, the same point of the other side, -1 in the middle.
-    confidence, error: (B,) ascending confidences, and px by which a coordinate errs there; between
-    them it is interpolated. factor: (P,) of that, some points are harder than others. usual: how
-    many of them all cameras see in a frame together; 0 where that is not known.
+    columns: (P,) int, index of each point among the K keypoints. bone: (P,) int, bone of each
+    point. position: (P, 3) m in the bone's frame. partner: (P,) int, the same point on the other
+    side of the body, -1 on the midline. confidence, error: (B,) ascending confidences, and the
+    error of a coordinate there, px; linear in between. factor: (P,) multiplies the error, as some
+    points are harder to find. usual: usual number of points in a frame, summed over all cameras; 0
+    if unknown.
     """
 
     columns: np.ndarray
@@ -30,13 +31,14 @@ class KeypointModel:
     usual: float = 0.0
 
     def scale(self, confidence: np.ndarray) -> np.ndarray:
-        """Return (..., P) px by which a coordinate errs at these confidences (..., P)."""
+        """Return the error of a coordinate (..., P), px, at confidences (..., P)."""
         error: np.ndarray = np.interp(confidence, self.confidence, self.error) * self.factor
         return error
 
     def observations(self, keypoints: np.ndarray) -> PointObservations:
-        """Return what keypoints (V, K, 3) of one frame, undistorted px and confidence, NaN where
-        missing, say of the body."""
+        """Convert the keypoints of one frame to observed points of the body.
+
+        keypoints: (V, K, 3) undistorted px and confidence; NaN where missing."""
         seen = np.asarray(keypoints, np.float64)[:, self.columns]
         camera, point = np.nonzero(np.isfinite(seen).all(-1) & (seen[..., 2] > 0))
         scale = self.scale(np.nan_to_num(seen[..., 2]))

@@ -1,5 +1,4 @@
-"""Keypoints and other points of the body that cameras see, in the likelihood (kernel:
-keypoints.cl)."""
+"""Likelihood of keypoints and other observed points of the body (kernel: keypoints.cl)."""
 
 from __future__ import annotations
 
@@ -22,11 +21,11 @@ _GROUP = 128
 
 
 class KeypointLikelihood(Likelihood):
-    """Another likelihood's errors and the term of observed points; or that term and the posture
-    prior alone, where there is no other likelihood.
+    """Sum of the likelihood `base` and the term of observed points. Without `base`: sum of that
+    term and the posture prior.
 
-    It observes an `Observed`. Estimates are refined on the points, too, unless the other likelihood
-    refines none. Twin: reference/likelihood/keypoints.py.
+    Observations are of type `Observed`. Estimates are also refined on the points, unless `base`
+    does not refine estimates. Twin: reference/likelihood/keypoints.py.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class KeypointLikelihood(Likelihood):
         else:
             self.errors = self.device.empty((n_runs * n_particles,), np.float32, "the errors")
             self.misfits = self.device.zeros((n_runs,), np.float32)
-        # Without launches of its own, where the other takes the term into its own.
+        # If `base` adds the term in its own launches, this likelihood launches nothing itself.
         self._is_taken = base is not None and base.take_points(self._seen, config)
 
     def observe(self, observation: Observation) -> None:
@@ -62,7 +61,7 @@ class KeypointLikelihood(Likelihood):
         self.prepare(observation)()
 
     def prepare(self, observation: Observation) -> Callable[[], None]:
-        """Enqueue the other likelihood's preparation of a frame; return what enqueues the rest."""
+        """Enqueue the preparation of a frame by `base`; return a function that enqueues the rest."""
         shown, points = parted(observation)
         rest = self.base.prepare(shown) if self.base is not None else None
 
@@ -86,7 +85,7 @@ class KeypointLikelihood(Likelihood):
         least_recall: float = 0.0,
         misfits: Array | None = None,
     ) -> list[Launch]:
-        """Return the launches that score `poses` (n, D) into `errors` (n,), all by the same, see
+        """Return the launches that score `poses` (n, D) into `errors` (n,) by the same samples, see
         `Likelihood`."""
         launches = []
         if self.base is not None:
@@ -94,8 +93,8 @@ class KeypointLikelihood(Likelihood):
         return [*launches, *self._scored(poses, errors)]
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that put into `misfits` those of the first R of `poses`: the other
-        likelihood's; of the points alone the mean share that they miss."""
+        """Return the launches that write the misfits of the first R of `poses` to `misfits`: those
+        of `base`, or without it the mean share by which the observed points are missed."""
         if self.base is not None:
             return self.base.misfit_launcher(poses)
         assert self.misfits is not None
@@ -103,7 +102,8 @@ class KeypointLikelihood(Likelihood):
         return [self._launch(size, poses, self.misfits, adds=False, per_seen=True, weight=1.0)]
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from a frame whose estimate is the first of `pose`."""
+        """Return the launches of `base` that update its learned models after a frame, whose
+        estimate is the first row of `pose`."""
         return self.base.learning_launcher(pose) if self.base is not None else []
 
     def change_body(self, body: BodyModel) -> None:
@@ -115,7 +115,7 @@ class KeypointLikelihood(Likelihood):
             self.base.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Forget what was learnt, of one run or of all: a new track begins."""
+        """Reset the learned models of one run, or of all runs, before a new track."""
         if self.base is not None:
             self.base.forget(run)
 

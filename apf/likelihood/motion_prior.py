@@ -1,4 +1,4 @@
-"""The prior on the motion: how far poses are from the expected one (kernels: motion_prior.cl)."""
+"""Motion prior: squared distance of poses from the expected pose (kernels: motion_prior.cl)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cl import Array, Launch
 
 
 class MotionPrior(Term):
-    """A prior on the change from frame to frame: its mean squared length in the body's sigmas.
+    """Prior on the change from frame to frame: mean squared change in the body's sigmas.
 
-    It is counted from the last estimate or, with a `velocity`, from where the pose is expected
-    next: that share of the last change further on. `motion` (D, 2) float32 holds both; NaN before
-    there is an estimate, which costs nothing. Twin: reference/likelihood/motion_prior.py.
+    The change is measured from the expected pose: the last estimate plus `velocity` times the last
+    change. `motion` (D, 2) float32 holds the last estimate and the expected pose; both are NaN
+    before the first estimate, and the error is then 0. Twin: reference/likelihood/motion_prior.py.
     """
 
     kernels = "tracking/motion_prior"
@@ -30,11 +30,11 @@ class MotionPrior(Term):
         self.forget()
 
     def change_body(self, body: BodyModel) -> None:
-        """Count changes in the sigmas of `body` from now on."""
+        """Measure changes in the sigmas of `body` from now on."""
         self._factors.set(change_factors(body, self.settings).astype(np.float32))
 
     def forget(self, run: int | None = None) -> None:
-        """Expect nothing: a new track begins."""
+        """Reset the expected pose before a new track."""
         self.motion.fill(np.nan)
 
     def launcher(self, poses: Array, weight: float, errors: Array) -> list[Launch]:
@@ -54,7 +54,8 @@ class MotionPrior(Term):
         ]
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that take the first of `pose` (.., D) for the frame's."""
+        """Return the launches that update the expected pose; the frame's estimate is the first row
+        of `pose` (.., D)."""
         return [
             self.launch(
                 "expect_motion",
@@ -67,8 +68,8 @@ class MotionPrior(Term):
 
 
 def change_factors(body: BodyModel, config: MotionPriorConfig) -> np.ndarray:
-    """Return (D,) factors of a change, such that the sum of their squares is its mean squared
-    length in sigmas; 0 for degrees of freedom of no sigma, which do not move."""
+    """Return (D,) factors that scale a change so that its squared length is the mean squared change
+    in sigmas; 0 for degrees of freedom with sigma 0, which do not move."""
     moves = body.sigma > 0
     sigma = config.scale * np.where(moves, body.sigma, 1.0)
     return np.where(moves, 1 / sigma, 0.0) / np.sqrt(max(1, moves.sum()))

@@ -1,4 +1,4 @@
-"""Points of the body as cameras see them in one frame: keypoints, optical flow, markers."""
+"""Observed points of the body in one frame: keypoints, optical flow, markers."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ class PointObservations:
                 )
 
     def pack(self, table: np.ndarray) -> int:
-        """Write the table of observed.h, float32, into one with room for it; return how many
-        numbers of it that takes."""
+        """Write the packed table of observed.h to `table`, float32; return the number of values
+        written."""
         n = 4 + OBSERVED_FLOATS * len(self)
         table[:4] = len(self), self.most, 0, 0
         rows = table[4:n].reshape(len(self), OBSERVED_FLOATS)
@@ -96,7 +96,7 @@ class PointObservations:
 
 
 def no_observations() -> PointObservations:
-    """Return none at all."""
+    """Return an empty set of observations."""
     none = np.zeros(0, int)
     return PointObservations(
         none, np.zeros((0, 3)), none, none, none, np.zeros((0, 2)), np.zeros(0)
@@ -104,7 +104,7 @@ def no_observations() -> PointObservations:
 
 
 def joined(parts: Sequence[PointObservations]) -> PointObservations:
-    """Return all of `parts` as one, keypoints and optical flow say."""
+    """Concatenate `parts`, for example keypoints and optical flow."""
     if not parts:
         return no_observations()
     first = np.cumsum([0, *[len(part.bone) for part in parts[:-1]]])
@@ -136,39 +136,39 @@ class FeatureMaps(Protocol[A]):
 
     @property
     def roi(self) -> A:
-        """(V, 4) int32 first column and row and, excluded, the last; what lies outside counts
-        nowhere."""
+        """(V, 4) int32 regions of interest x0, y0, x1, y1, the ends excluded; pixels outside are
+        not counted."""
 
 
-#: What is made of a frame's pictures for a tracker; None where it looks at keypoints alone.
+#: Observation that is computed from a frame's pictures; None if a tracker uses keypoints alone.
 Shown: TypeAlias = Voxels | HostVoxels | FeatureMaps[Array] | FeatureMaps[np.ndarray] | None
 
 
 class Observed(NamedTuple):
-    """What a tracker with keypoints is shown of a frame: voxels or image features, None where it
-    looks at keypoints alone; and points of the body, None where nothing is known of them."""
+    """Observation of a tracker with keypoints: voxels or image features (None if it uses keypoints
+    alone), and observed points of the body (None if there are none)."""
 
     shown: Any
     points: PointObservations | None
 
 
-#: What a tracker observes of a frame.
+#: Observation of a frame, as trackers take it.
 Observation: TypeAlias = Shown | Observed
 
 
 def with_points(observation: Any, points: PointObservations | None) -> Any:
-    """Return an observation with `points`, if there are any."""
+    """Add `points`, if they are not None, to an observation."""
     return observation if points is None else Observed(observation, points)
 
 
 def parted(observation: Observation) -> Observed:
-    """Return an observation, of whatever kind, as the two parts of `Observed`."""
+    """Return any observation as an `Observed`."""
     return observation if isinstance(observation, Observed) else Observed(observation, None)
 
 
 class ObservedPoints:
-    """A frame's points on the device: `table`, see observed.h, with room for `room` sightings, and
-    the `cameras` that see them."""
+    """Observed points of a frame on the device: the `table` of observed.h, with room for `room`
+    sightings, and the packed `cameras`."""
 
     def __init__(self, scene: Scene, room: int) -> None:
         device = scene.opencl
@@ -180,8 +180,8 @@ class ObservedPoints:
         self.set(no_observations())
 
     def set(self, observations: PointObservations) -> None:
-        """Enqueue the upload of a frame's points. Raises InputError for those of another body or
-        rig, and where there are more than fit."""
+        """Enqueue the upload of a frame's points. Raises InputError if they belong to another body
+        or rig, or if there are more than `room`."""
         observations.check(self._body, self._rig)
         if len(observations) > self.room:
             raise InputError(

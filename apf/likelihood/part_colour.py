@@ -1,9 +1,9 @@
-"""What colours each part of the body has in the pictures (kernels: part_colour.cl, likelihood.cl).
+"""Colour models of the body's parts (kernels: part_colour.cl, likelihood.cl).
 
-Silhouettes do not show an arm before the trunk; its colour does. As sums of Gaussians do (Stoll et
-al. 2011) the term asks whether what a camera sees where a part should be has that part's colour,
-but with histograms, which know more than one colour per part: of each code of a palette, how much
-likelier it is on the part than on the mean part.
+A silhouette does not show an arm in front of the trunk, but its colour does. As in the sums of
+Gaussians of Stoll et al. 2011, the term compares the colours in a part's outline with the colours
+of that part. It uses histograms, which can hold several colours per part: for each code of a
+palette, the likelihood ratio of the code on the part and on the mean part.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from cl.signature import Argument
 from cl.workgroups import pack_defines
 from psfs.voxels.device_voxels import Voxels
 
-#: Items that a GPU takes for a camera: there are few, each has a multiprocessor to itself.
+#: Work-items of a GPU per camera: cameras are few, so each gets a multiprocessor to itself.
 _GROUP = 512
-#: Codes: numbers of a palette's colours, and the last one for pixels outside the silhouettes.
+#: Number of codes: the palette's colours, and a last one for pixels outside the silhouettes.
 N_CODES = 64
-#: Ratios are kept in so many steps up to their bound.
+#: Log ratios are quantised to this many steps up to their bound.
 RATIO_STEPS = 127
-#: Samples along and across a cone from which colours are learnt.
+#: Samples along and across a cone from which histograms are counted.
 ROWS, COLUMNS = 10, 6
-#: Bits of each channel that a palette looks at, and colours that it has then.
+#: Bits per channel of the palette's lookup table, and the table's number of colours.
 _BITS = 5
 N_COLOURS = 1 << 3 * _BITS
-#: Pixels from which a palette is made: more change it little.
+#: Number of pixels from which a palette is made: more pixels change it little.
 _PALETTE_PIXELS = 4096
 
 
 def part_names(body: BodyModel) -> list[str]:
-    """Return the names of the parts that have colours of their own: those of the cones in the
-    images, left and right alike."""
+    """Return the names of the parts that have a colour model: those of the cones that are visible
+    in images, with left and right as one part."""
     return list(dict.fromkeys(_two_sided(cone.name) for cone in body.cones if cone.in_images))
 
 
@@ -48,11 +48,11 @@ def _two_sided(name: str) -> str:
 
 
 def part_of(body: BodyModel, cone: int, share: float) -> int:
-    """Return the number in `part_names` of the part that a cone is at this share of its length, -1
-    for a cone that is not looked for in the images.
+    """Return the index in `part_names` of the part at `share` of a cone's length; -1 for a cone
+    that is not compared with images.
 
-    What a cone holds beyond a joint that lies on it, a hand beyond the wrist, is as bare as the
-    head and counts as that, where the body has one.
+    The end of a cone beyond a joint on it, such as a hand beyond the wrist, is bare skin like the
+    head; it counts as head, if the body has one.
     """
     own, names = body.cones[cone], part_names(body)
     if not own.in_images:
@@ -66,8 +66,8 @@ def part_of(body: BodyModel, cone: int, share: float) -> int:
 
 
 def scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
-    """Return (R,) int32 the part of each of the likelihood's rows (R, 4), -1 for the trunk's: other
-    parts lie before it in most pictures."""
+    """Return (R,) int32 the part of each of the likelihood's sample rows (R, 4); -1 for the trunk,
+    as other parts are in front of it in most pictures."""
     trunk = trunk_bones(body)
     parts = [
         -1 if body.cones[int(row[0])].bone in trunk else part_of(body, int(row[0]), float(row[1]))
@@ -77,7 +77,7 @@ def scored_parts(body: BodyModel, rows: np.ndarray) -> np.ndarray:
 
 
 def learnt_parts(body: BodyModel) -> np.ndarray:
-    """Return (C, ROWS) int32 the part of each row of samples that colours are learnt from."""
+    """Return (C, ROWS) int32 the part of each row of samples for the histograms."""
     shares = (np.arange(ROWS) + 0.5) / ROWS
     parts = [[part_of(body, c, share) for share in shares] for c in range(len(body.cones))]
     return np.array(parts, np.int32)
@@ -94,10 +94,11 @@ def trunk_cone(body: BodyModel) -> int:
 def palette_of(
     pictures: np.ndarray, silhouettes: np.ndarray, config: PartColourConfig
 ) -> np.ndarray | None:
-    """Return (N_COLOURS,) uint8 the code of every colour, blue's bits first, by the colours inside
-    silhouettes (V, H, W) of pictures (V, H, W, 3) uint8 BGR; None where too few pixels are.
+    """Fit a palette to the colours of pictures (V, H, W, 3) uint8 BGR inside silhouettes (V, H, W).
 
-    The palette is found by k-means in CIE Lab, in which lightness counts half: shading changes it.
+    Return (N_COLOURS,) uint8 the code of every colour, blue in the highest bits; None if there are
+    too few pixels. The palette is found by k-means in CIE Lab with half the weight on lightness,
+    which shading changes.
     """
     person = pictures[silhouettes == 255]
     if len(person) < config.least_pixels:
@@ -118,13 +119,13 @@ def _lab(colours: np.ndarray) -> np.ndarray:
 
 
 class PartColours(Term):
-    """The colours of a body's parts in the pictures that the maps (V, H, W, 2) are silhouettes of.
+    """Term that compares the colours in each part's outline with that part's colour model.
 
-    `codes` (V, H, W) uint8 become those of the latest frame, the first of two arrays; it is learnt
-    from the second, which may be the same, see `Ahead`. `ratios` (R, P, N_CODES) int8 of R runs,
-    in steps, say how much likelier each code is on a part than on the mean part, and are 0 until
-    something is learnt. `known` tells whether there are codes at all: frames without pictures, or
-    without a person, have none. Twin: reference/likelihood/part_colour.py.
+    `codes` (V, H, W) uint8: codes of the latest frame, in the first of two arrays; the histograms
+    are counted from the second, which may be the same array, see `Ahead`. `ratios` (R, P, N_CODES)
+    int8 of R runs: quantised log ratios of each code's likelihood on a part and on the mean part; 0
+    before the first update. `known`: whether the frame has codes; it has none without pictures or
+    before a person was seen. Twin: reference/likelihood/part_colour.py.
     """
 
     kernels = "tracking/part_colour"
@@ -154,23 +155,23 @@ class PartColours(Term):
         self._pictures: Array | None = None
 
     def change_body(self, body: BodyModel) -> None:
-        """Learn from poses of `body`, which differs from the one before in numbers alone."""
+        """Update from poses of `body` from now on; only its numbers may differ."""
         self._body.set(pack_body(body))
         self._rows.set(learnt_parts(body))
 
     def forget(self, run: int | None = None) -> None:
-        """Forget every part's colours, of one run or of all: a new track begins."""
+        """Reset the colour models of one run, or of all runs, before a new track."""
         for array in (self.histograms, self.ratios):
             kept = array.get()
             kept[slice(None) if run is None else run] = 0
             array.set(kept)
 
     def observe(self, voxels: Voxels, pictures: Array | None) -> None:
-        """Enqueue the codes of a frame's pictures (V, H, W, 3), whose maps are made. The first
-        person seen makes the palette, which waits for the device."""
+        """Enqueue the coding of a frame's pictures (V, H, W, 3); its maps must be made before. Make
+        the palette when a person is first visible, which waits for the device."""
         if pictures is None:
             if self.known:
-                self.codes.fill(N_CODES - 1)  # nothing is learnt from this frame
+                self.codes.fill(N_CODES - 1)  # no update from this frame
                 self.known = False
             return
         if pictures is not self._pictures:
@@ -198,8 +199,8 @@ class PartColours(Term):
         )
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from the frame whose runs' estimates are the first R of
-        `pose` (.., D)."""
+        """Return the launches that update the histograms after a frame; the runs' estimates are the
+        first R rows of `pose` (.., D)."""
         settings = self.settings
         return [
             self.launch(

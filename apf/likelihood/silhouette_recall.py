@@ -1,4 +1,4 @@
-"""How much of the silhouettes the body covers (kernels: silhouette_recall.cl)."""
+"""Share of the silhouettes that the body covers (kernels: silhouette_recall.cl)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _VIEWS = 8
 
 
 class SilhouetteRecall:
-    """Share of the surface samples `points` (K, 4) that no part of a pose covers in the pictures:
-    1 less the silhouettes' recall.
+    """Term for 1 - recall of the silhouettes: the share of the surface samples `points` (K, 4) that
+    no part of a pose covers in the pictures.
 
-    Song et al. eq. (15) asks only whether the body lies within the silhouettes: two legs may hide
-    in the silhouette of one. This is the other half, as in Rymut 2016 eq. (4.42). `pixels`: two
-    arrays (V, K, 2), of which `observe` writes the first and the launches read the second. Twin:
-    reference/likelihood/silhouette_recall.py.
+    Song et al. eq. (15) only measures whether the body lies within the silhouettes, so that both
+    legs can lie in the silhouette of one. This term measures the reverse, as Rymut 2016 eq. (4.42).
+    `pixels`: two arrays (V, K, 2); `observe` writes the first and the launches read the second.
+    Twin: reference/likelihood/silhouette_recall.py.
     """
 
     def __init__(
@@ -52,16 +52,17 @@ class SilhouetteRecall:
         )
 
     def cones_of(self, n: int) -> Array:
-        """Return room for the posed cones (n, C, CONE_FLOATS) of so many poses."""
+        """Return the buffer for the posed cones (n, C, CONE_FLOATS) of `n` poses."""
         if n not in self._cones:
             shape = (n, self._defines["N_CONES"], CONE_FLOATS)
             self._cones[n] = self.device.empty(shape, np.float32, "the posed cones")
         return self._cones[n]
 
     def launch(self, subset: PointSubset, weight: float, errors: Array) -> Launch:
-        """Return the launch that adds `weight` times the share of the samples in `subset` to
-        `errors` (n,) of the poses whose cones are in `cones_of(n)`, once per camera; `observe()`
-        before, in every frame."""
+        """Return the launch that adds the term to `errors` (n,): `weight` times the uncovered share
+        of the samples in `subset`, once per camera.
+
+        The posed cones must be in `cones_of(n)`; call `observe()` first in every frame."""
         n = errors.size
         return self.device.launch(
             self._kernel("add_uncovered"),

@@ -1,4 +1,4 @@
-"""What the terms of the voxels' likelihood have in common, on the device and in NumPy."""
+"""Base classes of the voxel likelihood's terms, on the device and in NumPy."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from psfs.voxels.host_voxels import HostVoxels
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What the voxels' likelihood shares with its terms.
+    """Data that the voxel likelihood shares with its terms.
 
-    n_runs: of the tracker, one after the other in each array of poses. velocity: share of the last
-    change that is expected again. cameras: the packed rig. maps: (V, H, W, 2) uint8 of the frame
-    that is prepared. seen: by name the two arrays, of which the first is written while a frame is
-    prepared and the second read while it is searched; see `Ahead`.
+    n_runs: number of the tracker's runs, one after the other in each array of poses. velocity:
+    share of the last change that is expected again. cameras: the packed rig. maps: (V, H, W, 2)
+    uint8 of the frame that is being prepared. seen: pairs of arrays by name; the preparation of a
+    frame writes the first, its search reads the second, see `Ahead`.
     """
 
     scene: Scene
@@ -37,19 +37,20 @@ class Shared:
 
 
 class Term(Stage):
-    """A term on the device. Its constructor takes `Shared` and the term's settings.
+    """Term of the voxel likelihood on the device; constructed from `Shared` and its settings.
 
-    A subclass has `launcher`, or `score_arguments` where the kernel score_poses adds the term up
-    itself. What else it does not override does nothing.
+    A subclass implements `launcher`, or `score_arguments` if the kernel score_poses computes the
+    term. The other methods do nothing by default.
 
-    uses_pictures: whether it observes pictures.
+    uses_pictures: whether the term observes pictures.
     """
 
     uses_pictures = False
 
     def observe(self, voxels: Voxels, pictures: Array | None) -> None:
-        """Enqueue what the term makes of a frame, whose maps are made: of its voxels and, where the
-        term uses them and the frame has them, pictures (V, H, W, 3) uint8 BGR."""
+        """Enqueue the term's preparation of a frame; its maps are made before.
+
+        pictures: (V, H, W, 3) uint8 BGR; None if no term uses them or the frame has none."""
 
     def launcher(self, poses: Array, weight: float, errors: Array) -> list[Launch]:
         """Return the launches that add `weight` times the term's error to `errors` (n,) of `poses`
@@ -57,18 +58,18 @@ class Term(Stage):
         return []
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from a frame whose runs' estimates are the first of `pose`
-        (.., D)."""
+        """Return the launches that update the term's learned model after a frame; the runs'
+        estimates are the first rows of `pose` (.., D)."""
         return []
 
     def change_body(self, body: BodyModel) -> None:
         """Take `body`, which differs from the one before in numbers alone, from now on."""
 
     def forget(self, run: int | None = None) -> None:
-        """Forget what was learnt, of one run or of all: a new track begins."""
+        """Reset the learned model of one run, or of all runs, before a new track."""
 
     def score_arguments(self) -> dict[str, Argument]:
-        """Return the arguments of score_poses that are the term's, but its weight."""
+        """Return the term's arguments of score_poses, except its weight."""
         return {}
 
     def score_weights(self) -> dict[str, float]:
@@ -84,7 +85,7 @@ def made_terms(shared: Shared, settings: Mapping[str, TermSettings]) -> dict[str
 
 @dataclass(frozen=True, eq=False)
 class SharedTwin:
-    """What the twin of the likelihood shares with the terms' twins; rows: see `sample_rows`."""
+    """Data that the likelihood's twin shares with the terms' twins; rows: see `sample_rows`."""
 
     scene: Scene
     velocity: float
@@ -92,7 +93,7 @@ class SharedTwin:
 
 
 class TermTwin:
-    """A term in NumPy, float64; as `Term`."""
+    """Term of the voxel likelihood in NumPy, float64. Twin of `Term`."""
 
     def observe(self, voxels: HostVoxels, maps: np.ndarray) -> None:
         """Take a frame: its voxels, and their maps (V, H, W, 2)."""
@@ -102,12 +103,12 @@ class TermTwin:
         return np.zeros(len(poses))
 
     def view_errors(self, view: int, cones: np.ndarray) -> np.ndarray | None:
-        """Return the errors (N,) of posed cones (N, C, 16) in a camera that sees them, times the
-        weight, of a term that score_poses adds up; None of others and where nothing is known."""
+        """Return the weighted errors (N,) of posed cones (N, C, 16) in a camera that sees them, for
+        a term that score_poses computes; None for other terms and without data."""
         return None
 
     def learn(self, pose: np.ndarray) -> None:
-        """Learn from a frame whose estimate is `pose` (D,)."""
+        """Update the learned model after a frame with the estimate `pose` (D,)."""
 
     def forget(self) -> None:
         """Forget what was learnt: a new track begins."""

@@ -29,7 +29,7 @@ from psfs.voxels.device_voxels import Voxels
 from psfs.voxels.grid import VoxelGrid
 from psfs.voxels.reprojection import Reprojection
 
-#: Most items that a GPU takes for a pose: most of them wait for memory most of the time.
+#: Largest number of work-items per pose on a GPU: most wait for memory most of the time.
 _GROUP = 512
 #: Floats of a cone's outline in a picture: x and y of its corners.
 _OUTLINE_FLOATS = 8
@@ -41,8 +41,8 @@ _SUMS, _ADDERS, _VIEW_FLOATS = 8, 8, 3
 
 
 def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
-    """Return (C, 2) int32 rows along and columns across each cone, about `spacing` m apart; 0 for
-    those that are not looked for in the images."""
+    """Return (C, 2) int32 numbers of sample rows along and columns across each cone, about
+    `spacing` m apart; 0 for cones that are not compared with images."""
     rows = [np.linalg.norm(cone.end - cone.start) / spacing for cone in body.cones]
     columns = [np.mean(cone.radii) * 2 / spacing for cone in body.cones]
     sampling = np.maximum(np.ceil(np.stack([rows, columns], -1)), _FEWEST_SAMPLES).astype(np.int32)
@@ -51,9 +51,9 @@ def cone_sampling(body: BodyModel, spacing: float) -> np.ndarray:
 
 
 def sample_rows(sampling: np.ndarray) -> np.ndarray:
-    """Return (R, 4) float32 for rows, columns (C, 2) of every cone: cone, the row's share of the
-    way along it, n columns, 1 / n. The longest first: rows that are worked on together are about as
-    long."""
+    """Return (R, 4) float32 sample rows for the `sampling` (C, 2) of `cone_sampling`: cone,
+    position along it from 0 to 1, n columns, 1 / n. Sort the longest rows first, so that rows
+    processed together have about the same length."""
     rows = [
         (cone, (row + 0.5) / n_rows, n_columns, 1 / n_columns)
         for cone, (n_rows, n_columns) in enumerate(sampling)
@@ -64,15 +64,15 @@ def sample_rows(sampling: np.ndarray) -> np.ndarray:
 
 
 def posture_prior(body: BodyModel) -> np.ndarray:
-    """Return (D, 2) float32 rest and 1 / sigma, 0 where all values are as likely."""
+    """Return (D, 2) float32 rest pose and 1 / sigma, which is 0 for a uniform prior."""
     return np.stack([body.rest_pose, 1 / body.posture_sigma], -1).astype(np.float32)
 
 
 def _observed_shapes(
     rig: CameraRig, config: LikelihoodConfig
 ) -> list[tuple[tuple[int, ...], type[np.generic]]]:
-    """Return shapes and types of what is made of a frame: maps, contours and codes of colours, 1
-    number of those that are not looked for, surface samples, and their pixels."""
+    """Return shapes and types of a frame's arrays: maps, contours, colour codes, surface samples
+    and their pixels. Contours and codes have a single element if their term is off."""
     views, *size = len(rig), rig.height, rig.width
     n_points = config.samples.n_points
     contours = (views, N_NORMALS, *size) if "contour" in config.terms else (1,)
@@ -83,15 +83,14 @@ def _observed_shapes(
 
 
 class VoxelLikelihood(Likelihood):
-    """Scores poses of a scene's body by its voxels: by their reprojection into the cameras, and by
-    the surface voxels themselves.
+    """Likelihood of poses given voxels: their reprojection into the cameras, and the surface voxels
+    themselves.
 
-    `errors` is Song et al. eq. (16) with the sign put right, and more terms, see
-    `LikelihoodConfig`. It has room for the particles of `n_runs` runs, `misfits` for one number
-    each. seen: the maps, contours and codes of the latest frame that poses are scored by. velocity:
-    share of the last change that the motion prior expects again. Twin:
-    reference/likelihood/voxel.py. Raises InputError for several runs with terms that depend on the
-    track so far.
+    `errors` is Song et al. eq. (16) with its sign corrected, plus further terms, see
+    `LikelihoodConfig`; it holds the particles of `n_runs` runs. `misfits` holds one value per run.
+    seen: maps, contours and codes of the latest frame, which poses are scored against. velocity:
+    share of the last change that the motion prior expects again. Raises InputError for several runs
+    with terms that depend on the track so far. Twin: reference/likelihood/voxel.py.
     """
 
     points: Array
@@ -171,25 +170,25 @@ class VoxelLikelihood(Likelihood):
             term.change_body(body)
 
     def forget(self, run: int | None = None) -> None:
-        """Forget what the terms learnt, of one run or of all: a new track begins."""
+        """Reset the terms' learned models of one run, or of all runs, before a new track."""
         for term in self.terms.values():
             term.forget(run)
 
     def learning_launcher(self, pose: Array) -> list[Launch]:
-        """Return the launches that learn from a frame whose estimate is the first of `pose`
-        (.., D)."""
+        """Return the launches that update the terms' learned models after a frame, whose estimate
+        is the first row of `pose` (.., D)."""
         return [launch for term in self.terms.values() for launch in term.learning_launcher(pose)]
 
     def observe(self, voxels: Voxels) -> None:
-        """Enqueue the maps of `voxels` and the choice of the surface voxels to look at."""
+        """Enqueue the maps of `voxels` and the sampling of the surface voxels."""
         self.prepare(voxels)()
 
     def show(self) -> None:
-        """Make what was prepared what poses are scored by."""
+        """Score poses against the prepared frame from now on."""
         self._ahead.show()
 
     def prepare(self, voxels: Voxels) -> Callable[[], None]:
-        """Enqueue all of `observe` but `show`, which is returned."""
+        """Enqueue all of `observe` except `show`; return `show`."""
         if voxels is self._voxels and voxels.stays:
             return self.show
         self.reprojection(voxels)
@@ -217,7 +216,7 @@ class VoxelLikelihood(Likelihood):
     def launcher(self, poses: Array) -> list[Launch]:
         """Return the launches that score `poses` (N, D) float32 into `errors`.
 
-        Every launcher looks at another subset of the surface samples than the one before.
+        Each call uses the next subset of the surface samples in turn.
         """
         config, turn = self.config, self.n_launchers
         self.n_launchers += 1
@@ -276,8 +275,8 @@ class VoxelLikelihood(Likelihood):
         return launches
 
     def misfit_launcher(self, poses: Array) -> list[Launch]:
-        """Return the launches that put into `misfits` (R,) float32 those of the first R of `poses`
-        (.., D): silhouette and surface term, means over the cameras, all other weights 0."""
+        """Return the launches that write the misfits of the first R of `poses` (.., D) to `misfits`
+        (R,) float32: silhouette and surface term, averaged over the cameras."""
         weights = np.array([0, 1, 1, 0], np.float32) / np.float32(len(self.rig))
         points = {**self._point_arguments, "observed": None}
         n, misfits = self.misfits.size, self.misfits

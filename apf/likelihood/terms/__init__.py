@@ -19,7 +19,7 @@ class TermSettings(Protocol):
 
     @property
     def weight(self) -> float:
-        """Of the term, in one camera's error; 0 leaves it out."""
+        """Weight of the term in one camera's error; 0 turns the term off."""
 
 
 @dataclass(frozen=True)

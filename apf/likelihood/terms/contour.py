@@ -7,8 +7,8 @@ from psfs.common.config import Config, setting
 
 
 class ContourConfig(Config):
-    """How much the pictures change across the outlines of limbs and head, the mean over what a
-    camera sees of them."""
+    """Change of the pictures across the outlines of limbs and head, averaged over the parts of the
+    outlines that a camera sees."""
 
     weight: float = setting(
         8.0,
