@@ -41,7 +41,7 @@ AnyFeatures: TypeAlias = Features | NumpyFeatures
 
 
 class Footage(Protocol):
-    """As much of a `psfs.sequence.Sequence` as says what its frames are."""
+    """The properties of a `psfs.sequence.Sequence` that describe its frames."""
 
     @property
     def rig(self) -> CameraRig: ...
@@ -72,11 +72,11 @@ def tracker_for(scene: Scene, method: Method) -> Tracker:
 def device_tracker(
     scene: Scene, method: Method, seeds: Sequence[int] | None = None
 ) -> DeviceTracker:
-    """Return the tracker of `method` on OpenCL; only the voxels' needs the scene's grid.
+    """Return the tracker of `method` on OpenCL; only a tracker by voxels needs the scene's grid.
 
-    seeds: of the runs that it makes at once, where `shares_launches` says that it can; one run with
-    the method's own seed by default. Raises DeviceError on a NumpyDevice, InputError for several
-    runs of a method that cannot make them, or for a scene without the grid that is needed.
+    seeds: one per run that is made at once, allowed if `shares_launches`; by default one run with
+    the method's own seed. Raises DeviceError on a NumpyDevice; InputError for several runs of a
+    method that cannot share launches, or if the scene lacks a grid that is needed.
     """
     if seeds is not None and not shares_launches(scene.opencl, method):
         raise InputError(
@@ -95,7 +95,7 @@ def device_tracker(
 
 
 def check_renderer(device: Device | NumpyDevice, method: Method) -> None:
-    """Raise InputError unless what renders for `method` is there."""
+    """Raise InputError unless the renderer of `method` is available."""
     if method.uses_images and method.image.renderer == "opengl":
         if isinstance(device, NumpyDevice):
             raise InputError("OpenGL renders for an OpenCL device; the device is numpy")
@@ -120,7 +120,7 @@ def _numpy_tracker(scene: Scene, method: Method) -> NumpyTracker:
 
 
 def _own_settings(method: Method) -> dict[str, Any]:
-    """Return the settings that the search of `method` alone has, by their names."""
+    """Return the settings that only the search of `method` has, by name."""
     return {name: getattr(method, name) for name in SEARCHES[method.search].settings}
 
 
@@ -131,7 +131,7 @@ def features_for(
     config: FeatureConfig | None = None,
     silhouette: SilhouetteConfig | None = None,
 ) -> AnyFeatures:
-    """Return what makes image features of frames on `device`, see `Features`."""
+    """Return the extractor of image features on `device`, see `Features`."""
     if isinstance(device, NumpyDevice):
         return NumpyFeatures(device, rig, background, config, silhouette)
     return Features(device, rig, background, config, silhouette)
@@ -144,11 +144,12 @@ def observer_for(
     method: Method,
     reconstruction: ReconstructionConfig | None = None,
 ) -> Callable[[Frame], Shown]:
-    """Return what makes of a frame that which the tracker of `method` observes beside keypoints.
+    """Return a function that computes from a frame what the tracker of `method` observes, apart
+    from keypoints.
 
-    Voxels in `grid`, or image features; None for keypoints alone. Footage without pictures has only
-    the silhouettes' outlines for edges. Raises InputError where voxels are needed and there is no
-    grid.
+    This is voxels in `grid`, image features, or None for keypoints alone. For footage without
+    pictures, edges are the outlines of the silhouettes. Raises InputError if voxels are needed and
+    `grid` is None.
     """
     observes = OBJECTIVES[method.objective].observes
     if observes == "nothing":
@@ -177,8 +178,8 @@ def pictures_for(
 ) -> np.ndarray:
     """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8 on the scene's device.
 
-    The number of the part seen, from 1 (0 is background), and 255 on edges. mesh: drawn instead of
-    the body's cones. round_ends: of the cones' trapezoids.
+    Channel 0 is the number of the visible part, from 1 (0 is background); channel 1 is 255 on
+    edges. mesh: drawn instead of the body's cones. round_ends: draw trapezoids with round ends.
     """
     if not isinstance(scene.device, NumpyDevice):
         return draw_hypotheses(scene, poses, mesh, round_ends)

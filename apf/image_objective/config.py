@@ -34,11 +34,11 @@ STATED_WIDTH = 640
 
 
 class ProximityConfig(Config):
-    """How the distance d to the nearest edge becomes proximity in [0, 1].
+    """Conversion of the distance d to the nearest edge into a proximity in [0, 1].
 
-    It is 1 up to `nearest` and 0 from `farthest` on; between them the `function` decides. Rymut's
-    eq. (4.28) has d_max for d_min in its first case, and a growing exponential: both are taken for
-    misprints. Lengths are pixels of pictures 640 wide.
+    Proximity is 1 up to `nearest`, 0 from `farthest` on, and given by `function` in between. Rymut's
+    eq. (4.28) has d_max instead of d_min in its first case and a growing exponential; both are
+    treated as misprints. Lengths are pixels of pictures 640 wide.
     """
 
     SOURCE: ClassVar = "by hand"
@@ -118,7 +118,7 @@ class ProximityConfig(Config):
 
 
 class FeatureConfig(Config):
-    """Which edges are found, and where they count; lengths in pixels of pictures 640 wide."""
+    """Detection of edges, and the region where they count. Lengths are pixels of pictures 640 wide."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -199,7 +199,7 @@ class FeatureConfig(Config):
         return self
 
     def pixels(self, length: float, rig: CameraRig) -> int:
-        """Return a length stated for pictures 640 wide in whole pixels of the rig's."""
+        """Convert a length for pictures 640 wide to whole pixels of the rig's pictures."""
         return round(length * rig.width / STATED_WIDTH)
 
     @property
@@ -209,7 +209,7 @@ class FeatureConfig(Config):
 
 
 class ObjectiveConfig(Config):
-    """What an image objective is made of."""
+    """Settings of an image objective."""
 
     SOURCE: ClassVar = "by hand"
 
@@ -275,8 +275,8 @@ class ObjectiveConfig(Config):
         return self
 
     def mesh(self, body: BodyModel) -> BodyMesh | None:
-        """Return the shape of `body`; None stands for the flat model. Raises InputError where the
-        mesh's files are not what they should be."""
+        """Return the mesh of `body`; None if cones are drawn as flat trapezoids. Raises InputError
+        if a file of the mesh is invalid."""
         from apf.body.mesh import cone_mesh, load_mesh
         from apf.formats.pose import read_pose
 

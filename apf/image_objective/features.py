@@ -28,13 +28,13 @@ _STRIP = 8
 
 
 class Features:
-    """Makes the silhouettes and edges of a frame's pictures on the device: `features(frame)`.
+    """Extractor of silhouettes and edges from a frame's pictures on the device: `features(frame)`.
 
     maps: (V, H, W, 2) uint8, silhouette 0 or 255 and edge proximity 0..255, both 0 outside the
-    region. roi: (V, 4) int32 x0, y0, x1, y1, the ends excluded, all 0 for a view without
-    silhouette. The silhouette is where foreground is likelier
-    than background; `background` None takes the frames' masks. A call overwrites both and only
-    enqueues work. Twin: reference/image_objective/features.py.
+    region of interest. roi: (V, 4) int32 x0, y0, x1, y1 of that region, the ends excluded; all 0
+    for a view without silhouette. A pixel is in the silhouette if foreground is likelier than
+    background; if `background` is None, the frames' masks are used. A call overwrites `maps` and
+    `roi` and only enqueues work. Twin: reference/image_objective/features.py.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Features:
     ) -> None:
         self.device, self.rig, self.config = device, rig, config or FeatureConfig()
         self._background = background
-        # The foreground's colours are learnt from voxels, of which there are none here.
+        # The foreground's colours are estimated from voxels, and there are no voxels here.
         forgetful = (silhouette or SilhouetteConfig()).without_memory()
         self._silhouette = Silhouette(device, rig, background, forgetful)
         shape = (len(rig), rig.height, rig.width)
@@ -185,8 +185,8 @@ def edge_pictures(frame: Frame) -> np.ndarray:
 def canny_edges(images: np.ndarray, rig: CameraRig, config: FeatureConfig) -> np.ndarray:
     """Find Canny's edges (V, H, W) uint8 0 or 255 in pictures (V, H, W, 3) uint8, by OpenCV.
 
-    On the host: following weak edges from pixel to pixel is no work for a device, and a picture
-    640 x 480 takes OpenCV about a millisecond.
+    This runs on the host: following weak edges from pixel to pixel does not suit a GPU, and OpenCV
+    takes about 1 ms for a picture of 640 x 480.
     """
     edges = np.zeros(images.shape[:3], np.uint8)
     for view, camera in enumerate(rig):

@@ -18,10 +18,10 @@ _GROUP = 256
 
 
 class ImageObjective(Likelihood):
-    """Scores poses of a scene's body by the silhouettes and edges that its cameras see.
+    """Objective that scores poses by the silhouettes and edges in the pictures.
 
-    mesh: what is drawn, by default what `config` makes of the body's cones. rows: of a picture
-    that a work-group counts at a time, on a GPU.
+    mesh: mesh to draw, by default `config.mesh(body)`. rows: rows of a picture that a work-group
+    counts at a time on a GPU.
     errors: (N,) float32, 1 - f with f in [0, 1] of Rymut 2016 eq. (4.46)-(4.50): 0 is a perfect
     match. Twin: reference/image_objective/objective.py.
     """

@@ -15,24 +15,25 @@ from apf.scene import Scene
 from cl import Array, InputError, Launch
 from psfs.cameras.camera import CameraRig
 
-#: Work-items of a group, each at work on one row of a picture on a GPU; a CPU's single one takes
-#: PACK rows in vectors, one lot after the other.
+#: Work-items of a group: on a GPU each processes one row of a picture; on a CPU a single work-item
+#: processes _PACK rows at a time in vectors.
 _ROWS, _PACK = 128, 8
 #: 32-bit words of a Part in parts.h.
 _PART_WORDS = 30
-#: Columns that the spans' 16 bits hold, with a sign and room for what means none.
+#: Largest width, px, that a span's signed 16 bits hold beside the value for an empty span.
 _WIDEST = 16380
-#: Local memory for the spans of a mesh's parts: on a GPU so little that many groups run at once.
+#: Local memory for the spans of a mesh's parts, bytes: small on a GPU, so that many groups run at
+#: once.
 _GPU_BYTES, _CPU_BYTES = 16384, 65536
 
 
 class Renderer:
-    """Draws posed bodies as the cameras see them and counts their pixels.
+    """Renderer that draws posed bodies in all cameras and counts their pixels.
 
-    The cones of the scene's body are what is drawn, or what that moves with. counts: device array
-    (V, N, 4) int32 that the launches of `launcher` fill: visible edge pixels, the sum of the edge
-    proximity there, the model's pixels and their overlap with the silhouette (eq. 4.36-4.40). rows:
-    of a picture that a work-group counts at a time on a GPU.
+    It draws the cones of the scene's body, or a mesh that moves with them. counts: device array
+    (V, N, 4) int32, written by the launches of `launcher`: visible edge pixels, the sum of the edge
+    proximity there, the model's pixels, and their overlap with the silhouette (Rymut 2016 eq.
+    4.36-4.40). rows: rows of a picture that a work-group counts at a time on a GPU.
     """
 
     rows: int = _ROWS
@@ -53,11 +54,12 @@ class Renderer:
         proximity: Array,
         pictures: Array | None = None,
     ) -> list[Launch]:
-        """Return the launches that count `poses` (N, D) float32.
+        """Return the launches that draw `poses` (N, D) float32 and count their pixels.
 
         roi: (V, 4) int32, ends excluded. silhouettes: uint32 of `silhouette_shape`, bit i of word w
-        is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8, where given,
-        gets the number of the part seen, from 1, and 255 on edges; nothing elsewhere.
+        is pixel 32 w + i. proximity: (V, H, W) uint8. pictures: (N, V, H, W, 2) uint8; if given,
+        the kernel writes the number of the visible part, from 1, and 255 on edges, and leaves all
+        other pixels as they are.
         """
         rows, pack = (self.rows, 1) if self.device.is_gpu else (1, _PACK)
         stage, shapes, defines = self._shapes()
@@ -93,15 +95,15 @@ class Renderer:
         raise NotImplementedError
 
     def _shapes(self) -> tuple[str, dict[str, Array], dict[str, int]]:
-        """Return stage and own arguments of the counting kernel, and defines of its own."""
+        """Return the stage of the counting kernel, and its additional arguments and defines."""
         raise NotImplementedError
 
 
 class FlatRenderer(Renderer):
-    """Draws the cones of `body` as trapezoids (Rymut 2016, 4.3).
+    """Renderer of the body's cones as trapezoids (Rymut 2016, 4.3).
 
-    round_ends: with the ends that the cones have in the voxels' likelihood too.
-    Cones that are not to be looked for in images cover their pixels, but show no edges.
+    round_ends: draw the round ends that cones have in the voxel likelihood. Cones that are not
+    compared with images (`in_images` is False) cover pixels but have no edges.
     """
 
     def __init__(
@@ -145,7 +147,7 @@ class FlatRenderer(Renderer):
 
 
 class MeshRenderer(Renderer):
-    """Draws a mesh that moves with the bones of `body`."""
+    """Renderer of a mesh that moves with the body's bones."""
 
     def __init__(
         self,
@@ -214,8 +216,8 @@ def cone_edges(body: BodyModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_frames(body: BodyModel) -> BodyModel:
-    """Return `body` with a cone for each bone that, posed, is the bone's frame: origin, first and
-    second axis, and as its end the tip of the third."""
+    """Return `body` with one cone per bone that, when posed, holds the bone's frame: origin, first
+    and second axis, and the tip of the third axis as the cone's end."""
     zero, first, third = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     frames = tuple(
         Cone(bone.name, b, zero, third, (1.0, 1.0), first, (1.0, 1.0))
@@ -225,8 +227,8 @@ def with_frames(body: BodyModel) -> BodyModel:
 
 
 def packed_binds(mesh: BodyMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Return of the vertices, then of the parts' middles: (M + P, K, 4) float32 positions and
-    weights, and (M + P, K) int32 bones."""
+    """Pack the skinning data of M vertices and then of P part centres: (M + P, K, 4) float32
+    positions and weights, and (M + P, K) int32 bones."""
     middle_bones, middles = mesh.middles()
     n_binds = mesh.bones.shape[1]
     binds = np.zeros((mesh.n_vertices + mesh.n_parts, n_binds, 4), np.float32)
@@ -245,10 +247,9 @@ def renderer_for(
     round_ends: bool = False,
     rows: int | None = None,
 ) -> Renderer:
-    """Return what draws `n` poses: the body's cones as trapezoids or, where given, its mesh.
-    rows: see `Renderer`.
+    """Return the renderer of `n` poses: of `mesh`, or of the body's cones if that is None.
 
-    Raises InputError for pictures too wide to draw in.
+    rows: see `Renderer`. Raises InputError if the pictures are too wide.
     """
     if scene.rig.width > _WIDEST:
         raise InputError(f"pictures {scene.rig.width} px wide; expected at most {_WIDEST}")
@@ -263,10 +264,11 @@ def draw_hypotheses(
     mesh: BodyMesh | None = None,
     round_ends: bool = False,
 ) -> np.ndarray:
-    """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8: the very pixels that an
+    """Draw `poses` (N, D) into pictures (N, V, H, W, 2) uint8, with exactly the pixels that an
     `ImageObjective` counts.
 
-    The number of the part seen, from 1 (0 is background), and 255 on edges.
+    Channel 0 is the number of the visible part, from 1 (0 is background); channel 1 is 255 on
+    edges.
     """
     device, rig = scene.opencl, scene.rig
     n, shape = len(poses), (len(rig), rig.height, rig.width)

@@ -61,7 +61,7 @@ class KeypointLikelihood(Likelihood):
         self.prepare(observation)()
 
     def prepare(self, observation: Observation) -> Callable[[], None]:
-        """Enqueue the preparation of a frame by `base`; return a function that enqueues the rest."""
+        """Enqueue `base`'s preparation of a frame; return a function that enqueues the rest."""
         shown, points = parted(observation)
         rest = self.base.prepare(shown) if self.base is not None else None
 
