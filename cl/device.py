@@ -165,9 +165,10 @@ class Device:
 
     @contextmanager
     def on(self, queue: Any) -> Iterator[Any]:
-        """Send what is enqueued in the meantime to `queue`, where it waits for all that the
-        device's own queue, which is yielded, holds by now; what that gets afterwards does not wait
-        for it."""
+        """Enqueue the commands of the `with` block on `queue`; yield the device's own queue.
+
+        They wait for all commands that the own queue holds on entry. Later commands of the own
+        queue do not wait for them."""
         own = self.queue
         self.hold_up(queue)
         self.queue = queue

@@ -15,8 +15,8 @@ from cl.signature import Argument, Signatures
 
 
 def _enqueue_of(library: str) -> Callable[..., int] | None:
-    """Return OpenCL's own clEnqueueNDRangeKernel, of the loader that pyopencl itself is linked to;
-    None where it cannot be reached through pyopencl (Windows)."""
+    """Return clEnqueueNDRangeKernel of the OpenCL loader that pyopencl is linked to; None if it
+    cannot be reached through pyopencl (Windows)."""
     try:
         enqueue = ctypes.PyDLL(library).clEnqueueNDRangeKernel
     except (OSError, AttributeError):
@@ -25,18 +25,18 @@ def _enqueue_of(library: str) -> Callable[..., int] | None:
     return enqueue
 
 
-#: Without pyopencl's event, which nobody looks at, a launch takes 5.6 us of the host's time instead
-#: of 8.2 (H200).
+#: Calling OpenCL directly avoids pyopencl's event, which is not used: a launch then takes 5.6 us of
+#: host time instead of 8.2 us (H200).
 _ENQUEUE = _enqueue_of(pyopencl._cl.__file__)
 
 
-#: A part of a frame's work, done when it is called: a `Launch`, or what another library computes
-#: and the host must wait for.
+#: Part of a frame's work, done when called: a `Launch`, or a computation by another library that
+#: the host must wait for.
 Step: TypeAlias = Callable[[], None]
 
 
 class Kernel:
-    """A kernel of a built program and what it expects; holds no arguments itself.
+    """Kernel of a built program and its parameters; holds no arguments itself.
 
     parameters: by name, in the order of the prototype. Raises DeviceError if the program has no
     kernel of that name, or one with other parameters than were read from `file`.
@@ -69,11 +69,11 @@ class Kernel:
 
 
 class Launch:
-    """A kernel whose arguments are set; calling it enqueues it, and records its event where the
-    device is profiled.
+    """Kernel whose arguments are set; a call enqueues it and, on a profiled device, records its
+    event.
 
-    name: the label of its timings, that of the kernel unless changed. arguments: what is set, by
-    name: arrays, numbers, None.
+    name: label of its timings, by default the kernel's name. arguments: current values by name:
+    arrays, numbers, None.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Launch:
         raw = _ENQUEUE if profiler is None else None
         if raw is not None and raw(device.raw_queue, *self._sizes) == 0:
             return
-        # Or once more, by what tells errors.
+        # If that fails, enqueue through pyopencl, which raises descriptive errors.
         try:
             event = pyopencl.enqueue_nd_range_kernel(
                 device.queue, self._bound, self.global_size, self.local_size
@@ -138,7 +138,7 @@ class Launch:
 def _raw_sizes(
     kernel: Any, global_size: tuple[int, ...], local_size: tuple[int, ...] | None
 ) -> tuple[Any, ...]:
-    """Return what clEnqueueNDRangeKernel takes behind the queue: no offset, no events."""
+    """Return the arguments of clEnqueueNDRangeKernel after the queue: no offset, no events."""
     sizes = ctypes.c_size_t * len(global_size)
     shape = sizes(*global_size), sizes(*local_size) if local_size else None
     dimensions, none = ctypes.c_uint(len(global_size)), ctypes.c_uint(0)

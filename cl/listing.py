@@ -1,4 +1,4 @@
-"""Which OpenCL devices there are."""
+"""List of the machine's OpenCL devices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """What `psfs devices` prints about a device."""
+    """Properties of a device that `psfs devices` prints."""
 
     name: str
     platform: str
@@ -33,7 +33,7 @@ class DeviceInfo:
 
 def list_devices(afresh: bool = False) -> list[DeviceInfo]:
     """Return all OpenCL devices of this machine, with the result of trying each: GPUs first, then
-    CPUs by Intel's runtime, then other CPUs. afresh: try them now, whatever is known of them."""
+    CPUs by Intel's runtime, then other CPUs. afresh: try them now and ignore cached results."""
     tried = ((device_info(handle), probe(handle, afresh)) for handle in ranked_devices())
     return [replace(info, probe=found) for info, found in tried]
 
@@ -74,7 +74,7 @@ def _opencl_devices() -> list[Any]:
 
 
 def where_to_get_opencl(system: str = sys.platform) -> str:
-    """Return which OpenCL to install on a machine that has none; system: as `sys.platform`."""
+    """Return advice on which OpenCL to install; system: a value of `sys.platform`."""
     gpu = "a GPU's OpenCL comes with its driver"
     if system == "win32":
         return f"{gpu}; for the CPU install Intel's CPU Runtime for OpenCL Applications"

@@ -10,14 +10,14 @@ import numpy as np
 
 from cl.errors import failing_as_device
 
-#: Events are turned into numbers when there are twice as many: long runs stay small.
+#: At twice this number of events the older half is converted to numbers, to bound memory.
 _KEPT_EVENTS = 512
 
 
 class Profile:
-    """Collects the events of named commands and turns them into milliseconds.
+    """Collector of the events of named commands, which it converts to milliseconds.
 
-    A device that is not profiled has no `Profile` at all, so nothing is paid for it.
+    A device that is not profiled has no `Profile`, so that profiling costs it nothing.
     """
 
     def __init__(self) -> None:
@@ -26,11 +26,11 @@ class Profile:
 
     def add(self, name: str, event: Any) -> None:
         self._events.append((name, event))
-        if len(self._events) >= 2 * _KEPT_EVENTS:  # the older half is done long since
+        if len(self._events) >= 2 * _KEPT_EVENTS:  # the older half has finished by now
             self._measure(_KEPT_EVENTS)
 
     def collect(self) -> dict[str, list[float]]:
-        """Durations in ms of all commands so far, by name; waits for those still under way."""
+        """Return the durations, ms, of all commands so far, by name; wait for unfinished ones."""
         self._measure(len(self._events))
         return {name: list(ms) for name, ms in self._ms.items()}
 
@@ -42,7 +42,7 @@ class Profile:
         del self._events[:count]
 
     def table(self) -> list[tuple[str, int, float, float]]:
-        """Rows (name, number of runs, median ms, total ms), largest total first."""
+        """Return rows (name, number of runs, median ms, total ms), largest total first."""
         rows = [
             (name, len(ms), float(np.median(ms)), float(np.sum(ms)))
             for name, ms in self.collect().items()

@@ -1,4 +1,4 @@
-"""What the compiler gets: the kernels' texts and their defines."""
+"""Input of the OpenCL compiler: the kernels' sources and their defines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Define = int | float | str
 
 
 def build_options(defines: Mapping[str, Define]) -> str:
-    """The compiler's options for these definitions, in alphabetical order."""
+    """Return the compiler's options for `defines`, in alphabetical order."""
     listed = (f"-D {key}={_literal(value)}" for key, value in sorted(defines.items()))
     # No -cl-fast-relaxed-math: the twins are compared to float rounding.
     return " ".join(["-cl-std=CL1.2", *listed])

@@ -1,7 +1,7 @@
-"""What a kernel expects: its arguments by name, read from its own prototype.
+"""Parameters of a kernel by name, read from its prototype in the source.
 
-The prototype is read from the source rather than asked of the driver (clGetKernelArgInfo): a
-program that comes from a binary cache has no such information.
+The driver is not queried (clGetKernelArgInfo), because a program from a binary cache lacks that
+information.
 """
 
 from __future__ import annotations

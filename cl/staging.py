@@ -1,4 +1,4 @@
-"""Copies beside the device's work, and what is made of the next frame in the meantime."""
+"""Copies that overlap with the device's work, and arrays for the next frame."""
 
 from __future__ import annotations
 
@@ -65,8 +65,9 @@ class Uploads:
 
 
 class Download:
-    """Copies of `source` to the host: `fetch()` enqueues one into page-locked memory, what it
-    returns waits for it and gives it. Two host arrays alternate: the next but one overwrites it."""
+    """Copier of `source` to the host: `fetch()` enqueues a copy into page-locked memory and returns
+    a function that waits for the copy and returns it. Two host arrays alternate: the second fetch
+    after a copy overwrites it."""
 
     def __init__(self, source: Array) -> None:
         self._source = source
@@ -89,10 +90,10 @@ class Download:
 
 
 class Upload:
-    """Copies of page-locked memory to `target`, as much of it as changed: fill the array that
-    `room()` gives, then `start(n)` enqueues the copy of its first `n` numbers.
+    """Copier of page-locked memory to the start of `target`: fill the array that `room()` returns,
+    then `start(n)` enqueues the copy of its first `n` numbers.
 
-    Two host arrays alternate, so that the host waits for the upload before the last at most.
+    Two host arrays alternate, so that the host waits at most for the upload before the last.
     """
 
     def __init__(self, target: Array) -> None:
@@ -121,11 +122,12 @@ class Upload:
 
 
 class Ahead:
-    """Arrays of so many `shapes` and types that are `written`, zero before, for the next frame
-    while those of this one are still `read`. `show()` makes what is written what is read.
+    """Double buffer: the arrays `written` for the next frame, and the arrays `read` by the search
+    of the current one, both of `shapes` and types and zero at first. `show()` copies the former to
+    the latter.
 
-    On a GPU both lie in one piece of memory each, so that showing is one copy (17 MB: 12 us); on a
-    CPU, which does one thing at a time, they are the same arrays.
+    On a GPU each set of arrays is one block of memory, so that `show` is one copy (17 MB: 12 us).
+    On a CPU, which does one thing at a time, both are the same arrays.
     """
 
     def __init__(
@@ -148,7 +150,7 @@ class Ahead:
         )
 
     def show(self) -> None:
-        """Enqueue the copy of what is written; what reads it waits before and goes on behind."""
+        """Enqueue the copy from `written` to `read`, in order with other commands of the queue."""
         if self.read is self.written:
             return
         source, target = self._whole

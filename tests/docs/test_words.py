@@ -22,7 +22,6 @@ PACKAGES = ("cl", "psfs", "apf", "scripts")
 TO_DO = {
     "apf/__init__.py",
     "apf/api.py",
-    "apf/backend.py",
     "apf/cli",
     "apf/evaluation",
     "apf/filters",
@@ -33,10 +32,7 @@ TO_DO = {
     "apf/reference",
     "apf/tracking",
     "cl/launch.py",
-    "cl/listing.py",
     "cl/probe.py",
-    "cl/profile.py",
-    "cl/program.py",
     "psfs/backend.py",
     "psfs/background",
     "psfs/cli",
