@@ -36,7 +36,7 @@ STATED_WIDTH = 640
 class ProximityConfig(Config):
     """Conversion of the distance d to the nearest edge into a proximity in [0, 1].
 
-    Proximity is 1 up to `nearest`, 0 from `farthest` on, and given by `function` in between. Rymut's
+    Proximity is 1 up to `nearest`, 0 from `farthest` on, and follows `function` in between. Rymut's
     eq. (4.28) has d_max instead of d_min in its first case and a growing exponential; both are
     treated as misprints. Lengths are pixels of pictures 640 wide.
     """
@@ -118,7 +118,7 @@ class ProximityConfig(Config):
 
 
 class FeatureConfig(Config):
-    """Detection of edges, and the region where they count. Lengths are pixels of pictures 640 wide."""
+    """Detection of edges, and the region where they count. Lengths: pixels of pictures 640 wide."""
 
     SOURCE: ClassVar = "by hand"
 

@@ -108,7 +108,7 @@ class TermTwin:
         return None
 
     def learn(self, pose: np.ndarray) -> None:
-        """Update the learned model after a frame with the estimate `pose` (D,)."""
+        """Update the learned model after a frame whose estimate is `pose` (D,)."""
 
     def forget(self) -> None:
         """Forget what was learnt: a new track begins."""

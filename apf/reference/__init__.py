@@ -1,2 +1,2 @@
-"""The NumPy twins: plain, float64, the specification of the kernels; in the rooms of what they
-are twins of."""
+"""NumPy twins of the kernels: plain float64 code that specifies what the kernels compute. Folders
+mirror those of `apf`."""

@@ -1,4 +1,4 @@
-"""What becomes of pictures of which one part was kept."""
+"""Reconstruction of whole pictures from a stored crop."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 
 def uncropped(part: np.ndarray, corner: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
-    """Return the picture (H, W, ..) of `shape` = (H, W) whose part (h, w, ..) from `corner`, row
-    and column, on was kept; beside it, it goes on as at the part's rim."""
+    """Return the picture (H, W, ..) of `shape` = (H, W) whose crop `part` (h, w, ..) begins at
+    `corner`, row and column; repeat the crop's border outside."""
     rows, columns = (
         np.clip(np.arange(size) - first, 0, kept - 1)
         for size, first, kept in zip(shape, corner, part.shape[:2], strict=True)

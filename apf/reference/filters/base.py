@@ -17,7 +17,7 @@ from apf.scene import Scene
 
 
 class NumpyTracker(Tracker):
-    """What the NumPy searches share. Subclasses have `_search()`."""
+    """Base class of the NumPy searches. Subclasses implement `_search()`."""
 
     def __init__(self, scene: Scene, likelihood: NumpyLikelihood, config: FilterConfig) -> None:
         super().__init__(scene, config)
@@ -55,7 +55,7 @@ class NumpyTracker(Tracker):
         )  # fmt: skip
 
     def errors_of(self, poses: np.ndarray) -> np.ndarray:
-        """Return the errors (N,) of poses (N, D) by what was observed last, in the likelihood's
+        """Score poses (N, D) against the last observation; return errors (N,) in the likelihood's
         `unit`."""
         return self.likelihood.rescore(poses, 1) / self.likelihood.unit
 

@@ -21,8 +21,8 @@ def refined(
     observed: tuple[CameraRig, PointObservations] | None = None,
     judge_last: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose (D,) that fits the points (K, 3) m of the surface and what a rig
-    observed best, near the particles' `mean` (D,).
+    """Fit a pose (D,) near the particles' `mean` (D,) to the surface points (K, 3) m and the
+    observed points.
 
     It minimises strength mean(d^2 / (d^2 + scale^2)) of the voxels' distances d, and point_strength
     point_scale^2 sum(e^2 / (e^2 + point_scale^2)) of the distances e, in deviations, of observed

@@ -1,4 +1,4 @@
-"""What the NumPy searches search with. Twin of apf/likelihood/base.py."""
+"""Base class of the likelihoods in NumPy. Twin of apf/likelihood/base.py."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from psfs.cameras.camera import CameraRig
 
 
 class NumpyLikelihood:
-    """What a NumPy tracker searches with, as `apf.likelihood.base.Likelihood`: a subclass has
-    `observe(observation)` and, called with poses (N, D), returns their errors (N,).
+    """Likelihood in NumPy, twin of `apf.likelihood.base.Likelihood`. A subclass implements
+    `observe(observation)` and a call with poses (N, D), which returns their errors (N,).
 
     points: (K, 3) surface points, m, that estimates are refined on; None: they are not. turn: which
     of the launchers that a device's tracker makes is meant. observed: cameras and the points of

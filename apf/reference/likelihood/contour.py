@@ -69,7 +69,7 @@ def contours_of(gradients: np.ndarray, maps: np.ndarray, contrast: int) -> np.nd
 
 
 def _shown(maps: np.ndarray, margin: int) -> np.ndarray:
-    """(V, 1, H, W) whether maps (V, H, W, 2) show anything, this far from the border."""
+    """Return (V, 1, H, W) where maps (V, H, W, 2) are not 0, outside `margin` px of the border."""
     shown = np.zeros((len(maps), 1, *maps.shape[1:3]), bool)
     inner = slice(margin, -margin)
     shown[:, 0, inner, inner] = maps[:, inner, inner].max(-1) > 0
@@ -108,7 +108,7 @@ def contour_means(
 
 
 def _normals(lines: np.ndarray) -> np.ndarray:
-    """The numbers (N,) of the normals of lines in directions (N, 2)."""
+    """Return the indices (N,) of the normals of lines in directions (N, 2)."""
     x, y = np.moveaxis(np.nan_to_num(lines), -1, 0)
     diagonal = np.where(x * y < 0, 1, 3)
     level = np.where(np.abs(x) > _STEEP * np.abs(y), 2, diagonal)

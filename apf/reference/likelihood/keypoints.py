@@ -83,7 +83,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
 
     @property
     def observed(self) -> tuple[CameraRig, PointObservations] | None:  # type: ignore[override]
-        """What estimates are refined on, unless the other likelihood refines none."""
+        """Points that estimates are refined on; None if the other likelihood does not refine."""
         refines = self.base is None or self.base.points is not None
         return (self.rig, self._seen) if refines else None
 
@@ -94,7 +94,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
 
     @property
     def unit(self) -> float:  # type: ignore[override]
-        """What a term of weight 1 counts."""
+        """Contribution of a term with weight 1 to the errors."""
         return self.base.unit if self.base is not None else float(len(self.rig))
 
     def observe(self, observation: Observation) -> None:
@@ -132,7 +132,7 @@ class NumpyKeypointLikelihood(NumpyLikelihood):
             self.base.learn(pose)
 
     def forget(self) -> None:
-        """Forget what was learnt: a new track begins."""
+        """Reset the learned models before a new track."""
         if self.base is not None:
             self.base.forget()
 

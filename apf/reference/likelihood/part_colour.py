@@ -54,7 +54,7 @@ def looked_up(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _codes_at(camera: Camera, codes: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """The codes at pixels (..., 2), -1 outside of the picture."""
+    """Return the codes at pixels (..., 2), -1 outside of the picture."""
     rows, columns, inside = looked_up(camera, pixels)
     return np.where(inside, codes[rows, columns].astype(int), -1)
 
@@ -152,7 +152,7 @@ def colour_means(
 
 class NumpyPartColours(TermTwin):
     """The term in NumPy; `codes` (V, H, W) of the latest frame, None where nothing is known;
-    `ratios` (P, N_CODES) int8 that were learnt."""
+    `ratios` (P, N_CODES) int8 of the learned colour models."""
 
     def __init__(self, shared: SharedTwin, settings: PartColourConfig) -> None:
         self._scene, self._settings, self._rows = shared.scene, settings, shared.rows

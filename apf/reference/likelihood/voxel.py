@@ -142,7 +142,7 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         }
 
     def forget(self) -> None:
-        """Forget what the terms learnt: a new track begins."""
+        """Reset the terms' learned models before a new track."""
         for term in self.terms.values():
             term.forget()
 
@@ -181,8 +181,8 @@ class NumpyVoxelLikelihood(NumpyLikelihood):
         return errors
 
     def _picture_errors(self, cones: np.ndarray) -> np.ndarray:
-        """(N,) what the terms say of each camera, the mean over the cameras that see the body,
-        times the number of cameras."""
+        """Return (N,) errors of the terms that are evaluated per camera: their mean over the
+        cameras that see the body, times the number of cameras."""
         errors, seeing = np.zeros(len(cones)), np.zeros(len(cones))
         for v, camera in enumerate(self.rig):
             sums = image_errors(camera, cones, self._maps[v], self._sampling).sum(1)
