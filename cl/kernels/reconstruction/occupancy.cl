@@ -128,7 +128,8 @@ inline void sum_evidence(__global const float *restrict cameras,
                 camera_project(camera, px, py, centre_of(geometry, 2, z0 + z), &pixel);
                 const int at = camera_offset(camera, pixel, WIDTH);
                 const int counts = map[at >= 0 ? at : 0];
-                sums[row * DZ + z] += (at >= 0) & (counts != UNKNOWN) ? counts + SEEN : 0;
+                const bool seen = at >= 0 && counts != UNKNOWN;
+                sums[row * DZ + z] += seen ? counts + SEEN : 0;
             }
         }
     }
