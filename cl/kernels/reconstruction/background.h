@@ -9,7 +9,7 @@
 
 typedef struct { vfloat b, g, r; } Colour;
 
-inline Colour colour_of(__global const uchar *pixel)
+static inline Colour colour_of(__global const uchar *pixel)
 {
 #if PACK == 1
     return (Colour){pixel[0], pixel[1], pixel[2]};
@@ -23,30 +23,30 @@ inline Colour colour_of(__global const uchar *pixel)
 }
 
 // The pixels' mean, or their 1 / sigma^2, in the background's planes from `first` on.
-inline Colour planes_of(__global const float *plane, int first)
+static inline Colour planes_of(__global const float *plane, int first)
 {
     plane += first * PIXELS;
     return (Colour){LOAD_PACK(plane), LOAD_PACK(plane + PIXELS), LOAD_PACK(plane + 2 * PIXELS)};
 }
 
 // Sum of w x y over the channels.
-inline vfloat weighed(Colour w, Colour x, Colour y)
+static inline vfloat weighed(Colour w, Colour x, Colour y)
 {
     return w.b * x.b * y.b + w.g * x.g * y.g + w.r * x.r * y.r;
 }
 
-inline Colour less(Colour x, vfloat factor, Colour y)
+static inline Colour less(Colour x, vfloat factor, Colour y)
 {
     return (Colour){x.b - factor * y.b, x.g - factor * y.g, x.r - factor * y.r};
 }
 
 // The factor that takes y nearest to x, and the squared distance that a factor leaves.
-inline vfloat fitting(Colour w, Colour x, Colour y)
+static inline vfloat fitting(Colour w, Colour x, Colour y)
 {
     return weighed(w, x, y) / (weighed(w, y, y) + 1e-6f);
 }
 
-inline vfloat distance_left(Colour w, Colour x, vfloat factor, Colour y)
+static inline vfloat distance_left(Colour w, Colour x, vfloat factor, Colour y)
 {
     const Colour rest = less(x, factor, y);
     return weighed(w, rest, rest);

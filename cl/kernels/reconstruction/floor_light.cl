@@ -12,7 +12,8 @@
 
 // Light factor that explains the colour of a pixel of the background best, and in *left the squared
 // distance that it leaves. `plane` points to the pixel in the first of the view's planes.
-inline float light_factor(__global const uchar *colour, __global const float *plane, float *left)
+static inline float light_factor(__global const uchar *colour, __global const float *plane,
+                                 float *left)
 {
     const Colour shown = colour_of(colour), mean = planes_of(plane, 0), w = planes_of(plane, 3);
     const float alpha = fitting(w, shown, mean);
